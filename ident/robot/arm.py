@@ -21,7 +21,6 @@ from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reducti
 from ident.robot.xacro_files import SUFFIX, expand
 from ident.safe_read import read_text
 
-THREADS = 2
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
 
 
@@ -159,7 +158,7 @@ class ArmModel:
         states = [np.asfortranarray(np.asarray(values, dtype=float).T) for values in (q, dq, ddq)]
         if states[0].shape[1] == 0:
             return np.zeros((0, self.n))
-        torque = pin.rneaInParallel(THREADS, self._pool, *states)
+        torque = pin.rneaInParallel(1, self._pool, *states)  # a thread more waits busily: twice the processor time
         return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)  # one state comes back as a vector
 
     def gravity(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
@@ -234,7 +233,7 @@ class ArmModel:
     def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Float[Array, "*T n"]:
         """Joint accelerations of one state or of T states under joint torques [rad/s²]."""
         states = [np.asfortranarray(np.atleast_2d(np.asarray(values, dtype=float)).T) for values in (q, dq, tau)]
-        found = np.reshape(pin.abaInParallel(1, self._pool, *states), states[0].shape)  # few: a thread would wake late
+        found = np.reshape(pin.abaInParallel(1, self._pool, *states), states[0].shape)
         return np.ascontiguousarray(found.T).reshape(np.shape(q))
 
     def locked(self, joints: Sequence[str], positions: Sequence[float] | None = None) -> ArmModel:
@@ -318,7 +317,7 @@ class ArmModel:
 
     @cached_property
     def _pool(self) -> pin.ModelPool:
-        return pin.ModelPool(self.model, THREADS)
+        return pin.ModelPool(self.model, 1)
 
     @cached_property
     def chain(self) -> Chain:
