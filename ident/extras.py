@@ -10,7 +10,7 @@ EXTRA_OF = {
     **dict.fromkeys(("mujoco", "example_robot_data"), "sim"),
     "rerun": "view",
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
-    **dict.fromkeys(("coal", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
+    **dict.fromkeys(("coal", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
 

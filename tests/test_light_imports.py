@@ -24,6 +24,7 @@ HEAVY = (
     "mujoco",
     "pinocchio",
     "coal",
+    "casadi",
     "sklearn",
     "scipy",
     "numba",

@@ -22,7 +22,7 @@ def _planner(module: str, name: str, **options: Any) -> Planner:
 
 METHODS: dict[str, Callable[[], Planner]] = {
     "sqp": partial(_planner, "planners.sequential", "Sequential"),
-    "reference": partial(_planner, "planners.sequential", "Sequential", named=True),
+    "reference": partial(_planner, "planners.reference", "Reference"),
     "cma": partial(_planner, "planners.evolution", "Evolution"),
     "ppo": partial(_planner, "paper.ppo", "Ppo"),
     "ga": partial(_planner, "paper.genetic", "Genetic"),

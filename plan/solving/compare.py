@@ -144,12 +144,12 @@ def compare(
 
 def able(problem: PlanningProblem) -> list[str]:
     """The methods that can do the task: compression and toppra for time, brute force for small grids."""
-    small = 11**problem.dimension <= 2_000_000 and problem.free == "vias"
-    return [
-        method
-        for method in METHODS
-        if (problem.objective == "time" or method not in TIME_ONLY) and (small or method != "brute")
-    ]
+    left_out = set() if problem.objective == "time" else set(TIME_ONLY)
+    if 11**problem.dimension > 2_000_000 or problem.free != "vias":
+        left_out.add("brute")
+    if problem.scene.obstacles or problem.way.given:
+        left_out.add("reference")
+    return [method for method in METHODS if method not in left_out]
 
 
 def _finite(value: Any) -> float | None:
