@@ -58,17 +58,24 @@ def express(change: Change, form: str) -> Expression:
     return Expression("approximate", effect.left_open) if effect.left_open else Expression("yes", "the law")
 
 
-def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> IdentifiedArm:
+def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run], alone: Losses | None = None) -> IdentifiedArm:
     """What a file holds of an identified arm: effects that it has words for, losses that stand in for the others.
 
     Args:
         identified: The arm.
         form: `urdf`, `mjcf`, or another name for a format that knows losses alone.
         runs: Motions along which losses are to stand in for laws; their torque is of no interest.
+        alone: Losses fitted to the recordings without the laws: they stand in best where a joint's file tells none.
     """
     said = tuple(c for c in identified.changes if form in LOADED and express(c, form).answer != "no")
     unsaid = [c for c in stood_in(identified.changes, form) if c.has_law]
-    return replace(identified, losses=stand_in(identified, unsaid, runs), changes=said)
+    losses = stand_in(identified, unsaid, runs)
+    if alone is not None:
+        of = {c.joint for c in unsaid} - {c.joint for c in said}
+        fitted = np.array([j in of and alone.coulomb[j] + alone.viscous[j] > 0.0 for j in range(identified.nominal.n)])
+        rubs = {name: np.where(fitted, getattr(alone, name), getattr(losses, name)) for name in ("coulomb", "viscous")}
+        losses = replace(losses, **rubs)
+    return replace(identified, losses=losses, changes=said)
 
 
 def stood_in(changes: Iterable[Change], form: str) -> list[Change]:
@@ -111,16 +118,12 @@ def recorded_runs(motions: Sequence[Motion]) -> list[Run]:
     return [(m.q[rows], m.dq[rows], m.ddq[rows], m.interval) for m in motions]
 
 
-def usual_run(arm: ArmModel, changes: Sequence[Change] = ()) -> Run:
-    """Waves of all joints within their limits, as fast as joints usually go, or as those that were diagnosed went."""
+def usual_run(arm: ArmModel) -> Run:
+    """Waves of all joints within their limits, as fast as joints usually go."""
     low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
     limit = np.where((arm.velocity_limit > 0.0) & (arm.velocity_limit < 50.0), arm.velocity_limit, USUAL_LIMIT)
-    top = USUAL_SHARE * limit
-    for change in changes:
-        if change.joint >= 0 and "at_speed_rad_s" in change.figures:
-            top[change.joint] = 2.0 * change.figures["at_speed_rad_s"].value
     size = np.minimum(0.4 * (high - low), 1.0)
-    pulse = top / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
+    pulse = USUAL_SHARE * limit / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
     angle = pulse * np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None] + np.arange(arm.n)
     wave, slope = size * np.sin(angle), size * pulse * np.cos(angle)
     return 0.5 * (low + high) + wave, slope, -(pulse**2) * wave, USUAL_STEP

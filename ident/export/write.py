@@ -21,16 +21,7 @@ from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.choose import Chosen, choose
 from ident.export.controllers import write_cpp, write_isaac, write_limits
-from ident.export.formats import (
-    FORMATS,
-    LOADED,
-    Run,
-    express,
-    recorded_runs,
-    state_arm,
-    stood_in,
-    usual_run,
-)
+from ident.export.formats import FORMATS, LOADED, Run, express, recorded_runs, state_arm, stood_in, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm
 from ident.export.loading import FILE_OF, WrittenFile, load_module
 from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, measure_gap
@@ -236,14 +227,15 @@ class _Files:
     def __post_init__(self) -> None:
         self.identified = self.options["after"]
         self.nominal = self.identified.nominal
-        self.runs: list[Run] = recorded_runs(self.motions) or [usual_run(self.nominal, self.identified.changes)]
+        self.runs: list[Run] = recorded_runs(self.motions) or [usual_run(self.nominal)]
         self.written: dict[str, WrittenFile] = {}
         self.chosen: dict[str, Chosen] = {}
+        self.alone = self.options["tuned"].losses if "tuned" in self.options and not self.motions else None
 
     @cached_property
     def plain(self) -> IdentifiedArm:
         """What a format states that knows no effect."""
-        return state_arm(self.identified, "losses", self.runs)
+        return state_arm(self.identified, "losses", self.runs, self.alone)
 
     def write(self, name: str, text: str) -> None:
         (self.folder / name).write_text(text, encoding="utf-8")
@@ -256,7 +248,7 @@ class _Files:
     def write_loaded(self, forms: Sequence[str]) -> None:
         """The files of simulators: where there are recordings, the best of the candidates on them."""
         for form in forms:
-            stated = state_arm(self.identified, form, self.runs)
+            stated = state_arm(self.identified, form, self.runs, self.alone)
             if self.motions:
                 others = {name: state_arm(one, form, self.runs) for name, one in self.options.items()}
                 self.chosen[form] = choose(form, others, self.motions, self.scratch / form)
@@ -280,7 +272,9 @@ class _Files:
     def merge(self, into: Path) -> dict[str, Any]:
         """A copy of the user's own MJCF with what was identified, and what is to be said of it."""
         stated = (
-            self.written["mjcf"].stated if "mjcf" in self.written else state_arm(self.identified, "mjcf", self.runs)
+            self.written["mjcf"].stated
+            if "mjcf" in self.written
+            else state_arm(self.identified, "mjcf", self.runs, self.alone)
         )
         return merge_mjcf(into, self.folder / MERGED, stated, self.out / MERGED)
 

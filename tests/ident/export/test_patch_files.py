@@ -133,7 +133,7 @@ def test_losses_that_stand_in_for_a_law_are_the_nearest(tmp_path: Path, arm: Arm
     """Law: along motions like those that they were fitted to, no other pair of friction leaves less of the law."""
     path = write_diagnosis(tmp_path / "diagnosis.json", arm, effect)
     identified = Diagnosed.load(path).candidates(arm)["after"]
-    run = usual_run(arm, identified.changes)
+    run = usual_run(arm)
     losses = state_arm(identified, "urdf", [run]).losses
     moving = MovingArm(describe_arm(arm), identified.losses, *run)
     target = acting_torque(identified.effects, moving)[:, 1] + COULOMB[1] * moving.direction[:, 1]
@@ -148,6 +148,18 @@ def test_losses_that_stand_in_for_a_law_are_the_nearest(tmp_path: Path, arm: Arm
         assert left(best[0] + step, best[1]) > left(*best)
         assert left(best[0], best[1] + step) > left(*best)
     np.testing.assert_array_equal(np.delete(losses.coulomb, 1), np.delete(COULOMB, 1))
+
+
+def test_without_recordings_losses_fitted_without_a_law_stand_in_for_it(tmp_path: Path, arm: ArmModel) -> None:
+    """Law: at the joint of a law that no file tells, both files rub as the joint that was tuned without it."""
+    alone = baseline(arm)
+    alone["joint_2"] |= {"coulomb_Nm": 9.0, "viscous_Nms_rad": 7.0}
+    make_patch(tmp_path, arm, "load_dependent_friction", baseline_alone=alone)
+    rubs = ArmModel.load(tmp_path / "patch" / "robot.urdf").model
+    np.testing.assert_allclose(rubs.friction, [8.0, 9.0, 6.0, 2.0, 2.0, 2.0])
+    np.testing.assert_allclose(rubs.damping, [10.0, 7.0, 8.0, 3.0, 3.0, 2.0])
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "patch" / "robot.xml"))
+    np.testing.assert_allclose(model.dof_frictionloss, rubs.friction)
 
 
 def test_losses_and_intervals_stand_in_the_parameter_file(tmp_path: Path, arm: ArmModel) -> None:
