@@ -1,5 +1,7 @@
 """Symmetric sums of columns over many blocks: the half below the diagonal alone, or they would fill the memory.
 
+Columns that are zero throughout, as those of links before a joint in its rows, take no room.
+
 What friction that varies from run to run takes off a block is of rank four at the most for each stretch of time that
 lies in it, and what a joint's holds add is of rank one for each of them: products, totals and folds are made of sums
 and rows apart, so that neither ever needs a copy of the sums.
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg.blas import dsyrk
@@ -22,13 +25,17 @@ class SymmetricSums:
     """Sums Σ x xᵀ of the same p columns over several blocks or folds.
 
     Attributes:
-        half: Of each block the h = p (p + 1) / 2 sums below the diagonal and on it, row by row.
+        half: Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row by row.
+        kept: Number of each column that is kept; the sums of all others are zero.
+        size: Number p of columns.
         rows: Further rows x that are not in `half`.
         place: Number of the block that each of them is in.
         factor: By which all of it counts.
     """
 
     half: Float[Array, "K h"]
+    kept: Int[Array, " a"]
+    size: int
     rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))
     place: Int[Array, " k"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     factor: float = 1.0
@@ -36,15 +43,11 @@ class SymmetricSums:
     @classmethod
     def of(cls, whole: Float[Array, "K p p"]) -> SymmetricSums:
         """The same of whole matrices."""
-        return cls(np.stack([pack(one) for one in whole]))
+        kept = np.flatnonzero(whole.any(axis=(0, 1)))
+        return cls(np.stack([pack(one[np.ix_(kept, kept)]) for one in whole]), kept, whole.shape[1])
 
     def __len__(self) -> int:
         return len(self.half)
-
-    @property
-    def size(self) -> int:
-        """Number of columns."""
-        return int(np.sqrt(2 * self.half.shape[1]))
 
     def with_rows(self, rows: Float[Array, "k p"], place: Int[Array, " k"]) -> SymmetricSums:
         """The same with further rows in some of the blocks; of sums that have none yet."""
@@ -56,15 +59,15 @@ class SymmetricSums:
 
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
-        found = self.half[:, _indices(columns, columns)]
+        at = self._spot[columns]
+        found = self.half[:, _indices(at, at)]
+        if at.min(initial=0) < 0:
+            found[:, at < 0] = 0.0
+            found[:, :, at < 0] = 0.0
         if len(self.rows):
             own = self.rows[:, columns]
             np.add.at(found, self.place, own[:, :, None] * own[:, None, :])
         return np.asarray(self.factor * found)
-
-    def whole(self) -> Float[Array, "K p p"]:
-        """Sums of all columns, block by block: a large copy."""
-        return np.stack([self.over([block]) for block in range(len(self))])
 
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
         """Sums over some blocks, or all."""
@@ -72,7 +75,8 @@ class SymmetricSums:
         half = np.zeros(self.half.shape[1])
         for block in members:  # none of them is copied
             half += self.half[block]
-        found = _unpack(half, self.size)
+        found = np.zeros((self.size, self.size))
+        found[np.ix_(self.kept, self.kept)] = _unpack(half, len(self.kept))
         if len(self.rows):
             own = self.rows[np.isin(self.place, np.asarray(members))]
             found += own.T @ own
@@ -80,17 +84,25 @@ class SymmetricSums:
 
     def diagonal(self) -> Float[Array, " p"]:
         """Sum of each column's squares over all blocks."""
-        at = np.arange(self.size)
-        found = self.half[:, at * (at + 3) // 2].sum(axis=0)
+        at, found = np.arange(len(self.kept)), np.zeros(self.size)
+        found[self.kept] = self.half[:, at * (at + 3) // 2].sum(axis=0)
         return np.asarray(self.factor * (found + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0)))
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
         """Sums of each block times weights of the columns."""
-        used = np.flatnonzero(weights)  # a model has few of all columns: the rest of the sums need not be read
-        found = weights[used] @ self.half[:, _indices(used, np.arange(len(weights)))]
+        own, found = weights[self.kept], np.zeros((len(self), self.size))
+        used = np.flatnonzero(own)  # a model has few of all columns: the rest of the sums need not be read
+        found[:, self.kept] = own[used] @ self.half[:, _indices(used, np.arange(len(own)))]
         if len(self.rows):
             np.add.at(found, self.place, (self.rows @ weights)[:, None] * self.rows)
         return np.asarray(self.factor * found)
+
+    @cached_property
+    def _spot(self) -> Int[Array, " p"]:
+        """Where each column stands among the kept, -1 of those that are zero."""
+        found = np.full(self.size, -1)
+        found[self.kept] = np.arange(len(self.kept))
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,15 +68,6 @@ class FrictionSums:
         np.add.at(found, self.block, products)
         return found
 
-    def taken_of_block(self, joint: int, spread: float, count: int) -> Float[Array, "B p p"]:
-        """The same of every block, whole: as large as the sums themselves."""
-        pieces, slope = self._halves(joint, spread)
-        found = np.zeros((count, pieces.shape[-1], pieces.shape[-1]))
-        for k, block in enumerate(self.block):
-            half = pieces[k].T @ slope[k]
-            found[block] += half + half.T
-        return found
-
     def _halves(self, joint: int, spread: float) -> tuple[Float[Array, "K 2 p"], Float[Array, "K 2 p"]]:
         """P and ½ S of each piece: its own sums, and what the friction level of its stretch takes with it.
 

@@ -40,7 +40,7 @@ from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, 
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import Partition, build_partition
-from ident.diagnosis.regression.rows import Rows, compute_rows
+from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, rescale
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
@@ -138,14 +138,6 @@ class Evidence:
             friction=replace(self.friction, sums=tied),
             noise_power=self.noise_power * weighted / np.maximum(power, 1e-300),
             dispersion=np.array(dispersion, dtype=float),
-        )
-
-    @property
-    def white(self) -> tuple[Float[Array, "B p p"], ...]:
-        """For each joint, (B, p, p) whitened sums of every block: a large copy, for what needs no speed."""
-        return tuple(
-            sums.whole() - self.friction.taken_of_block(j, float(self.spread[j]), len(sums))
-            for j, sums in enumerate(self.free)
         )
 
     @cached_property
@@ -247,16 +239,17 @@ def gather(
             seen += len(rows.counts)
             if seen < settings.noise_samples and rows.run < len(session.runs) - 1:
                 continue
-            scale = _column_scale(layout, held)
+            scale = column_scale(layout, held)
             for kept in held:
-                _rescale(layout, kept, scale)
+                rescale(layout, kept, scale)
             sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
             batch, held = held, []
         else:
             assert scale is not None
-            _rescale(layout, rows, scale)
+            rescale(layout, rows, scale)
             batch = [rows]
-        for part in batch:
+        while batch:  # each run's tables go when their sums come
+            part = batch.pop(0)
             sums.add(part)
             step(part.run + 1, len(session.runs))
             if level is not None:
@@ -288,8 +281,10 @@ class _Sums:
     ) -> None:
         blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
         self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
-        self.white = [np.zeros((blocks, half_size(len(local)))) for local in layout.local]
-        self.plain = [np.zeros((folds, half_size(len(local)))) for local in layout.local]
+        # Of each joint the friction columns first, then the others in the order in which they cease to be zero.
+        self.kept = [layout.rank + np.arange(FRICTION.start, FRICTION.stop) for _ in layout.local]
+        self.white = [np.zeros((blocks, half_size(len(kept)))) for kept in self.kept]
+        self.plain = [np.zeros((folds, half_size(len(kept)))) for kept in self.kept]
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
@@ -309,23 +304,26 @@ class _Sums:
         """Adds a joint's rows. What was seen and its noise come block by block, while a block's sums are at hand."""
         counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
         filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
-        columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
-        tables = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
+        full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
+        self._keep(j, full)
+        kept, local = self.kept[j], self.layout.local[j]
+        tables = [table[:, kept] for table in full]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
-        power, sums = np.zeros(rows.tables[j].shape[1]), np.zeros((rows.tables[j].shape[1],) * 2)
+        power, sums, first = np.zeros(len(kept)), np.zeros((len(kept), len(kept))), FRICTION.stop - FRICTION.start
         for block, inside in _stretches(rows.blocks):
             seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
             sums[:] = 0.0
             add_products(sums, seen, 1.0)
             self.samples[j] += len(seen)
-            tied = seen[:, columns].T @ seen
+            tied = np.zeros((first, len(local)))
+            tied[:, kept] = seen[:, :first].T @ seen
             for drawn in noise:
                 add_products(sums, drawn, -rows.weight)
-                tied -= rows.weight * (drawn[:, columns].T @ drawn)
+                tied[:, kept] -= rows.weight * (drawn[:, :first].T @ drawn)
                 power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
             self.white[j][block] += pack(sums)
             self.friction[j].append(tied)
-        self.noise_power[self.layout.local[j]] += power
+        self.noise_power[local[kept]] += power
         for fold, inside in _stretches(folds):
             seen, *noise = (_where(table[inside], counts[inside]) for table in tables)
             sums[:] = 0.0
@@ -335,6 +333,17 @@ class _Sums:
                 add_products(sums, drawn, -rows.weight)
             self.plain[j][fold] += pack(sums)
 
+    def _keep(self, j: int, tables: Sequence[Float[Array, "t p"]]) -> None:
+        """Makes room for a joint's columns that are not zero any more."""
+        shown = np.flatnonzero(np.any([table.any(axis=0) for table in tables], axis=0))
+        more = np.setdiff1d(shown, self.kept[j])
+        if len(more):
+            self.kept[j] = np.append(self.kept[j], more)
+            for sums in (self.white, self.plain):
+                wider = np.zeros((len(sums[j]), half_size(len(self.kept[j]))))
+                wider[:, : sums[j].shape[1]] = sums[j]
+                sums[j] = wider
+
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.
 
@@ -343,14 +352,15 @@ class _Sums:
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
         stretch, block = np.array(self.pieces).T
+        sizes = [len(local) for local in self.layout.local]
         friction = FrictionSums(
             stretch, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank
         )
         return Evidence(
             layout=self.layout,
             scale=scale,
-            free=tuple(map(SymmetricSums, self.white)),
-            plain=tuple(map(SymmetricSums, self.plain)),
+            free=tuple(map(SymmetricSums, self.white, self.kept, sizes)),
+            plain=tuple(map(SymmetricSums, self.plain, self.kept, sizes)),
             fold_of_block=self.partition.folds,
             samples=self.samples,
             weights=self.weights,
@@ -373,22 +383,3 @@ def _stretches(labels: Int[Array, " t"]) -> Iterator[tuple[int, slice]]:
     bounds = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1, append=labels[-1:] - 1))
     for start, end in pairwise(bounds):
         yield int(labels[start]), slice(int(start), int(end))
-
-
-def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
-    """Root mean square of each column where it counts; the torque is not scaled."""
-    squares, counts = np.zeros(layout.size + 1), np.zeros(layout.size + 1)
-    for rows in held:
-        for j, local in enumerate(layout.local):
-            x = rows.tables[j][rows.counts[:, j]]
-            squares[local] += (x**2).sum(axis=0)
-            counts[local] += len(x)
-    scale = np.sqrt(squares / np.maximum(counts, 1.0))
-    scale[-1] = 1.0
-    return np.where(scale > 1e-12, scale, 1.0)
-
-
-def _rescale(layout: Layout, rows: Rows, scale: Array) -> None:
-    for tables in (rows.tables, rows.noise or ()):
-        for j, table in enumerate(tables):
-            table /= scale[layout.local[j]]

@@ -216,11 +216,13 @@ def project(
     every = slice(None) if columns is None else columns
     across, total = gram[inside][:, every], gram if columns is None else gram[np.ix_(columns, columns)]
     slopes = cho_solve(factor, across)
+    rest = across.T @ slopes
+    np.subtract(total, rest, out=rest)
     return Projection(
         inside=inside,
         estimate=slopes[:, -1],
         spread=cho_solve(factor, np.eye(len(inside))),
-        rest=total - across.T @ slopes,
+        rest=rest,
         total=total,
         slopes=slopes,
         noise=evidence.noise_power[every],

@@ -19,9 +19,9 @@ from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
 from ident.robot.chain import PER_LINK
 
-# Samples (after decimation) that are in memory at once, unless a run has more: their tables (some MiB a joint) fit into
-# memory that the chunk before has just let go.
-CHUNK_SAMPLES = 2_000
+# Samples (after decimation) times squared joints that are in memory at once, unless a run has more: their regressors
+# and tables (some MiB a joint) fit into memory that the chunk before has just let go.
+CHUNK_SIZE = 2_000 * 36
 # Samples (after decimation) of a session whose baseline's columns are kept from pass to pass: some 100 MiB at the most.
 KEPT_SAMPLES = 30_000
 # Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
@@ -99,7 +99,7 @@ def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]
     held = 0
     for i in runs:
         length = session.runs[i].motion.filtered_length
-        if chunk and held + length > CHUNK_SAMPLES:
+        if chunk and (held + length) * session.n**2 > CHUNK_SIZE:
             yield chunk
             chunk, held = [], 0
         chunk.append(i)
@@ -205,3 +205,23 @@ class _Batch:
             at = self.layout.places[j][int(group.columns[0])]
             own = columns if group.effect.rows == "own" else columns[:, j]
             self.tables[j][:, at : at + len(group.columns)] = own
+
+
+def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
+    """Root mean square of each column where it counts; the torque is not scaled."""
+    squares, counts = np.zeros(layout.size + 1), np.zeros(layout.size + 1)
+    for rows in held:
+        for j, local in enumerate(layout.local):
+            x = rows.tables[j][rows.counts[:, j]]
+            squares[local] += (x**2).sum(axis=0)
+            counts[local] += len(x)
+    scale = np.sqrt(squares / np.maximum(counts, 1.0))
+    scale[-1] = 1.0
+    return np.where(scale > 1e-12, scale, 1.0)
+
+
+def rescale(layout: Layout, rows: Rows, scale: Array) -> None:
+    """Divides a run's columns by their scale, in place."""
+    for tables in (rows.tables, rows.noise or ()):
+        for j, table in enumerate(tables):
+            table /= scale[layout.local[j]]

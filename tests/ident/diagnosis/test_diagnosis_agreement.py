@@ -60,7 +60,8 @@ def without_it_in_half_of_the_runs(analysis: Analysis) -> tuple[Search, Group]:
     search, group = search_of(analysis), analysis.search.named[0].group
     evidence = search.evidence
     whole = project(evidence.gram(), evidence, search.prior, [group])
-    local, sums = list(evidence.layout.local[group.joint]), evidence.free[group.joint].whole()
+    local = list(evidence.layout.local[group.joint])
+    sums = evidence.free[group.joint].part(np.arange(len(local)))
     without = evidence.fold_of_block < evidence.fold_of_block.max() / 2
     pieces, gone = evidence.friction.sums[group.joint].copy(), without[evidence.friction.block]
     for column in group.columns:

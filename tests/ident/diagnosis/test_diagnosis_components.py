@@ -56,7 +56,7 @@ def test_steady_friction_varies_little(healthy: Analysis) -> None:
 def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) -> None:
     """Law: sums depend on the variation that is counted, not on the way to it."""
     free = healthy.evidence.with_run_spread(np.full(3, 0.3)).with_run_spread(healthy.evidence.spread)
-    for one, other in zip(free.white, healthy.evidence.white, strict=True):
+    for one, other in zip(free.total, healthy.evidence.total, strict=True):
         assert np.allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
 
 
@@ -65,7 +65,10 @@ def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spre
     """Law: what is made of free sums and of what varying friction takes off them is what the tied sums would give."""
     evidence = healthy.evidence.with_run_spread(np.full(3, spread))
     rng = np.random.default_rng(7)
-    for j, sums in enumerate(evidence.white):
+    for j, free in enumerate(evidence.free):
+        sums = free.part(np.arange(free.size))
+        for block, each in enumerate(sums):
+            each -= evidence.friction.taken(j, spread, evidence.friction.block == block)
         weights = rng.standard_normal(sums.shape[-1]) * (rng.random(sums.shape[-1]) < 0.5)
         products, size = evidence.times(j, weights), np.abs(sums).max()
         assert np.allclose(products, sums @ weights, rtol=0, atol=1e-10 * size)

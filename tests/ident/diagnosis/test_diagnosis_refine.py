@@ -167,7 +167,7 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
     effect = fine.groups[0].effect
     # A law of the opposite sign: all that may not be negative is held at zero.
     evidence = fine.search.evidence
-    sums = tuple(SymmetricSums.of(mirrored(one.whole())) for one in evidence.free)
+    sums = tuple(SymmetricSums.of(mirrored(one.part(np.arange(one.size)))) for one in evidence.free)
     tied = replace(evidence.friction, sums=tuple(pieces * signs_of(pieces) for pieces in evidence.friction.sums))
     for one in (evidence, replace(evidence, free=sums, friction=tied)):
         again = replace(fine, search=Search(one, fine.search.prior, HeldOut(one, fine.search.prior)))

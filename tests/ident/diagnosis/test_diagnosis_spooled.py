@@ -78,7 +78,7 @@ def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch
         return motion
 
     monkeypatch.setattr(SpooledMotions, "_make", counted)
-    monkeypatch.setattr(rows_module, "CHUNK_SAMPLES", 1)
+    monkeypatch.setattr(rows_module, "CHUNK_SIZE", 1)
     spooled = SpooledMotions([*motions, *motions], most=2 * len(motions[0].time))
     baseline = fit_baseline(spooled, short_arm, settings=replace(USUAL_REGRESSION, noise_samples=1))
     session = build_session(baseline, spooled, common_clock=False)
