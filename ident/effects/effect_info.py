@@ -138,7 +138,7 @@ class Interval:
 
     def told(self, unit: str, scale: float = 1.0) -> str:
         """The value alone, as a person reads it: of a named state."""
-        return f"{scale * self.value:.3g} {unit}"
+        return f"{scale * self.value:.3g} {unit}".replace("-", "−")
 
     def __format__(self, how: str) -> str:
         """As `how` says: a unit for the estimate with its interval; `=unit` for its value, `|unit` for its size; and
@@ -166,7 +166,7 @@ class Interval:
             value, low, high = -value, -high, -low
         known = {"high": f"at least {low:.3g} {unit}", "low": f"at most {high:.3g} {unit}"}
         known["both"] = f"{value:.3g} {unit}, or anything else,"
-        return known.get(self.open, f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]")
+        return known.get(self.open, f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]").replace("-", "−")
 
 
 @dataclass(frozen=True)

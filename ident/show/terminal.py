@@ -15,10 +15,12 @@ from ident.errors import plural
 from ident.show.console import print_serious
 from ident.show.palette import NAMED, TUNED
 from ident.show.report.diagnosis_verdict import (
+    HAS,
     describe_reservations,
     describe_unnamed,
     energy_pair,
     first_action,
+    has_name,
     is_small,
     order_of,
 )
@@ -55,8 +57,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
     words = SMALL_GAP if is_small(record) else VERDICTS[verdict]
-    if verdict == "none_of_catalogue" and findings:
-        words = MOSTLY_UNNAMED
+    if findings:
+        words = (MOSTLY_UNNAMED if verdict == "none_of_catalogue" else words).replace(HAS, has_name(record))
     console.print(styled((verdict, "bold"), f": {words}"))
     if action := first_action(record):
         console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)

@@ -48,24 +48,29 @@ class NamedPlace:
 
 
 class ClosesGap(Protocol):
-    """A name with its joints and the mean square that it closes there [N² m²]."""
+    """A name with its joints, the mean square that it closes there [N² m²], and whether its class is likely."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
     @property
     def closed(self) -> float: ...
+    @property
+    def likely(self) -> bool: ...
 
 
 Name = TypeVar("Name", bound=ClosesGap)
 
 
 def in_order_of_gap(names: Sequence[Name]) -> tuple[Name, ...]:
-    """Names by the gap that all names of their joints close together; of one joint by what each closes."""
+    """Names by the gap that all likely names of their joints close together; of one joint by what each closes.
+
+    What is less likely than not comes after: nobody is to begin with it.
+    """
 
     def together(name: Name) -> float:
-        return sum(other.closed for other in names if set(other.joints) & set(name.joints))
+        return sum(other.closed for other in names if other.likely and set(other.joints) & set(name.joints))
 
-    return tuple(sorted(names, key=lambda name: (-together(name), -name.closed)))
+    return tuple(sorted(names, key=lambda name: (-together(name), not name.likely, -name.closed)))
 
 
 def measure_harm(

@@ -44,14 +44,22 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     more = len(record.get("findings", [])) - 3
     named += f", and {more} more" if more > 0 else ""
     unnamed = f"There is a gap, and no effect of the catalogue explains it{size}."
+    has = has_name(record)
+    mostly = f"Most of the gap has no name{size}; the lesser part {'has' if has == HAS else 'may have'}: {named}."
     return {
         "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
-        "named": f"The gap has a name: {named}.",
-        "partial": f"Part of the gap has a name: {named}.",
-        "none_of_catalogue": f"Most of the gap has no name{size}; the lesser part has: {named}." if named else unnamed,
+        "named": f"The gap {has}: {named}.",
+        "partial": f"Part of the gap {has}: {named}.",
+        "none_of_catalogue": mostly if named else unnamed,
         "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
         "refused": "Refused: the recordings are unfit for a diagnosis.",
     }.get(record["verdict"], record["verdict"].replace("_", " "))
+
+
+def has_name(record: Mapping[str, Any]) -> str:
+    """How sure it is that a gap has the names that are told: one of them at least is likelier than not, or none is."""
+    findings = record.get("findings", [])
+    return HAS if any(one.get("probability", 1.0) >= LIKELY for one in findings) else "may have a name"
 
 
 def first_action(record: Mapping[str, Any]) -> str:
@@ -75,16 +83,19 @@ def first_action(record: Mapping[str, Any]) -> str:
 def misread_torque(record: Mapping[str, Any]) -> str:
     """Which joint's whole torque is off by a factor, and what to do: no other size is right before; "" for none.
 
-    Nothing either where a likely name says what it is: a body, or a fault of the log.
+    Nothing either where a likely name says what it is: a body, or the gain of every joint that is off.
     """
-    kinds = {effect.id for effect in CATALOGUE if effect.inertia_like or effect.of_the_log}
-    findings = record.get("findings", [])
-    if record["verdict"] == "refused" or any(
-        one["effect"] in kinds and one.get("probability", 1.0) >= LIKELY for one in findings
-    ):
-        return ""
     off = [one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"]
-    return f"{off[0]['evidence']}: {off[0]['remedy']}." if off else ""
+    likely = [one for one in record.get("findings", []) if one.get("probability", 1.0) >= LIKELY]
+    bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
+    gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
+    if not off or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
+        return ""
+    if set(off[0]["joints"]) <= {joint for one in likely if one["effect"] in gains for joint in one["joints"]}:
+        return ""
+    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
+    evidence = off[0]["evidence"].partition(": ")[2] if alone else off[0]["evidence"]
+    return f"{evidence}: {off[0]['remedy']}."
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -102,6 +113,7 @@ def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
+HAS = "has a name"
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.
@@ -270,9 +282,13 @@ def _named_joints(record: Mapping[str, Any]) -> set[str]:
 
 
 def _finding(finding: Mapping[str, Any]) -> str:
-    joints = finding["joints"]
+    """A name and its joints; one that is less likely than not with those of its class, and how likely they are."""
+    joints, likely = finding["joints"], finding.get("probability", 1.0) >= LIKELY
     where = join_words(joints) if len(joints) <= 3 else "the whole arm"
-    return f"{effect_name(finding['effect'])} in {where}" if where else effect_name(finding["effect"])
+    tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
+    named = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
+    sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
+    return named if likely else f"{named} ({percent(sure)})"
 
 
 def energy_pair(heldout: Mapping[str, Any], when: str, runs: int) -> str:

@@ -114,13 +114,14 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
 
 
 def test_names_of_the_joint_where_names_close_most_come_first() -> None:
-    """Law: two names that share a joint's gap come before one that closes more than each of them elsewhere."""
-    names = [
-        SimpleNamespace(joints=("joint_1",), closed=3.0),
-        SimpleNamespace(joints=("joint_2",), closed=2.0),
-        SimpleNamespace(joints=("joint_2",), closed=2.5),
-    ]
-    assert [name.closed for name in in_order_of_gap(names)] == [2.5, 2.0, 3.0]
+    """Law: two names that share a joint's gap come before one that closes more than each of them elsewhere, and names
+
+    that are likelier than not before all others.
+    """
+    rows = [("joint_1", 3.0, True), ("joint_2", 2.0, True), ("joint_2", 2.5, True), ("joint_3", 9.0, False)]
+    rows += [("joint_2", 2.7, False)]
+    names = [SimpleNamespace(joints=(joint,), closed=closed, likely=likely) for joint, closed, likely in rows]
+    assert [name.closed for name in in_order_of_gap(names)] == [2.5, 2.0, 2.7, 3.0, 9.0]
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:

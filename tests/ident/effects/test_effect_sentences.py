@@ -165,7 +165,7 @@ def test_every_number_of_a_sentence_is_the_law_s(effect: Effect, session: Sessio
         shape = {**variant.shape, **variant.inner}
         known = {"coefficients": list(told), "shape": shape} if effect.tells_law(variant) else None
         values = Change(effect.id, joint, (), figures, known, effect).values
-        sentence = effect.action("the joint", figures)
+        sentence = effect.action("the joint", figures).replace("−", "-")
         intervals = re.findall(rf"({NUMBER}) [^\[\d]*\[({NUMBER}), ({NUMBER})\]", sentence)
         assert all(float(low) <= float(value) <= float(high) for value, low, high in intervals), sentence
         shown = [float(number) for number in re.findall(NUMBER, re.sub(r"\[[^\]]*\]", "", sentence))]

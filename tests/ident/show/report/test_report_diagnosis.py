@@ -292,7 +292,9 @@ def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dic
     return {"verdict": "named", "findings": [finding], "telemetry": list(telemetry), "gap": {}}
 
 
-@pytest.mark.parametrize("effect", ["stribeck_friction", "load_dependent_friction"])
+@pytest.mark.parametrize(
+    "effect", ["load_dependent_friction", "torque_offset", "spring_torque", "gravity_misalignment"]
+)
 def test_a_torque_off_by_a_factor_comes_before_friction(effect: str) -> None:
     assert first_action(acted_on(effect, 0.97)) == "Do so."
     assert first_action(acted_on(effect, 0.97, SCALE)).startswith("elbow reads 1.32")
@@ -302,3 +304,15 @@ def test_a_torque_off_by_a_factor_comes_before_friction(effect: str) -> None:
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
     assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
+
+
+def test_a_gain_of_one_joint_says_nothing_of_another_that_is_off() -> None:
+    two = {**SCALE, "joints": ["elbow", "wrist"]}
+    assert first_action(acted_on("torque_gain_error", 0.97, two)).startswith("elbow reads 1.32")
+
+
+def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
+    assert diagnosis_headline(acted_on("payload", 0.43)) == "The gap may have a name: payload in elbow (43 %)."
+    record = acted_on("payload", 0.97)
+    record["findings"] += acted_on("stribeck_friction", 0.11)["findings"]
+    assert diagnosis_headline(record) == "The gap has a name: payload in elbow and Stribeck friction in elbow (11 %)."
