@@ -10,9 +10,11 @@ from ident.lazy import lazily
 
 TYPE_CHECKING = False  # `typing` itself would take longer to load than all of this
 if TYPE_CHECKING:
-    from ident.api.checking import blind as blind
-    from ident.api.closing import close as close
     from ident.api.comparing import compare as compare
+    from ident.api.daily import new as new
+    from ident.api.daily import ranges as ranges
+    from ident.api.daily import servo as servo
+    from ident.api.daily import watch as watch
     from ident.api.diagnosing import diagnose as diagnose
     from ident.api.exporting import patch as patch
     from ident.api.exporting import verify as verify
@@ -20,13 +22,11 @@ if TYPE_CHECKING:
     from ident.api.fitting import fit as fit
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.inspecting import inspect as inspect
-    from ident.api.planting import plant as plant
-    from ident.api.ranging import ranges as ranges
-    from ident.api.servo_arms import servo as servo
+    from ident.api.simulating import blind as blind
+    from ident.api.simulating import close as close
+    from ident.api.simulating import plant as plant
     from ident.api.simulating import simulate as simulate
-    from ident.api.starting import new as new
     from ident.api.viewing import view as view
-    from ident.api.watching import watch as watch
     from ident.diagnosis.result import Diagnosis as Diagnosis
     from ident.diagnosis.settings import DiagnosisSettings as DiagnosisSettings
     from ident.effects.base import Effect as Effect
@@ -49,8 +49,8 @@ _HOMES = {
     "InputError": "ident.errors",
     "Recording": "ident.recordings.recording",
     "Session": "ident.recordings.recording",
-    "blind": "ident.api.checking",
-    "close": "ident.api.closing",
+    "blind": "ident.api.simulating",
+    "close": "ident.api.simulating",
     "compare": "ident.api.comparing",
     "diagnose": "ident.api.diagnosing",
     "evaluate": "ident.api.fitting",
@@ -58,16 +58,16 @@ _HOMES = {
     "fit_hybrid": "ident.api.fitting",
     "inspect": "ident.api.inspecting",
     "listening": "ident.progress",
-    "new": "ident.api.starting",
+    "new": "ident.api.daily",
     "open_sessions": "ident.sessions",
     "patch": "ident.api.exporting",
-    "plant": "ident.api.planting",
-    "ranges": "ident.api.ranging",
-    "servo": "ident.api.servo_arms",
+    "plant": "ident.api.simulating",
+    "ranges": "ident.api.daily",
+    "servo": "ident.api.daily",
     "simulate": "ident.api.simulating",
     "verify": "ident.api.exporting",
     "view": "ident.api.viewing",
-    "watch": "ident.api.watching",
+    "watch": "ident.api.daily",
 }
 __all__ = sorted(_HOMES)
 __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from ident.motion.settings import MotionSettings
+    from ident.motion.filter import MotionSettings
 
 Inertia = Literal["nominal", "base", "consistent"]
 Net = Literal["default", "paper", "none"]
@@ -170,7 +170,7 @@ class FitOptions:
     @property
     def motion(self) -> MotionSettings:
         """How recordings become the motions that are fitted."""
-        from ident.motion.settings import USUAL_MOTION
+        from ident.motion.filter import USUAL_MOTION
 
         return replace(USUAL_MOTION, smoother=self.smoother)
 

@@ -15,7 +15,37 @@ from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 from ident.errors import InputError, visible
-from ident.extras import missing_extra
+
+# Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and writes pages.
+EXTRA_OF = {
+    **dict.fromkeys(("torch", "safetensors", "filterpy"), "net"),
+    **dict.fromkeys(("mujoco", "example_robot_data"), "sim"),
+    "rerun": "view",
+    **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
+    **dict.fromkeys(("coal", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
+    **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
+}
+
+
+def missing_extra(error: BaseException | None) -> InputError | None:
+    """What to tell the user where a package of an extra is not installed; None where something else is wrong.
+
+    Args:
+        error: What an import raised, or what was raised from that.
+    """
+    while error is not None:
+        package = (getattr(error, "name", None) or "").partition(".")[0] if isinstance(error, ImportError) else ""
+        if package in EXTRA_OF:
+            extra = EXTRA_OF[package]
+            return InputError(
+                package, "this package is not installed", f'pip install "armgap[{extra}]", or armgap[all]'
+            )
+        error = error.__cause__ or error.__context__
+    return None
+
+
+# What a command owes its system: statuses, signals, and output that may fail without taking the work along.
+
 
 # Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
 # and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:

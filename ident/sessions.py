@@ -16,17 +16,17 @@ from typing import Any, NamedTuple
 
 from ident.arrays import in_a_line
 from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
+from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.report import TOLD_BY_A_FIT, as_mounted, check_accepted, overrule
-from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
+from ident.motion.filter import USUAL_MOTION, MotionSettings
 from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.out_of_core import emptied, hold, pieces_of
-from ident.motion.settings import USUAL_MOTION, MotionSettings
-from ident.provenance import SessionStamp, StampLedger
 from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts, settings_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file
+from ident.results import SessionStamp, StampLedger
 from ident.robot.arm import ArmModel
 from ident.robot.names import is_fetched
 
@@ -220,7 +220,12 @@ def open_sessions(
     """
     if isinstance(robot, HybridModel):
         sessions = tuple(Given(paths, None, topic, session_file).parts())
-        _require_robot(sessions, robot)
+        # A recording of another arm is refused, whatever the arms are called.
+        for session in sessions:
+            if session.robot:
+                theirs = load_robot(None, (session,))
+                common = [name for name in theirs.joint_names if name in robot.robot.joint_names]
+                robot.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
         given, model = Given(sessions, robot.robot), robot
     else:
         given, model = Given(paths, robot, topic, session_file), None
@@ -240,15 +245,6 @@ def open_sessions(
         what = f"{', '.join(missing)} not recorded, but in the model"
         raise RecordingError(first.path or first.name, what, "fit a model for these joints")
     return Opened(arm, tuple(reports), motions, sizes, found.ledger)
-
-
-def _require_robot(sessions: Sequence[Session], model: HybridModel) -> None:
-    """A recording of another arm is refused, whatever the arms are called."""
-    for session in sessions:
-        if session.robot:
-            theirs = load_robot(None, (session,))
-            common = [name for name in theirs.joint_names if name in model.robot.joint_names]
-            model.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
 
 
 class _Group(NamedTuple):

@@ -26,7 +26,7 @@ def number(
 class Settings(Record):
     """Base of a stage's numbers, and of groups of such stages.
 
-    A class that names a `table` has its numbers there, in the TOML file beside its module.
+    A class that names a `table` has its numbers there, in the `settings.toml` beside its module.
     """
 
     def __init_subclass__(cls, table: str = "") -> None:
@@ -47,13 +47,13 @@ class Settings(Record):
 
 
 def read_group(module: str, table: str) -> Any:
-    """A table of the TOML file beside a module as `Settings` without a class of their own: an attribute a number."""
+    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a number."""
     given = [(name, Any, one) for name, one in _numbers(module, table).items()]
     return make_dataclass(table, given, bases=(Settings,), frozen=True)()
 
 
 def _numbers(module: str, table: str) -> dict[str, Any]:
-    """A field for each row of a table of the TOML file beside a module."""
-    rows = tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))[table]
+    """A field for each row of a table of the `settings.toml` beside a module."""
+    rows = tomllib.loads(Path(module).with_name("settings.toml").read_text(encoding="utf-8"))[table]
     values = {name: row.pop("value") for name, row in rows.items()}
     return {name: number(tuple(one) if isinstance(one, list) else one, **rows[name]) for name, one in values.items()}

@@ -24,13 +24,11 @@ from ident.errors import InputError
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
-from ident.simulation.answer import open_envelope
 from ident.simulation.causes import CATALOGUE
-from ident.simulation.hardware import Hardware, draw_hardware
+from ident.simulation.hardware import AddedBody, Hardware, draw_hardware
 from ident.simulation.laws import plain_friction
-from ident.simulation.mjcf import AddedBody
 from ident.simulation.record import Channels, draw_pauses, record_runs
-from ident.simulation.request import EffectRequest
+from ident.simulation.request import EffectRequest, open_envelope
 from ident.simulation.simulate import ORIGIN, Simulation, SimulationOptions, simulate, write_simulation
 from ident.trajectories.kinds import random_path
 from ident.trajectories.limits import MotionLimits

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.extras import EXTRA_OF, missing_extra
+from ident.process import EXTRA_OF, missing_extra
 from tests.layout import ROOT, Source, read_sources
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.extras import EXTRA_OF
+from ident.process import EXTRA_OF
 from ident.recordings.load import load_session
 from ident.recordings.save import write_recording
 from ident.robot.names import data_path

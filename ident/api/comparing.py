@@ -11,7 +11,7 @@ from ident.checks.report import as_mounted
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
 from ident.options import ComparisonOptions
-from ident.provenance import Provenance, stamp_sessions
+from ident.results import Provenance, stamp_sessions
 from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, load_robot
 

@@ -21,8 +21,8 @@ from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.options import DiagnoseOptions
-from ident.provenance import Provenance
 from ident.recordings.recording import Session
+from ident.results import Provenance
 from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, inspect_sources
 

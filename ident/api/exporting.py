@@ -15,8 +15,7 @@ from ident.export.identified import Diagnosed
 from ident.export.write import FILES, open_heldout, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
 from ident.options import ExportOptions, PatchOptions, VerifyOptions
-from ident.provenance import Provenance, files_of, runs_of
-from ident.results import Result
+from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 

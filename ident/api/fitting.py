@@ -12,8 +12,7 @@ from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
 from ident.options import FilterOptions
 from ident.progress import step
-from ident.provenance import Provenance
-from ident.results import Result
+from ident.results import Provenance, Result
 from ident.sessions import Opened, Robot, Sources, open_sessions
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Any
 
 from ident.checks.report import Inspection
 from ident.options import ReadOptions
-from ident.provenance import Provenance
+from ident.results import Provenance
 from ident.sessions import Given, Robot, Sources, inspect_sources
 
 

@@ -1,15 +1,218 @@
-"""Sessions of the simulated arm: what `ident simulate` does."""
+"""The simulated arm and planted effects: what the commands simulate, blind and close do, and `plant`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ident.api.diagnosing import diagnose
+from ident.arrays import Array, Float
+from ident.benchmark.run import BlindOptions, Progress, Say, run_blind
+from ident.benchmark.summary import BlindReport
+from ident.closed_loop.loop import Exciter, KindsExciter, close_gap
+from ident.closed_loop.recorder import CommandRecorder
+from ident.closed_loop.result import Closing, close_simulated, keep
+from ident.diagnosis.regression.baseline import fit_baseline
+from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.regression.runs import build_session
+from ident.diagnosis.result import Diagnosis
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
+from ident.options import CloseOptions
+from ident.outputs import begin_folder
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
+from ident.results import Provenance
+from ident.sessions import Given, Robot, Sources, inspect_sources, load_robot
 from ident.simulation.simulate import SimulationOptions, simulate_to
 from ident.simulation.simulate import simulate as run
+
+
+def blind(
+    cases: int = 40,
+    *,
+    out: str | Path = "out/blind",
+    say: Say = lambda line: None,
+    progress: Progress = lambda step, done, total: None,
+    **options: Any,
+) -> BlindReport:
+    """Draws effects, simulates, seals, diagnoses from the recordings alone, opens, scores.
+
+    Args:
+        cases: Number of cases.
+        out: Folder for everything; a check that was stopped there goes on.
+        say: Told the seals, line by line, before any diagnosis.
+        progress: Told what is being done, how many cases are done, and of how many.
+        options: Further fields of `ident.benchmark.run.BlindOptions`: seed, workers, robot, runs, duration, …
+
+    Raises:
+        InputError: Options that make no sense, or another check in the folder.
+    """
+    return run_blind(BlindOptions.of("blind", {"cases": cases, "out": Path(out), **options}), say, progress)
+
+
+# Closes the gap of an arm: what `ident close` does.
+
+
+CLOSE_KIND = "close"
+
+
+def close(
+    robot: Robot = "tm5-900",
+    out: str | Path = "out/close",
+    *,
+    exciter: Exciter | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    **options: Any,
+) -> Closing:
+    """From a URDF and an arm to a model that leaves hardly more than noise on recordings that it never saw.
+
+    Args:
+        robot: URDF path, name or arm.
+        out: Folder for `close.json` and, for each arm, its last diagnosis and patch.
+        exciter: Who chooses the motions, where it is not the kinds of `ident.trajectories`; for a given recorder.
+        say: Called with each line that says what happens.
+        options: Fields of `ident.options.CloseOptions`: `recorder` (a command, or an object with `record(motions)`; of
+            simulated arms none), `arms`, `seed`, `rounds`, `effects`, `compared`.
+
+    Raises:
+        InputError: A robot, recordings or numbers that can't be used.
+    """
+    chosen = CloseOptions.of("close", options)
+    folder = Path(out)
+    begin_folder(folder, CLOSE_KIND)
+    recorder, seed, rounds = chosen.recorder, chosen.seed, chosen.rounds
+    if recorder is not None:
+        arm = load_robot(robot, ())
+        who = CommandRecorder(recorder, folder / "recorded", arm) if isinstance(recorder, str) else recorder
+        loop = close_gap(arm, who, exciter or KindsExciter(arm, seed), rounds, say)
+        found = [keep(loop, arm, folder / "arm_00")]
+    else:
+        if not isinstance(robot, str | Path):
+            raise InputError("robot", "an arm in memory can't be simulated", "give its URDF's path, or its name")
+        from ident.simulation.request import parse_effect
+
+        for one in chosen.effects or ():
+            parse_effect(one)  # before anything is simulated
+        found = [
+            close_simulated(str(robot), seed + k, folder / f"arm_{k:02d}", rounds, chosen.effects, chosen.compared, say)
+            for k in range(chosen.arms)
+        ]
+    settings = {"robot": str(getattr(robot, "name", robot)), "arms": chosen.arms, "seed": seed, "rounds": rounds}
+    result = Closing(tuple(found)).with_provenance(Provenance("ident close", settings=settings))
+    result.save(folder / "close.json")
+    return result
+
+
+# Plants an effect in recordings of an arm without it, and sees whether it is found: a test of one's own effect.
+
+
+@dataclass(frozen=True, eq=False)
+class PlantedEffect:
+    """An effect that was planted, and what became of it.
+
+    Attributes:
+        effect: Its id.
+        joint: Where; "" for an effect of the whole arm.
+        rms: Root mean square of its torque at the joint where it acts most [N m].
+        session: The recordings with it.
+        diagnosis: What they were found to be.
+    """
+
+    effect: str
+    joint: str
+    rms: float
+    session: Session
+    diagnosis: Diagnosis
+
+    @property
+    def found(self) -> bool:
+        """Whether a finding at its joint holds it in its class."""
+        return any(
+            self.effect in one.estimate.rivals and (not self.joint or self.joint in one.joints)
+            for one in self.diagnosis.findings
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{one.effect} at {', '.join(one.joints)}" for one in self.diagnosis.findings) or "nothing"
+        where = f" at {self.joint}" if self.joint else ""
+        found = "found" if self.found else "not found"
+        return f"{self.effect}{where}, {self.rms:.2g} N m rms: {found} (named: {names})"
+
+
+def plant(
+    effect: Effect,
+    joint: str | None = None,
+    source: Sources | None = None,
+    robot: Robot = "tm5-900",
+    *,
+    coefficients: Sequence[float] | None = None,
+) -> PlantedEffect:
+    """Adds an effect's torque to recordings of an arm without it, and diagnoses them.
+
+        assert plant(Magnet(), "joint_2").found
+
+    Args:
+        effect: The effect; of its inner grid the first point is planted.
+        joint: Where; None takes the second joint. Of no matter for an effect of the whole arm.
+        source: Recordings of the arm without it; a simulated arm's if None.
+        robot: URDF path, name or arm.
+        coefficients: Of its columns; half of what `prior_scale` says is plausible if None.
+
+    Raises:
+        InputError: No such joint, recordings that can't show the effect, or no size to plant it with.
+    """
+    if not isinstance(effect, Effect):
+        raise InputError(
+            "effect", f"a {type(effect).__name__} is no effect", "give an object of a class of ident.Effect"
+        )
+    given = [simulate(robot=str(robot), runs=10)] if source is None else source
+    read = inspect_sources(Given(given, robot))
+    session, names = next(iter(read.reports)).session, read.arm.joint_names
+    if joint is not None and joint not in names:
+        raise InputError("joint", f"there is no {joint!r}", f"give one of: {', '.join(names)}")
+    j = 0 if effect.scope == "arm" else names.index(joint) if joint else min(1, len(names) - 1)
+    motions = list(prepare_slower(session))
+    context = build_session(fit_baseline(motions, read.arm), motions, common_clock=session.common_clock)
+    # The effect's torque in every run [N m].
+    if reason := effect.untestable(context, j):
+        raise InputError(effect.id, reason, "give recordings that can show it")
+    variant = effect.variants(context, j)[0]
+    scale = effect.prior_scale(context, j, variant) if coefficients is None else 2.0 * np.asarray(coefficients)
+    if scale is None:
+        raise InputError(effect.id, "its prior_scale says nothing of its size", "give coefficients")
+    torques = [_everywhere(one @ (0.5 * scale), j, context.n) for one in effect.columns(context, j, variant)]
+    added = {motion.name: (motion.time, torque) for motion, torque in zip(motions, torques, strict=True)}
+    runs = [
+        run.replace(effort=run.effort + _at(run.time, *added[run.name])) for run in session.runs if run.name in added
+    ]
+    spoilt = session.replace(runs=runs)
+    own = [] if effect.id in {known.id for known in CATALOGUE} else [effect]
+    rms = float(np.sqrt(np.mean(np.concatenate(torques) ** 2, axis=0)).max())
+    where = names[j] if effect.scope == "joint" else ""
+    return PlantedEffect(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=own))
+
+
+def _everywhere(torque: Array, joint: int, n: int) -> Float[Array, "T n"]:
+    """Torque of one joint, or of all, as that of all [N m]."""
+    if torque.ndim == 2:
+        return torque
+    whole = np.zeros((len(torque), n))
+    whole[:, joint] = torque
+    return whole
+
+
+def _at(time: Float[Array, " t"], known: Float[Array, " T"], torque: Float[Array, "T n"]) -> Float[Array, "t n"]:
+    """A torque at other times than those at which it is known [N m]."""
+    return np.stack([np.interp(time, known, column) for column in torque.T], axis=1)
+
+
+# Sessions of the simulated arm: what `ident simulate` does.
 
 
 def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Session:

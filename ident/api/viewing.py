@@ -8,8 +8,7 @@ from typing import Any
 
 from ident.api.fitting import Model, load_model
 from ident.options import FilterOptions
-from ident.provenance import Provenance
-from ident.results import Result
+from ident.results import Provenance, Result
 from ident.sessions import Robot, Sources, open_sessions
 from ident.show import timeline
 

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ident.benchmark.statistics import Score
+from ident.benchmark.scoring import Score
 from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, Stratum
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.numbers import DASH, fixed, percent
 from ident.show.report.page import Section, write_report
 from ident.show.report.sections import confusion_section, facts_section
-from ident.show.report.words import effect_name, parameter_name
+from ident.show.report.words import DASH, effect_name, fixed, parameter_name, percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

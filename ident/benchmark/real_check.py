@@ -1,11 +1,7 @@
 """Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
 
-    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
-    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
-    python -m ident.benchmark.real_check score OUT [--results DIR]
-
-`OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the untouched recordings as
-`control_…`; what was planted lies in `OUT/answers`.
+A real arm has effects of its own: a name that its untouched recordings (the control) have already is neither right nor
+wrong. A probability is that of the class, where one is given.
 """
 
 from __future__ import annotations
@@ -16,20 +12,23 @@ import itertools
 import json
 import os
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.benchmark.real_score import Row, rows_of, score, tables
+import numpy as np
+
 from ident.benchmark.run import BlindOptions, begin_check
+from ident.benchmark.scoring import Coverage, Score, calibration_curve, calibration_error, mean, share
+from ident.benchmark.summary import group_by, in_columns
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.provenance import Provenance
-from ident.results import Result
+from ident.results import Provenance, Result
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 from ident.show.panels import draw_bars
@@ -39,6 +38,169 @@ from ident.workers import run_tasks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+CONFIDENT, BINS = 0.5, 5
+Row = dict[str, Any]
+Finding = Mapping[str, Any]
+
+
+def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[list[Row], list[Row], list[Row]]:
+    """One row an effect that was planted, one a name that was given, one a case."""
+    effects: list[Row] = []
+    names: list[Row] = []
+    cases: list[Row] = []
+    for case, answer in answers.items():
+        if case not in results:
+            continue
+        record, findings = _record(results[case]), _findings(results[case])
+        control = _findings(results.get(answer["control"], {}))
+        base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
+        planted = [{**base, **_effect_row(effect, findings, control)} for effect in answer["effects"]]
+        new = []
+        for one in findings if answer["kind"] != "control" else ():
+            true = any(holds(one, effect) for effect in answer["effects"])
+            old = not true and any(
+                _class(one) & _class(other) and set(one["joints"]) & set(other["joints"]) for other in control
+            )
+            name = f"{one['effect']}:{'+'.join(one['joints'])}"
+            row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
+            names.append(row)
+            new += [] if old else [row]
+        hits, said = sum(one["named"] for one in planted), sum(one["p"] >= CONFIDENT for one in new)
+        f1 = 2.0 * hits / (said + len(planted)) if planted and hits else 0.0 if planted else None
+        wrong, seconds = [one for one in new if not one["right"]], results[case].get("processor_seconds")
+        verdict = record.get("verdict", "error")
+        cases.append({**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds})
+        effects += planted
+    return effects, names, cases
+
+
+def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Row:
+    """Scores with intervals, and the rows that they are of."""
+    single = [one for one in effects if one["kind"] == "single"]
+    said = [one for one in names if not one["old"]]
+    found = {
+        "strict": share(one["strict"] for one in single),
+        "class_aware": share(one["named"] for one in single),
+        "false_alarm": share(one["wrong"] for one in cases if one["kind"] == "untouched"),
+        "set_f1": mean([one["f1"] for one in cases if one["kind"] == "pair"]),
+        "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
+        "calibration_error": calibration_error([one["p"] for one in said], [one["right"] for one in said]),
+    }
+    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong")} for one in cases]
+    return {"cases": len(cases), **in_columns(found), "effects": list(effects), "outcomes": outcomes}
+
+
+def _record(result: Mapping[str, Any]) -> Mapping[str, Any]:
+    return result.get("diagnosis") or result.get("comparison") or {}
+
+
+def _findings(result: Mapping[str, Any]) -> list[Finding]:
+    """Names that a diagnosis or a comparison gives."""
+    record = _record(result)
+    return list(record.get("findings", record.get("changes", ())))
+
+
+def _class(finding: Finding) -> set[str]:
+    return {finding["effect"], *finding.get("class", ())}
+
+
+def _probability(finding: Finding) -> float:
+    return float(finding.get("class_probability", finding.get("probability", 1.0)))
+
+
+def holds(finding: Finding, effect: Row) -> bool:
+    """Whether a name's class has the effect, at a joint where it may stand."""
+    allowed = {None, *effect["may_stand_at"]}
+    if any(o["effect"] == effect["effect"] and o["joint"] in allowed for o in finding.get("elsewhere", ())):
+        return True
+    return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
+
+
+def _effect_row(effect: Row, findings: Sequence[Finding], control: Sequence[Finding]) -> Row:
+    found = [one for one in findings if holds(one, effect)]
+    strict = [one for one in found if one["effect"] == effect["effect"]]
+    already = any(holds(one, effect) for one in control)
+    covered = {}  # whether the intervals of a name hold what was planted
+    for key, true in effect["parameters"].items() if strict and not already else ():
+        one = strict[0].get("parameters", {}).get(key)
+        if not isinstance(true, str) and isinstance(one, dict) and one.get("low") is not None and key != "order":
+            low, high = float(one["low"]), float(one["high"])
+            covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
+    return {
+        "effect": effect["effect"],
+        "asked": effect["asked"],
+        "in_catalogue": effect["in_catalogue"],
+        "joint": effect["joints"][0] if effect["joints"] else "",
+        "already": already,
+        "named": max(map(_probability, found), default=0.0) >= CONFIDENT,
+        "named_at_all": bool(found),
+        "strict": max(map(_probability, strict), default=0.0) >= CONFIDENT,
+        "covered": covered,
+    }
+
+
+# Tables
+
+
+def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Iterable[str]:
+    """Lines of all tables."""
+    listed = [one for one in effects if one["in_catalogue"]]
+    single = [one for one in listed if one["kind"] == "single"]
+    fresh = [one for one in names if not one["old"]]
+    yield f"{len(cases)} cases; verdicts: " + _count(one["verdict"] for one in cases)
+    yield "controls: " + _count(one["verdict"] for one in cases if one["kind"] == "control")
+    yield from _grouped("planted singles in the class with p >= 0.5, by size", single, "asked", "named")
+    yield from _grouped("  at any p", single, "asked", "named_at_all")
+    yield from _grouped("  as the first name", single, "asked", "strict")
+    yield from _grouped("  by arm", single, "arm", "named")
+    yield from _grouped("  by effect", single, "effect", "named")
+    pairs = [one["f1"] for one in cases if one["kind"] == "pair"]
+    yield f"pairs: F1 {np.mean(pairs):.2f} of {len(pairs)}" if pairs else "pairs: none"
+    for kind in ("untouched", "outside", "single"):
+        own = [one for one in cases if one["kind"] == kind]
+        sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
+        yield f"{kind}: a new wrong name {_share(one['wrong'] for one in own)}; with p >= 0.5 {_share(sure)}"
+    outside = [one for one in cases if one["kind"] == "outside"]
+    yield "outside: verdicts " + _count(one["verdict"] for one in outside)
+    inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
+    yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
+    yield "  missed: " + _count(key for key, hit in inside if not hit)
+    yield "calibration (probability, right):"
+    for one in calibration_curve([one["p"] for one in fresh], [one["right"] for one in fresh], BINS):
+        yield f"  {one.said:.2f}: {_written(one.right)}"
+    yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
+    spent = [one["seconds"] for one in cases if one["seconds"] is not None]
+    yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
+
+
+def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
+    yield f"{title}: {_share(one[hit] for one in rows)}"
+    for value, own in group_by(rows, lambda one: one[key]).items():
+        yield f"    {value}: {_share(one[hit] for one in own)}"
+
+
+def _share(hits: Iterable[bool]) -> str:
+    return _written(share(hits))
+
+
+def _written(one: Score) -> str:
+    if one.value is None:
+        return "0 of 0"
+    return f"{round(one.value * one.count)} of {one.count} ({one.value:.0%} [{one.low:.0%}, {one.high:.0%}])"
+
+
+def _count(words: Iterable[str]) -> str:
+    return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common()) or "none"
+
+
+# Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
+#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
+#    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
+#    python -m ident.benchmark.real_check score OUT [--results DIR]
+# `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the untouched recordings as
+# `control_…`; what was planted lies in `OUT/answers`.
 
 
 @dataclass(frozen=True, eq=False)

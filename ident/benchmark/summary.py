@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ident.benchmark.scoring import Outcome
-from ident.benchmark.statistics import Bin, Score, auroc, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import Bin, Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
 from ident.results import Result
 
 # Properties by which scores are told, and their names for a person. A number that spans decades is cut at these.

@@ -17,9 +17,9 @@ from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
+from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of, joints_at
-from ident.checks.settings import ANGLES as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 

@@ -25,8 +25,8 @@ from scipy.optimize import linear_sum_assignment, nnls
 
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, joint_terms
+from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of, joints_at
-from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -80,7 +80,13 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     if explained < max(LIMIT.least_explained, as_it_is):
         return arm, []
     share = f"{explained:.0%} of the effort of {session.joints[heavy]}, not {max(as_it_is, 0.0):.0%}"
-    return turned, [_describe(session, now, best, angle, share)]
+    axis = np.cross(best, now)
+    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    about = next((name for name, unit in zip("xyz", np.eye(3), strict=True) if abs(axis @ unit) > 0.99), None)
+    words = about or f"({', '.join(f'{one:.2f}' for one in axis)})"
+    signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
+    line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
+    return turned, [issue_of("mounted", session.name, turn=signed, axis=words, share=share, line=line)]
 
 
 def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
@@ -116,16 +122,6 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
         if variance > 0.0:
             found[int(j)] = Pull(table.T @ target / variance, table.T @ table / variance)
     return found
-
-
-def _describe(session: Session, now: Array, best: Array, angle: float, share: str) -> TelemetryIssue:
-    axis = np.cross(best, now)
-    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.array([1.0, 0.0, 0.0])
-    about = next((name for name, unit in zip("xyz", np.eye(3), strict=True) if abs(axis @ unit) > 0.99), None)
-    words = about or f"({', '.join(f'{one:.2f}' for one in axis)})"
-    signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
-    line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
-    return issue_of("mounted", session.name, turn=signed, axis=words, share=share, line=line)
 
 
 @dataclass(frozen=True, eq=False)

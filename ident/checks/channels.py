@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of, joints_at
-from ident.checks.settings import CHANNELS as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 

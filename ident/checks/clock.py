@@ -14,9 +14,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
+from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import Velocities, compare_velocities
 from ident.checks.report import Findings, issue_of, joints_at
-from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
+from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, TelemetryReport, issue_of, joints_at
-from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque

@@ -33,9 +33,9 @@ from ident.checks.effort_kind import (
     mend_effort_kind,
 )
 from ident.checks.excitation import Amount
+from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.report import TelemetryReport, as_mounted
-from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
-from ident.recordings.joint_names import match_joints
+from ident.recordings.columns import match_joints
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

@@ -254,7 +254,7 @@ def compare(
     """What changed between two sets of sessions of one arm: at which joint, by how much."""
     from ident.api.comparing import compare as compare_sets
     from ident.files import atomic_folder
-    from ident.show.report.change_pages import render_comparison_report
+    from ident.show.report.diagnosis_pages import render_comparison_report
     from ident.show.report.page import save_page
 
     if not after and len(before) != 2:
@@ -301,8 +301,8 @@ def export(
 @takes
 def ranges(sessions: Sessions, options: RangesOptions, robot: Robot = None, json_file: JsonFile = None) -> None:
     """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
-    from ident.api.ranging import RANGES_KIND
-    from ident.api.ranging import ranges as find
+    from ident.api.daily import RANGES_KIND
+    from ident.api.daily import ranges as find
 
     read = [options.model, *sessions, robot, options.session_file]
     check_outputs(read, {"--json": json_file}, {"--out": (options.out, RANGES_KIND)})
@@ -328,8 +328,7 @@ def verify(
         raise typer.Exit(NOT_PASSED)
 
 
-# Their commands stand last in the list of commands.
-from ident.cli import daily as _daily  # noqa: E402, F401
+# Its commands stand last in the list of commands.
 from ident.cli import simulated as _simulated  # noqa: E402, F401
 
 

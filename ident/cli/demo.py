@@ -13,7 +13,7 @@ from ident.model.evaluation import Evaluation, evaluate
 from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
 from ident.outputs import check_outputs
 from ident.progress import step
-from ident.provenance import Provenance
+from ident.results import Provenance
 from ident.robot.names import data_path
 from ident.sessions import Opened, open_sessions
 from ident.show.console import LadderTable, print_issues, progress_line

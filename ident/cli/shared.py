@@ -15,7 +15,7 @@ import typer
 from ident.console import make_console
 from ident.files import deliver, write_record
 from ident.outputs import STANDARD_OUTPUT
-from ident.provenance import own_version
+from ident.results import own_version
 
 if TYPE_CHECKING:
     from ident.results import Result

@@ -18,9 +18,9 @@ from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
+from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import hold, within_band
-from ident.motion.settings import MotionSettings
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel

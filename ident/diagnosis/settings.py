@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
+from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
-from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
+from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.settings import Settings, number
 
 

@@ -24,8 +24,8 @@ from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.model.inertia import is_consistent
-from ident.motion.settings import FOR_DIAGNOSIS
-from ident.provenance import files_of
+from ident.motion.filter import FOR_DIAGNOSIS
+from ident.results import files_of
 from ident.robot.arm import ArmModel
 from ident.robot.traits import content_of
 from ident.safe_read import read_record, require_finite

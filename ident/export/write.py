@@ -19,19 +19,17 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.export.bodies import random_states
-from ident.export.choose import Chosen, choose
-from ident.export.controllers import write_cpp, write_isaac, write_limits
+from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, Helper, choose, measure_gap
+from ident.export.controllers import write_cpp, write_isaac, write_limits, write_parameters
 from ident.export.formats import FORMATS, LOADED, Run, express, recorded_runs, state_arm, stood_in, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm
 from ident.export.loading import FILE_OF, WrittenFile, load_module
-from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, measure_gap
 from ident.export.mjcf_merge import merge_mjcf
-from ident.export.parameters import write_parameters
 from ident.export.python import InFile, write_module
 from ident.files import atomic_folder
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.provenance import Provenance, files_of, runs_of
+from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
 from ident.sessions import Opened, Robot, Sources, open_sessions
 

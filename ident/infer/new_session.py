@@ -17,8 +17,7 @@ import numpy as np
 from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
-from ident.infer.by_data import guess_by_data
-from ident.infer.by_name import guess_by_name
+from ident.infer.columns import guess_by_data, guess_by_name
 from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
 from ident.infer.units import (
     GAINS,

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from ident.checks.effort import SignedFit, States, collect_states, fit_signed
-from ident.checks.filtered_run import compare_velocities
-from ident.checks.settings import USUAL_EFFORT
-from ident.infer.by_data import follow
-from ident.infer.by_name import words_of
+from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
+from ident.infer.columns import follow, words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import TIME_UNITS

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +22,6 @@ from ident.model.inertia import InertiaResults
 from ident.model.loss import NAMES, Coupling, LossFigure, LossParameters, LossResults, Shaft, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
 from ident.model.training_range import TrainingRange, find_training_range
-from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
 from ident.options import LUMPED, FitOptions
@@ -32,8 +33,26 @@ from ident.robot.lumped import build_lumped_arm
 from ident.robot.traits import are_same
 from ident.safe_read import read_text, read_toml
 
-if TYPE_CHECKING:  # only models with a net need its modules
+if TYPE_CHECKING:
     from ident.model.residual_net import ResidualNet, TrainingHistory
+
+
+LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
+
+
+def read_versions() -> dict[str, str]:
+    """Version of each library, and of Python; `unknown` where one is not installed as a package."""
+    found = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+# HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder.
+
 
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, Int
-from ident.checks.settings import USUAL_EFFORT
+from ident.checks.filtered_run import USUAL_EFFORT
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 

@@ -20,8 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.motion.filter import design_lowpass, filter_both_ways
-from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_both_ways
 from ident.motion.smoothing import NoiseLevels
 
 

@@ -1,23 +1,55 @@
-"""The common filter: second-order sections of a Butterworth low-pass, forwards and backwards over many columns at once.
-
-The numbers of scipy.signal's `butter`, `sosfilt_zi` and `sosfiltfilt`, whose import costs a second that a command has
-not: odd extension at both ends, sections started at the steady state of the first value. What differs is the order of
-the loops: all columns of a sample go side by side through two sections in one go, so that the processor works on
-several of them at a time and stores half as much between.
-
-Source: Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.1 (bilinear transform); Gustafsson 1996 for
-filtering both ways; direct form II transposed.
-"""
+"""The common filter, and the numbers by which recordings become motions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
+from ident.settings import Settings, number
+
+
+@dataclass(frozen=True)
+class MotionSettings(Settings, table="motion"):
+    """What of a recording is motion, what is noise, and where friction is known; the usual ones are those of a fit."""
+
+    slowest_corner_hz: float = number()
+    fastest_corner_share: float = number()
+    band_stretch_s: float = number()
+    slowest_band_hz: float = number()
+    caution: float = number()
+    noise_known_to: float = number()
+    whole_share: float = number()
+    cutoff_hz: float = number()
+    cutoff_share: float = number()
+    oversampling: float = number()
+    guard: float = number()
+    least_factor: int = number()
+    least_duration_s: float = number()
+    least_samples: int = number()
+    reversal_periods: float = number()
+    forgetting_travel: float = number()
+    rest_deviations: float = number()
+    rest_speed: float = number()
+    smoother: str = number()
+
+
+USUAL_MOTION = MotionSettings()
+FOR_DIAGNOSIS = MotionSettings(cutoff_hz=25.0, oversampling=2.5)
+
+
+# The common filter: second-order sections of a Butterworth low-pass, forwards and backwards over many columns at
+# once.
+# The numbers of scipy.signal's `butter`, `sosfilt_zi` and `sosfiltfilt`, whose import costs a second that a command
+# has not: odd extension at both ends, sections started at the steady state of the first value. What differs is the
+# order of the loops: all columns of a sample go side by side through two sections in one go, so that the processor
+# works on several of them at a time and stores half as much between.
+# Source: Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.1 (bilinear transform); Gustafsson 1996
+# for filtering both ways; direct form II transposed.
 
 
 def design_lowpass(order: int, cutoff: float, rate: float) -> Float[Array, "s 6"]:

@@ -17,8 +17,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band
-from ident.motion.filter import design_lowpass, filter_together
-from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_together
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
 

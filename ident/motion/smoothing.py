@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from ident.arrays import Array, Float, freeze
 from ident.compiled import compiled
-from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.motion.filter import USUAL_MOTION, MotionSettings
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
 FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD = 3.0, 30.0

@@ -15,8 +15,7 @@ from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
-from ident.robot.mesh_files import with_mesh_paths
-from ident.robot.names import find_urdf, split_tip
+from ident.robot.names import find_urdf, split_tip, with_mesh_paths
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
 from ident.safe_read import read_text

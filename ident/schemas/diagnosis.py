@@ -6,8 +6,8 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.provenance import Provenance
 from ident.recordings.recording import TelemetryIssue
+from ident.results import Provenance
 
 ByJoint = dict[str, float]
 

@@ -8,8 +8,7 @@ from typing_extensions import TypedDict
 
 from ident.checks.report import JointEffort
 from ident.infer.guess import Reason
-from ident.monitor.alarms import Alarm
-from ident.monitor.outliers import Outlier
+from ident.monitor.alarms import Alarm, Outlier
 from ident.recordings.recording import TelemetryIssue
 from ident.schemas.diagnosis import ArmRecord, DiagnosisRecord, OriginRecord
 

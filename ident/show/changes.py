@@ -14,9 +14,8 @@ from ident.errors import plural
 from ident.show.console import print_serious
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.panels import draw_bars
-from ident.show.report.numbers import fixed, percent, significant
-from ident.show.report.words import effect_name, join_words, parameters_in_words
-from ident.show.untestable import group_silent
+from ident.show.report.words import effect_name, fixed, join_words, parameters_in_words, percent, significant
+from ident.show.terminal import group_silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

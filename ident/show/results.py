@@ -169,7 +169,7 @@ def _draw_comparison(result: Result) -> Figure:
 
 
 def _page_of_comparison(result: Result) -> str:
-    from ident.show.report.change_pages import render_comparison_report
+    from ident.show.report.diagnosis_pages import render_comparison_report
 
     return render_comparison_report(result.to_dict())
 

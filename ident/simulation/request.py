@@ -1,14 +1,122 @@
-"""What the user asks of the simulated arm, checked before anything runs."""
+"""What the user asks of the simulated arm, checked before anything runs, and its answer, open or sealed.
+
+A sealed envelope holds the answer encrypted; the folder tells nothing without the key, and the SHA-256 of the envelope,
+printed when it was made, shows later that nobody changed it. The cipher is a stream of HMAC-SHA-256 blocks with a
+separate authentication tag, all from the standard library: it keeps an answer from a reader, not a state secret.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import hmac
+import json
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
 
 from ident.errors import InputError
+from ident.files import atomic_write
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
+from ident.safe_read import read_json
 from ident.simulation.causes import Cause, find_cause
+
+ENVELOPE_NAME = "envelope.json"
+# Answers are padded to a multiple of this length: the length of the envelope tells nothing.
+PADDING = 4096
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """One thing that was wrong."""
+
+    effect: str  # id, of the catalogue or outside it
+    in_catalogue: bool  # which of the two
+    joints: tuple[str, ...]  # the joint, or none for the whole arm
+    size: float  # in the unit of `parameter`
+    parameter: str  # name of the size
+    parameters: dict[str, float | str]  # true parameters, by the contract's names where they exist there
+    visible_Nm: dict[str, float] = field(default_factory=dict)  # visible amplitude at each joint; empty if not measured
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What happened in a session."""
+
+    robot: str
+    seed: int
+    effects: tuple[TrueEffect, ...]  # what was wrong
+    decoys: tuple[str, ...]
+    # What the best model leaves at each joint: the torque's noise, and what else its world adds.
+    noise_floor_Nm: dict[str, float]
+    world: dict[str, Any] = field(default_factory=dict)  # that it was drawn in; empty without one
+    # Rotor inertia, viscous and dry friction of each joint; empty without a world.
+    losses: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        values = asdict(self)
+        # Answers of sessions without a world say nothing of one: sealed ones must stay as they are.
+        for name in ("world", "losses"):
+            if not values[name]:
+                del values[name]
+        return {"schema": "ident.answer/1", **values}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Answer:
+        """Inverse of `to_dict` after a passage through JSON."""
+        effects = tuple(TrueEffect(**{**one, "joints": tuple(one["joints"])}) for one in values["effects"])
+        rest = values.get("world", {}), values.get("losses", {})
+        return cls(values["robot"], values["seed"], effects, tuple(values["decoys"]), values["noise_floor_Nm"], *rest)
+
+
+def seal(answer: Answer, folder: Path, key: bytes) -> str:
+    """Writes the answer into an envelope in the session's folder; returns the envelope's SHA-256.
+
+    The key is a secret of 16 bytes or more, not used for another envelope.
+    """
+    plain = json.dumps(answer.to_dict()).encode()
+    padded = plain.ljust(-(-(len(plain) + 1) // PADDING) * PADDING)
+    text = _cipher(padded, key)
+    tag = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()
+    envelope = json.dumps({"schema": "ident.envelope/1", "tag": tag, "text": text.hex()}) + "\n"
+    with atomic_write(folder / ENVELOPE_NAME) as temporary:
+        temporary.write_text(envelope, encoding="utf-8")
+    return hashlib.sha256(envelope.encode()).hexdigest()
+
+
+def open_envelope(path: Path, key: bytes) -> Answer:
+    """Opens an envelope (the file, or the session's folder that holds it) with the key that it was sealed with.
+
+    Raises:
+        InputError: Not an envelope, changed since it was sealed, or another key.
+    """
+    path = path / ENVELOPE_NAME if path.is_dir() else path
+    try:
+        envelope = read_json(path, "give the folder of a sealed session")
+        text, tag = bytes.fromhex(envelope["text"]), str(envelope["tag"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(path, f"no envelope ({error})", "give the folder of a sealed session") from None
+    wanted = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()
+    if not hmac.compare_digest(tag.encode("utf-8", "replace"), wanted.encode()):
+        raise InputError(path, "the key does not fit, or the envelope was changed", "give the key printed at sealing")
+    return Answer.from_dict(json.loads(_cipher(text, key)))
+
+
+def _derive(key: bytes, purpose: bytes) -> bytes:
+    return hmac.new(key, b"ident.envelope/" + purpose, hashlib.sha256).digest()
+
+
+def _cipher(text: bytes, key: bytes) -> bytes:
+    """Adds the key stream; its own inverse."""
+    stream_key = _derive(key, b"text")
+    blocks = range(-(-len(text) // 32))
+    stream = b"".join(hmac.new(stream_key, i.to_bytes(8, "big"), hashlib.sha256).digest() for i in blocks)
+    return bytes(a ^ b for a, b in zip(text, stream, strict=False))
+
+
+# What the user asks of the simulated arm, checked before anything runs.
+
 
 WHOLE_ARM = ("", "arm", "all", "-")
 _SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")

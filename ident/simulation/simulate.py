@@ -15,13 +15,11 @@ from ident.outputs import SESSION_KIND, require_own_folder
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import fill_session
 from ident.robot.arm import ArmModel
-from ident.simulation.answer import Answer, TrueEffect, seal
 from ident.simulation.causes import CATALOGUE, Circumstances
-from ident.simulation.hardware import Hardware, add_decoy, draw_hardware
+from ident.simulation.hardware import AddedBody, Hardware, add_decoy, as_point, draw_hardware
 from ident.simulation.laws import scale_friction
-from ident.simulation.mjcf import AddedBody, as_point
 from ident.simulation.record import Channels, Progress, draw_pauses, no_progress, record_runs
-from ident.simulation.request import EffectRequest, find_joint, parse_effect
+from ident.simulation.request import Answer, EffectRequest, TrueEffect, find_joint, parse_effect, seal
 from ident.simulation.visibility import VisibilityMeter
 from ident.simulation.world import World, channels_of, draw_world_arm, friction_path, noise_floor, usable_band
 from ident.trajectories.kinds import plan_motions

@@ -10,10 +10,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.simulation.hardware import Hardware
+from ident.simulation.hardware import Hardware, build_model
 from ident.simulation.laws import change_law, cool_down, make_law, no_contact
 from ident.simulation.loop import CONTROL, Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
-from ident.simulation.mjcf import build_model
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 LARGEST_STEP_S = 5e-4

@@ -20,9 +20,8 @@ from ident.errors import InputError
 from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_toml
-from ident.simulation.hardware import Hardware, draw_hardware
+from ident.simulation.hardware import Bodies, Hardware, draw_hardware
 from ident.simulation.laws import change_law, heat_law, plain_friction
-from ident.simulation.mjcf import Bodies
 from ident.simulation.record import Channels
 from ident.simulation.sensing import Sensing
 from ident.simulation.simulator import mass_matrix

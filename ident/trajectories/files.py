@@ -23,8 +23,7 @@ from ident.files import atomic_write
 from ident.recordings.load import require_readable_size
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
-from ident.trajectories.ramps import RAMP_SHARE, GentleEnds
-from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled, ticks
+from ident.trajectories.reference import RAMP_SHARE, TICK_S, GentleEnds, ReferenceMotion, sampled, ticks
 
 SUFFIXES = (".csv", ".parquet")
 # Every so many ticks are written: 250 Hz.
@@ -85,7 +84,10 @@ def _read_one(path: Path, arm: ArmModel) -> ReferenceMotion:
     time, q = columns[0], np.stack(columns[1:], axis=1)
     _check(path, time, q, arm)
     curve = make_interp_spline(time - time[0], q, k=3, bc_type="clamped")
-    motion = sampled(path.stem.lstrip("0123456789_") or path.stem, curve(_ticks_of(time)))
+    motion = sampled(
+        path.stem.lstrip("0123456789_") or path.stem,
+        curve(ticks(np.floor(float(time[-1] - time[0]) / TICK_S + 1e-6) * TICK_S)),
+    )
     return motion
 
 
@@ -117,10 +119,6 @@ def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: Ar
             f"line {row + 2}: {arm.joint_names[j]} at {q[row, j]:.3f} rad is out of its limits",
             f"stay within {arm.lower[j]:.2f} to {arm.upper[j]:.2f} rad",
         )
-
-
-def _ticks_of(time: Float[Array, " T"]) -> Float[Array, " K"]:
-    return ticks(np.floor(float(time[-1] - time[0]) / TICK_S + 1e-6) * TICK_S)
 
 
 SCHEMA = "plan.result/1"

@@ -10,7 +10,7 @@ from typing import Any
 from ident.api.diagnosing import Catalogue, gather_effects
 from ident.diagnosis.result import Diagnosis
 from ident.progress import stage, step
-from ident.provenance import Provenance
+from ident.results import Provenance
 from ident.sessions import Robot, load_robot
 from plan.experiment import design
 from plan.experiment.around import surroundings_of

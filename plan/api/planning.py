@@ -12,7 +12,7 @@ from ident.errors import ModelError
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.outputs import remove_own_file
-from ident.provenance import Provenance
+from ident.results import Provenance
 from plan.errors import SceneError
 from plan.options import CompareOptions, SolveOptions, TaskOptions
 from plan.planners import Budget, budget_of

@@ -11,8 +11,8 @@ from ident.arrays import Array, Float, freeze
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import SessionContext
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Lowpass, Motion
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.robot.mesh_files import LARGEST, READABLE
+from ident.robot.names import LARGEST, READABLE
 from plan.errors import SceneError
 from plan.geometry.solids import Solid, hull_points
 

@@ -6,7 +6,7 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.provenance import Provenance
+from ident.results import Provenance
 
 
 class EnergyRecord(TypedDict):

@@ -23,7 +23,7 @@ from ident.arrays import Array
 from ident.model.evaluation import SessionScore, evaluate
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion.motion import Motion, prepare
-from ident.recordings.joint_names import match_joints
+from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

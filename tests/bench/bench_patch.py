@@ -25,8 +25,8 @@ from ident.effects.catalogue import find_effect
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import write_patch
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import Simulation, SimulationOptions, simulate
 

@@ -27,7 +27,7 @@ from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
-from ident.simulation.answer import Answer, TrueEffect, seal
+from ident.simulation.request import Answer, TrueEffect, seal
 from plan.planners import Budget, Ledger
 from tests.fuzz.samples import (
     CATALOGUE,

@@ -30,7 +30,7 @@ from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
 from ident.show.report.page import render_page
-from ident.simulation.answer import ENVELOPE_NAME, open_envelope
+from ident.simulation.request import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
 from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask

@@ -11,8 +11,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
+from ident.api.daily import new
 from ident.api.inspecting import inspect
-from ident.api.starting import new
 from ident.cli.app import app
 from ident.errors import InputError
 from ident.infer.new_session import fold_names

@@ -8,7 +8,7 @@ import pytest
 from ident.model.evaluation import SessionScore, evaluate
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion.motion import prepare
-from ident.recordings.joint_names import match_joints
+from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

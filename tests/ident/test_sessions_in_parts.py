@@ -13,14 +13,14 @@ import pytest
 from ident import sessions
 from ident.arrays import Array
 from ident.checks import TelemetryReport, inspect_parts, inspection
-from ident.checks.settings import USUAL_TELEMETRY
+from ident.checks.filtered_run import USUAL_TELEMETRY
 from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion import out_of_core
-from ident.motion.settings import USUAL_MOTION
+from ident.motion.filter import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session

@@ -11,9 +11,9 @@ from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_runs, within_band
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel

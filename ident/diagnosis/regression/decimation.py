@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.motion.motion import Lowpass, Motion, prepare_each
-from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
 from ident.recordings.recording import Session
 
 # Of the encoder noise that is drawn: the same session gives the same diagnosis.

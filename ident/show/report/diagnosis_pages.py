@@ -1,4 +1,4 @@
-"""The page of a diagnosis: verdict, names and what to do, where the gap lies, and what to record next."""
+"""The pages of a diagnosis and of a comparison."""
 
 from __future__ import annotations
 
@@ -9,25 +9,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
+from ident.errors import plural
+from ident.show.changes import (
+    OF_THE_ARM,
+    describe_spread,
+    describe_still,
+    describe_used,
+    headline,
+    places_of,
+    without_still,
+)
 from ident.show.report.diagnosis_verdict import energy_pair, order_of, verdict_section
 from ident.show.report.evaluation import ReportInput, evaluation_sections
-from ident.show.report.numbers import fixed, percent, significant
 from ident.show.report.page import Section, render_page, save_page
 from ident.show.report.sections import describe_origin, facts_section, provenance_facts, telemetry_section
 from ident.show.report.words import (
     axis_name,
     axis_unit,
     effect_name,
+    fixed,
     interval_words,
     join_words,
     parameter_cells,
+    percent,
     sentence,
     shade,
+    significant,
 )
-from ident.show.untestable import limit_rows, silent_groups
+from ident.show.terminal import limit_rows, silent_groups
 
 if TYPE_CHECKING:
     from ident.show.report.laws import LawPicture
+
 
 MOST_SENTENCES = 5
 # A cell this many times as dense as the mean has the darkest shade.
@@ -150,9 +163,10 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
         words = [f"{interval_words(strip['axis'], edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
         words += [f"in {percent(time)} of the {'noise' if energy is None else 'time'}"]
         words += [] if energy is None else [f"{fixed(energy)} J"]
+        # Shade of a cell by its density.
         cells.append(
             {
-                "colour": shade(_depth(gap, time)),
+                "colour": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
                 "sure": p_value <= USUAL_MAP.significant and gap > time,
                 "share": percent(gap),
                 "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
@@ -161,11 +175,6 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
     low = 0.0 if abs(edges[0]) < 1e-3 * abs(edges[-1]) else edges[0]
     ends = ("−", "+") if strip["axis"] == "direction" else (significant(low), significant(edges[-1]))
     return {"cells": cells, "low": ends[0], "high": ends[1]}
-
-
-def _depth(gap: float, time: float) -> float:
-    """Shade of a cell by its density: none up to the mean, full at several times the mean."""
-    return (gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)
 
 
 def outlook_section(record: Mapping[str, Any]) -> Section | None:
@@ -190,3 +199,56 @@ def outlook_section(record: Mapping[str, Any]) -> Section | None:
         ],
     }
     return Section("next", "What to record next", "outlook.html", values)
+
+
+# The page of a comparison: what changed and what to do, every change with its figures, what could not be told.
+
+
+def render_comparison_report(record: Mapping[str, Any]) -> str:
+    """The page as text: one sentence, then each change with what to do about it."""
+    heldout, after = record["heldout"], record["heldout"]["rms_after_Nm"]
+    values = {
+        "headline": headline(record),
+        "changes": [_card(change) for change in record["changes"]],
+        "doubts": [
+            f"Not told: {effect_name(one['effect'] or '')} in {join_words(one['joints'])}: {one['reason']}."
+            for one in record.get("reservations", [])
+        ],
+        "rows": [
+            {"joint": joint, "before": before, "after": after[joint], "noise": heldout["noise_Nm"][joint]}
+            for joint, before in heldout["rms_before_Nm"].items()
+        ],
+        "spread": describe_spread(record["friction_run_spread"]),
+        "still": [f"{sentence(line)}." for line in (*describe_used(record), *describe_still(record))],
+        "silent": silent_groups(without_still(record)),
+        "fatal": [issue for issue in record["telemetry"] if issue["severity"] == "fatal"],
+    }
+    sections = [
+        Section("verdict", "Verdict", "changes.html", values),
+        telemetry_section(record["telemetry"]),
+        facts_section(provenance_facts(record)),
+    ]
+    sides = [
+        f"{name}: {', '.join(record[name]['sessions'][:4])}{' …' if len(record[name]['sessions']) > 4 else ''} "
+        f"({plural(record[name]['runs'], 'run')}, {record[name]['duration_s']:.0f} s)"
+        for name in ("before", "after")
+    ]
+    return render_page(f"What changed: {record['robot']}", sections, " · ".join([record["robot"], *sides]))
+
+
+def _card(change: Mapping[str, Any]) -> dict[str, Any]:
+    heldout = change["heldout"]
+    name = effect_name(change["effect"])
+    return {
+        "effect": sentence(name),
+        "joints": "" if change["effect"] in OF_THE_ARM else places_of(change),
+        "action": sentence(change["action"]),
+        "twins": join_words([effect_name(one) for one in change["class"] if one != change["effect"]]),
+        "gain": fixed(heldout["gain_rms_Nm"]),
+        "shrink": percent(heldout["shrink"]),
+        "torque": [
+            f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'][joint])} N m"
+            for joint, before in heldout["rms_before_Nm"].items()
+        ],
+        "parameters": [parameter_cells(key, value) for key, value in change["parameters"].items()],
+    }

@@ -8,9 +8,20 @@ from typing import Any
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
-from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
 from ident.show.report.page import Section
-from ident.show.report.words import effect_name, join_words, sentence, with_units
+from ident.show.report.words import (
+    DASH,
+    effect_name,
+    fixed,
+    glue,
+    join_words,
+    pair,
+    percent,
+    row_places,
+    sentence,
+    significant,
+    with_units,
+)
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0

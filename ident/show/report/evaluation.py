@@ -15,9 +15,9 @@ from ident.model.evaluation import Evaluation, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.palette import RUNG_MEANINGS, rung_colours, rung_name
-from ident.show.report.numbers import MINUS, fixed, glue, pair, percent, places_for, table_places
 from ident.show.report.page import Section, write_report
 from ident.show.report.sections import models_section, telemetry_section
+from ident.show.report.words import MINUS, fixed, glue, pair, percent, places_for, table_places
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS, IN_PART = 0.25, 0.7

@@ -16,9 +16,8 @@ from ident.model.hybrid import HybridModel
 from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
-from ident.show.report.numbers import fixed, pair, table_places
 from ident.show.report.page import Section
-from ident.show.report.words import sentence
+from ident.show.report.words import fixed, pair, sentence, table_places
 
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"

@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 
 from ident.files import atomic_write
 from ident.show.palette import NAMED, NOISE, TREES, TUNED, rung_colours, rung_name
-from ident.show.report.numbers import fixed, pair, significant
+from ident.show.report.words import fixed, pair, significant
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from ident.model.loss import NAMES
 from ident.show.palette import model_colour
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.figures import make_panel, to_svg
-from ident.show.report.numbers import fixed, significant
 from ident.show.report.page import Section
+from ident.show.report.words import fixed, significant
 
 WORDS = {
     "motor_inertia": "Rotor inertia B_m",

@@ -10,9 +10,8 @@ from typing import Any
 from ident.diagnosis.settings import USUAL
 from ident.errors import plural
 from ident.model.hybrid import HybridModel
-from ident.show.report.numbers import fixed
 from ident.show.report.page import Section
-from ident.show.report.words import effect_name, shade
+from ident.show.report.words import effect_name, fixed, shade
 
 # Clocks beyond this count seconds since 1970: 2001-09-09 [s].
 EPOCH_FROM = 1e9

@@ -1,4 +1,4 @@
-"""The curves of one run: what was measured, what every rung makes of it, and the work done."""
+"""The curves of one run, and moments worth looking at."""
 
 from __future__ import annotations
 
@@ -12,6 +12,29 @@ from ident.model.evaluation import RunTrace, trace_run
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.show.palette import MEASURED, rung_colours, rung_name
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One stretch of one run.
+
+    Attributes:
+        run: Index of the run among the motions.
+        start_s: Start, from the run's first sample [s].
+        end_s: End [s].
+        joint: The joint concerned.
+        text: What is there.
+    """
+
+    run: int
+    start_s: float
+    end_s: float
+    joint: str
+    text: str
+
+
+# The curves of one run: what was measured, what every rung makes of it, and the work done.
+
 
 MARK_COLOUR = "#d00000"
 

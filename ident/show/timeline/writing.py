@@ -7,23 +7,149 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
+from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array, Float
-from ident.errors import InputError
+from ident.errors import InputError, RobotError
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.show.timeline.blueprint import TIMELINE, entity, make_blueprint
-from ident.show.timeline.boxes import arm_reach, link_boxes, link_poses
-from ident.show.timeline.marks import Mark
-from ident.show.timeline.series import Curve, marked, run_curves
+from ident.show.timeline.series import Curve, Mark, marked, run_curves
+
+TIMELINE = "time"
+
+
+def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb.Blueprint:
+    """The layout.
+
+    Args:
+        joints: Joint names.
+        with_model: Whether there are rungs to compare.
+        reach: How far the arm reaches [m], for the camera's place; 0 where there are no boxes to show.
+    """
+    tabs = [_joint_tab(joint, with_model) for joint in joints]
+    what = "residual" if with_model else "torque"
+    overview = rrb.Grid(*[_series(joint, what, joint) for joint in joints], grid_columns=2, name=f"all joints: {what}")
+    series = rrb.Tabs(overview, *tabs, active_tab=0)
+    log = rrb.TextLogView(origin="/log", name="runs, telemetry, marks")
+    left = rrb.Vertical(
+        *([_arm_view(reach)] if reach > 0 else []),
+        log,
+        row_shares=[3, 2] if reach > 0 else [1],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(left, series, column_shares=[2, 5]),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _arm_view(reach: float) -> rrb.Spatial3DView:
+    """The arm from the side and a little above, whole in any posture."""
+    eye = rrb.EyeControls3D(
+        position=[1.5 * reach, -1.5 * reach, 1.0 * reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
+    )
+    return rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye)
+
+
+def _joint_tab(joint: str, with_model: bool) -> rrb.Container:
+    rows = [("torque", "torque [N m]")]
+    if with_model:
+        rows += [("residual", "residual: measured − modelled [N m]"), ("energy", "energy since the run's start [J]")]
+    rows += [("power", "power [W]"), ("motion", "position and velocity")]
+    shares = [3] + [2] * (len(rows) - 1)
+    return rrb.Vertical(*[_series(joint, key, name) for key, name in rows], row_shares=shares, name=joint)
+
+
+def _series(joint: str, key: str, name: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=str(entity(joint, key)),
+        name=name,
+        plot_legend=rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop),
+    )
+
+
+def entity(joint: str, *parts: str) -> str:
+    """Path of a joint's series."""
+    return "/joints/" + "/".join(rr.escape_entity_path_part(part) for part in (joint, *parts))
+
+
+# The arm as boxes: one transform a link, its collision geometry's bounding boxes fixed to it.
+
+
+@dataclass(frozen=True, eq=False)
+class LinkBoxes:
+    """The boxes of one link, in its frame.
+
+    Attributes:
+        link: Name of the link.
+        centres: Centres [m].
+        half_sizes: Half edge lengths [m].
+        rotations: Orientations as quaternions (x, y, z, w).
+    """
+
+    link: str
+    centres: Float[np.ndarray, "b 3"]
+    half_sizes: Float[np.ndarray, "b 3"]
+    rotations: Float[np.ndarray, "b 4"]
+
+
+def link_boxes(arm: ArmModel) -> tuple[LinkBoxes, ...]:
+    """Bounding boxes of the collision geometry, link by link; none where its meshes are not there.
+
+    Boxes are shown as they are; cylinders, spheres and meshes by the box around them.
+    """
+    try:
+        objects = arm.geometry.geometryObjects
+    except RobotError:
+        return ()
+    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for body in objects:
+        frame = arm.model.frames[body.parentFrame]
+        body.geometry.computeLocalAABB()
+        box = body.geometry.aabb_local
+        # Placements are given from the joint, poses are known of the link.
+        pose = np.linalg.inv(frame.placement.homogeneous) @ body.placement.homogeneous
+        pose[:3, 3] += pose[:3, :3] @ ((box.min_ + box.max_) / 2)
+        found.setdefault(frame.name, []).append((pose, (box.max_ - box.min_) / 2))
+    return tuple(
+        LinkBoxes(
+            link,
+            np.array([pose[:3, 3] for pose, _ in boxes]),
+            np.array([half for _, half in boxes]),
+            Rotation.from_matrix(np.array([pose[:3, :3] for pose, _ in boxes])).as_quat(),
+        )
+        for link, boxes in found.items()
+    )
+
+
+def link_poses(
+    arm: ArmModel, q: Float[np.ndarray, "T n"], links: tuple[str, ...]
+) -> dict[str, tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]]:
+    """Position [m] and quaternion (x, y, z, w) of links in the base frame over time."""
+    poses = arm.link_poses(q, links)
+    return {link: (place, Rotation.from_matrix(turn).as_quat()) for link, (turn, place) in poses.items()}
+
+
+def arm_reach(arm: ArmModel) -> float:
+    """Length of the chain of link frames [m]: the arm stays within this distance of its base."""
+    poses = list(arm.forward_kinematics(arm.neutral).values())
+    places = np.array([pose[:3, 3] for pose in poses])
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+# Writes the timeline as a Rerun recording, or opens it in the viewer.
+
 
 # Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in two places.
 PAUSE = 1.0

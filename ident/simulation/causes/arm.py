@@ -7,9 +7,8 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.simulation.causes.base import Cause, Circumstances, Parameters, between, reading
-from ident.simulation.hardware import Hardware
+from ident.simulation.hardware import AddedBody, Hardware, as_point
 from ident.simulation.laws import Contact
-from ident.simulation.mjcf import AddedBody, as_point
 
 
 def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:

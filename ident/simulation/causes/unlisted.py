@@ -6,8 +6,7 @@ import numpy as np
 
 from ident.simulation.causes.arm import reach
 from ident.simulation.causes.base import Cause, Circumstances, Parameters, between, log_uniform, setting, uniform
-from ident.simulation.hardware import Hardware
-from ident.simulation.mjcf import Slosh
+from ident.simulation.hardware import Hardware, Slosh
 
 
 def _stall(scene: Circumstances) -> tuple[float, float]:

@@ -17,9 +17,93 @@ from ident.files import atomic_folder, atomic_write
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import fill_session
 from ident.simulation.real.moved_arm import MovedArm
-from ident.simulation.real.planted import EFFECTS, Planted, PlantedChange
+from ident.simulation.real.planted import (
+    EFFECTS,
+    Draw,
+    Planted,
+    PlantedChange,
+    at_joint,
+    at_speed,
+    bristle,
+    decay,
+    fixed,
+    neighbour,
+    over_range,
+    up_to,
+)
 from ident.simulation.real.sources import Source, cut
-from ident.simulation.real.unlisted import OUTSIDE
+
+
+def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A cable pulls tight beyond an angle."""
+    start = float(np.quantile(arm.q[:, j], draw.uniform(0.5, 0.75)))
+    return at_joint(arm, j, size * np.maximum(arm.q[:, j] - start, 0.0) ** 2, {"from_rad": start})
+
+
+def plant_product(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Drag where the neighbour moves fast, too."""
+    other = neighbour(arm, j, draw)
+    return at_joint(arm, j, size * arm.v[:, j] * np.abs(arm.v[:, other]), {"other_joint": arm.source.joints[other]})
+
+
+def plant_seal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A seal winds up with the shaft and relaxes."""
+    relaxation = float(draw.uniform(0.2, 1.0))
+    speed = np.where(np.isfinite(arm.steps), arm.v[:, j], 0.0)
+    return at_joint(arm, j, size * decay(arm, speed, relaxation), {"relaxation_s": relaxation})
+
+
+def plant_brake(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """The holding brake lets go slowly at the start of each run."""
+    fading = float(draw.uniform(1.0, 3.0))
+    since = arm.over_runs(arm.t[:, None], lambda t, x: x - x[0])[:, 0]
+    return at_joint(arm, j, size * np.exp(-since / fading) * bristle(arm, arm.v[:, j]), {"decay_s": fading})
+
+
+def plant_sag(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """The supply sags under the power of all drives, and with it the scale of one reading."""
+    power = np.abs(arm.load * arm.v).sum(axis=1)
+    share = power / max(float(np.quantile(power, 0.99)), 1e-9)
+    return at_joint(arm, j, size * share * arm.tau[:, j], {"largest_rise": size})
+
+
+def plant_floor(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """The floor shakes the arm at a steady pace."""
+    pace = float(draw.uniform(0.8, 4.0))
+    return at_joint(arm, j, size * np.sin(2.0 * np.pi * pace * arm.t), {"frequency_Hz": pace})
+
+
+def plant_tooth(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Friction of sliding teeth turns round at every pitch point."""
+    usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
+    order = float(np.clip(round(2.0 * np.pi * draw.uniform(0.8, 3.0) / usual), 4, 80))
+    wave = np.tanh(4.0 * np.sin(order * arm.q[:, j]))
+    return at_joint(arm, j, size * np.abs(arm.load[:, j]) * wave * bristle(arm, arm.v[:, j]), {"teeth": order})
+
+
+def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Dry friction that starts high after each reversal and wears off with travel."""
+    travel = float(draw.uniform(0.03, 0.2))
+    v = arm.v[:, j]
+    torque = size * (bristle(arm, v) - bristle(arm, v, travel))
+    return at_joint(arm, j, torque, {"travel_rad": travel})
+
+
+OUTSIDE: dict[str, Planted] = {
+    "cable_at_the_end": Planted(plant_cable, over_range(30.0)),
+    "velocity_product_drag": Planted(plant_product, at_speed(5.0)),
+    "seal_relaxation": Planted(plant_seal, over_range(20.0)),
+    "brake_release": Planted(plant_brake, up_to(1.0), local=True),
+    "supply_sag": Planted(plant_sag, fixed(0.6)),
+    "floor_vibration": Planted(plant_floor, up_to(0.6)),
+    "tooth_friction": Planted(plant_tooth, fixed(0.5)),
+    "wearing_off_after_reversal": Planted(plant_ageing, up_to(0.8)),
+}
+"""Laws that no catalogue lists."""
+
+
+# Cases: which effect, on whose recordings, where and how large; written as sessions and answers apart from them.
+
 
 SIZES, PAIR_SIZES = (3.0, 1.0), (3.0, 3.0)
 # How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a case.

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.simulation.causes.arm import length_of, tilted, vector
-from ident.simulation.real.bodies import with_body
 from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque, twist_of
+from ident.simulation.real.sources import with_body
 
 Parameters = dict[str, float | str]
 Draw = np.random.Generator

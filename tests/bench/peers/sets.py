@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array
-from ident.recordings.joint_names import match_joints
+from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel

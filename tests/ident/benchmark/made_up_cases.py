@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ident.simulation.answer import Answer, TrueEffect
+from ident.simulation.request import Answer, TrueEffect
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 7))
 FLOOR = dict.fromkeys(JOINTS, 0.1)

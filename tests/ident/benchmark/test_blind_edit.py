@@ -13,8 +13,8 @@ import pytest
 from made_up_cases import answer, finding, truth
 from test_blind_worlds import RIGHT, outcome, world_of
 
-from ident.benchmark.editing import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.pages import write_blind_pages
+from ident.benchmark.run import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.summary import EDIT_WITHIN, BlindReport
 from ident.effects.transmission import SpringTorque
 from ident.export.identified import IdentifiedArm

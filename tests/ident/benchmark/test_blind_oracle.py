@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_blind_worlds import RIGHT, outcome, world_of
 
-from ident.benchmark.oracle import name_by_evidence
+from ident.benchmark.cases import name_by_evidence
 from ident.benchmark.summary import BlindReport
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import Hardware

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from ident.benchmark.real_score import rows_of, score, tables
+from ident.benchmark.real_check import rows_of, score, tables
 
 
 def _finding(effect: str, joint: str, p: float = 0.9, **more: Any) -> dict[str, Any]:

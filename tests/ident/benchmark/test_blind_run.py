@@ -12,7 +12,7 @@ import pytest
 from ident.benchmark.cases import MakeTask, Slot
 from ident.benchmark.run import BlindOptions, BlindReport, run_blind
 from ident.errors import InputError
-from ident.simulation.answer import open_envelope
+from ident.simulation.request import open_envelope
 from ident.simulation.simulate import SimulationOptions
 
 SEED = 12

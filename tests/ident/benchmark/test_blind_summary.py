@@ -10,8 +10,7 @@ from made_up_cases import answer, finding, result, truth
 
 from ident.benchmark.cases import Slot
 from ident.benchmark.pages import write_blind_pages
-from ident.benchmark.scoring import Outcome, score_case
-from ident.benchmark.statistics import calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import Outcome, calibration_curve, calibration_error, mean, score_case, share
 from ident.benchmark.summary import BlindReport
 from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.schemas import check_record

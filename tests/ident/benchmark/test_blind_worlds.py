@@ -13,8 +13,7 @@ from made_up_cases import answer, finding, result, truth
 
 from ident.benchmark.cases import FULL_MIX, Slot, draw_case, draw_world_of, plan_slots
 from ident.benchmark.pages import write_blind_pages
-from ident.benchmark.scoring import Outcome, score_case
-from ident.benchmark.statistics import auroc
+from ident.benchmark.scoring import Outcome, auroc, score_case
 from ident.benchmark.summary import NUMBERS, WORDS, BlindReport, world_axes
 from ident.simulation.simulate import SimulationOptions
 from ident.simulation.world import PRESETS, World, find_worlds

@@ -11,7 +11,7 @@ from faults import Column, freeze_rows, spoil, spoil_column, without_velocity
 
 from ident.checks import TelemetryReport, inspect, inspect_sessions
 from ident.checks.channels import stuck_positions
-from ident.checks.settings import EffortSettings, ExcitationSettings, TelemetrySettings
+from ident.checks.filtered_run import EffortSettings, ExcitationSettings, TelemetrySettings
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel

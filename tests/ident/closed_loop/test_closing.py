@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from ident.closed_loop import loop
-from ident.closed_loop.exciting import KIND_OF, open_kinds
 from ident.closed_loop.gap import MARGIN, measure_floors, pool_runs
-from ident.closed_loop.recorder import CommandRecorder
-from ident.closed_loop.simulated import draw_effects
+from ident.closed_loop.loop import KIND_OF, open_kinds
+from ident.closed_loop.recorder import CommandRecorder, draw_effects
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import ALIKE, EVENTS

@@ -12,13 +12,13 @@ import pytest
 from ident.arrays import Array
 from ident.closed_loop import loop
 from ident.closed_loop.gap import follow_warmth, heat_along
-from ident.closed_loop.rivals import PlannedRun, put_on_a_clock
+from ident.closed_loop.result import PlannedRun, put_on_a_clock
 from ident.effects.catalogue import find_effect
 from ident.export.loaded import LawModel
 from ident.export.python import describe_arm
 from ident.laws.motion import Losses
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion

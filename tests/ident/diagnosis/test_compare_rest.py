@@ -13,8 +13,8 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.from_reports import as_compared
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.motion.motion import Motion
-from ident.provenance import Provenance
 from ident.recordings.recording import Payload, Session, TelemetryIssue
+from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.changes import describe_used
 from tests.ident.diagnosis.planted import COULOMB, NOISE, ROTOR, SLIP, VISCOUS, Plant, at_joint, load_arm, nothing

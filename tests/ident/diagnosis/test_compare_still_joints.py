@@ -12,11 +12,11 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.static_joints import find_static_joints
 from ident.motion.motion import Motion
-from ident.provenance import Provenance
 from ident.recordings.recording import Payload
+from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.changes import describe_still, without_still
-from ident.show.report.change_pages import render_comparison_report
+from ident.show.report.diagnosis_pages import render_comparison_report
 from tests.ident.diagnosis.planted import COULOMB, NOISE, Plant, at_joint, healthy_torque, load_arm, nothing
 from tests.ident.made_up import exact_motion, multisine
 from tests.schemas import check_record

@@ -9,8 +9,8 @@ import pytest
 
 from ident.diagnosis.regression.baseline import fit_baseline
 from ident.diagnosis.regression.decimation import decimate, decimation_factor, prepare_slower
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Lowpass, prepare
-from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import healthy_torque
 from tests.ident.made_up import made_motions, made_session

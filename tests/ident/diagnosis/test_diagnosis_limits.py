@@ -17,7 +17,7 @@ from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
-from ident.show.untestable import describe_limits, group_silent, limit_rows
+from ident.show.terminal import describe_limits, group_silent, limit_rows
 from tests.ident.diagnosis.planted import SLIP, analyse, at_joint, named
 from tests.schemas import check_record
 

@@ -13,8 +13,7 @@ from ident.errors import InputError
 from ident.export.bodies import Links, moved
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.mjcf import write_mjcf
-from ident.export.mjcf_match import match_joints
-from ident.export.mjcf_merge import merge_mjcf
+from ident.export.mjcf_merge import match_joints, merge_mjcf
 from ident.export.write import write_export, write_patch
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel

@@ -10,10 +10,9 @@ import pytest
 
 from ident.arrays import Array
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.choose import LEAST, WORTH, _against, choose, mix
+from ident.export.choose import LEAST, WORTH, Gap, _against, choose, mix
 from ident.export.identified import IdentifiedArm
 from ident.export.loading import WrittenFile
-from ident.export.measure import Gap
 from ident.export.mjcf import write_mjcf
 from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
@@ -26,7 +25,7 @@ LAW = Callable[[Array, Array, Array], Array]
 @pytest.fixture(autouse=True)
 def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six windows say enough where the law is known."""
-    monkeypatch.setattr("ident.export.measure.MOST_WINDOWS", 6)
+    monkeypatch.setattr("ident.export.choose.MOST_WINDOWS", 6)
 
 
 def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None) -> IdentifiedArm:

@@ -27,7 +27,7 @@ Law = Callable[[Array, Array, Array], Array]
 @pytest.fixture(autouse=True)
 def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six windows say enough where the law is known."""
-    monkeypatch.setattr("ident.export.measure.MOST_WINDOWS", 6)
+    monkeypatch.setattr("ident.export.choose.MOST_WINDOWS", 6)
 
 
 def healthy(arm: ArmModel) -> Law:

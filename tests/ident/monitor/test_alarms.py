@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.monitor.alarms import HINT, Alarm, Point, find_changes, gain_change
-from ident.monitor.outliers import find_outliers
+from ident.monitor.alarms import HINT, Alarm, Point, find_changes, find_outliers, gain_change
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
 NAMES = [f"s{i:03}" for i in range(60)]

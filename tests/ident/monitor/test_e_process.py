@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.monitor.e_process import LEAST_BEFORE, MOST_GROWTH, EProcess, prior_weight
+from ident.monitor.alarms import LEAST_BEFORE, MOST_GROWTH, EProcess, prior_weight
 
 
 def evidence(values: np.ndarray) -> np.ndarray:

@@ -12,11 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from ident.api.watching import watch
+from ident.api.daily import watch
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.monitor.folder import FoundSession, date_of, find_sessions
-from ident.monitor.store import Store
+from ident.monitor.store import FoundSession, Store, date_of, find_sessions
 from ident.monitor.watch import Watch
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel

@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
-from ident.recordings.parquet_footer import count_values
+from ident.recordings.parquet import count_values
 from ident.recordings.recording import Recording
 from tests.ident.foreign import RECEIPT_NS, TYPES, lerobot, mapped, places, stamped, write_states, write_topics
 

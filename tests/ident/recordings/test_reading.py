@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.recordings.joint_names import map_by_ending, match_joints
+from ident.recordings.columns import map_by_ending, match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session, count_blocks
 from ident.recordings.save import write_recording

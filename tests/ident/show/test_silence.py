@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ident.show.untestable import group_silent, silent_groups
+from ident.show.terminal import group_silent, silent_groups
 
 
 def test_twenty_rows_are_three_reasons_at_most() -> None:

@@ -7,10 +7,9 @@ import pytest
 
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.simulation.hardware import draw_hardware
+from ident.simulation.hardware import AddedBody, build_model, draw_hardware
 from ident.simulation.laws import plain_friction
 from ident.simulation.loop import Laws, advance, engine, fresh_state
-from ident.simulation.mjcf import AddedBody, build_model
 
 
 def compiled(arm, bodies, step=5e-4):

@@ -8,12 +8,10 @@ import pytest
 
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
-from ident.simulation.real.bodies import with_body
-from ident.simulation.real.cases import NEAR, plan_slots, sized
+from ident.simulation.real.cases import NEAR, OUTSIDE, plan_slots, sized
 from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque, twist_of
 from ident.simulation.real.planted import EFFECTS, bristle
-from ident.simulation.real.sources import Source
-from ident.simulation.real.unlisted import OUTSIDE
+from ident.simulation.real.sources import Source, with_body
 
 LAWS = {**EFFECTS, **OUTSIDE}
 # What this arm can't show: it moves for a minute, and its drives are not torn by their torque.

@@ -10,10 +10,19 @@ from ident.errors import InputError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload
 from ident.robot.names import data_path
-from ident.simulation.answer import ENVELOPE_NAME, Answer, TrueEffect, open_envelope, seal
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
 from ident.simulation.hardware import DECOYS, add_decoy
-from ident.simulation.request import EffectRequest, find_joint, parse_effect, parse_payload
+from ident.simulation.request import (
+    ENVELOPE_NAME,
+    Answer,
+    EffectRequest,
+    TrueEffect,
+    find_joint,
+    open_envelope,
+    parse_effect,
+    parse_payload,
+    seal,
+)
 from ident.simulation.simulate import SimulationOptions, simulate, simulate_to, write_simulation
 from ident.simulation.visibility import VisibilityMeter
 from ident.trajectories.kinds import plan_motions

@@ -12,7 +12,7 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.files import read_plan
-from ident.trajectories.ramps import GentleEnds
+from ident.trajectories.reference import GentleEnds
 from plan.problem.execution import execute, require_writable
 from plan.problem.result import PlanResult, certify
 from plan.problem.time_law import find_time_law

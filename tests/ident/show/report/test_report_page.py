@@ -11,7 +11,7 @@ import pytest
 from ident.errors import InputError
 from ident.show.palette import rung_colours
 from ident.show.report import ReportInput, write_evaluation_report
-from ident.show.report.numbers import fixed
+from ident.show.report.words import fixed
 from tests.ident.show.report.reader import read
 
 

@@ -22,8 +22,8 @@ from ident.show.report.evaluation_figures import (
     run_errors,
 )
 from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
-from ident.show.report.numbers import fixed, glue, percent, places_for, significant
 from ident.show.report.parameters import net_rows
+from ident.show.report.words import fixed, glue, percent, places_for, significant
 
 
 def scaled(score, factors):  # type: ignore[no-untyped-def]

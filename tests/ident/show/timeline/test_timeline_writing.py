@@ -21,8 +21,7 @@ from ident.motion.motion import Motion
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.show.timeline import Curve, Mark, show_timeline, write_timeline
-from ident.show.timeline.boxes import arm_reach, link_boxes
-from ident.show.timeline.writing import PAUSE, run_starts
+from ident.show.timeline.writing import PAUSE, arm_reach, link_boxes, run_starts
 from tests.ident.made_up import made_motions
 
 MARK = Mark(1, 1.0, 2.0, "joint_2", "slow reversal")

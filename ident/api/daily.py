@@ -1,0 +1,212 @@
+"""A lab's daily work: what the commands new, servo, watch and ranges do."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ident.api.fitting import load_model
+from ident.checks.inspection import inspect_sessions
+from ident.errors import InputError, RecordingError
+from ident.export.controllers import RANGES_KIND, write_ranges
+from ident.files import atomic_folder
+from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
+from ident.monitor.pages import write_pages
+from ident.monitor.ranges import Ranges, find_ranges
+from ident.monitor.watch import Watch, look
+from ident.options import RangesOptions, WatchOptions
+from ident.outputs import SESSION_KIND
+from ident.recordings.columns import match_joints
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
+from ident.recordings.session_toml import NAME
+from ident.results import Provenance, stamp_sessions
+from ident.robot.arm import ArmModel
+from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
+from ident.sessions import Robot, Sources, load_robot, open_sessions
+
+
+def new(
+    session: str | Path, robot: str | Path | ArmModel | None = None, *, tables: Sequence[str | Path] = ()
+) -> NewSession:
+    """Looks at foreign tables and writes the session.toml that makes a session of them, for a person to correct.
+
+    Args:
+        session: Folder of tables, a single table, a bag or a data set; with `tables` a new folder.
+        robot: URDF path, name or arm; without it signs, gains and columns without names can't be told.
+        tables: Files that are copied into the new folder.
+
+    Raises:
+        InputError: The tables can't be read or told, or something of the user's stands where the file is to go.
+    """
+    path = Path(session)
+    if tables:
+        with atomic_folder(path, SESSION_KIND) as folder:
+            for table in tables:
+                _copy(Path(table), folder)
+            try:
+                found = _guess(folder, robot, path.name)
+            except InputError as error:
+                raise _of_the_users(error, folder, tables) from None
+            (folder / NAME).write_text(found.text, encoding="utf-8")
+        return replace(found, file=path / NAME)
+    require_own_guess(place_of(path))
+    found = _guess(path, robot)
+    found.write()
+    return found
+
+
+def _of_the_users(error: InputError, folder: Path, tables: Sequence[str | Path]) -> InputError:
+    """An error about a copy that is gone by now, told of the table that was copied."""
+    for table in map(Path, tables):
+        copy = str(folder / table.name)
+        if error.where.startswith(copy):
+            return type(error)(f"{table}{error.where.removeprefix(copy)}", error.what, error.remedy)
+    return error
+
+
+def _copy(table: Path, folder: Path) -> None:
+    if not table.is_file():
+        raise RecordingError(table, "no such file", "give tables that are files")
+    if (folder / table.name).exists():
+        raise RecordingError(table, "two tables have this name", "rename one")
+    shutil.copy2(table, folder / table.name)
+
+
+def _guess(path: Path, robot: str | Path | ArmModel | None, name: str = "") -> NewSession:
+    """The guess, tried: the session is read under it, by the name that it will have, and its telemetry checked."""
+    arm = robot if isinstance(robot, ArmModel) or robot is None else ArmModel.load(robot)
+    named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
+    found = guess_session(path, arm, named)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / NAME
+        draft.write_text(found.text, encoding="utf-8")
+        read = load_session(path, session_file=draft)
+    read = read.replace(name=name or read.name)
+    report = inspect_sessions([read], arm)[0] if arm is not None else None
+    settings = {"robot": named or (arm.name if arm is not None else None)}
+    origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))
+    return replace(found, report=report, provenance=origin)
+
+
+# Position-only arms: what `ident servo` does.
+
+
+Goals = str | Path | Session
+
+
+def servo(
+    sessions: Goals | Sequence[Goals],
+    robot: Robot | None = None,
+    *,
+    cutoff: float | None = None,
+) -> ServoArm:
+    """Lag, delay, dead band, droop and gain of servos, from goal and position alone; and what these can't tell.
+
+    Args:
+        sessions: Folders or files of runs with `<joint>/position` and `<joint>/position_command`; no effort is needed.
+        robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not told.
+        cutoff: Corner of the filter for all signals [Hz].
+
+    Raises:
+        InputError: Recordings or robot can't be used, or no goal is logged.
+    """
+    given: Sequence[Goals] = [sessions] if isinstance(sessions, str | Path | Session) else sessions
+    loaded = [load_goals(path) for path in given]
+    arm = None if robot is None else load_robot(robot, ())
+    if arm is not None:
+        matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
+        arm = arm.keeping(matched[0].joints)
+        loaded = [session.replace(runs=[run.select(arm.joint_names) for run in session.runs]) for session in matched]
+    joints = loaded[0].joints
+    for session in loaded[1:]:
+        if session.joints != joints:
+            what = f"its joints are not those of {loaded[0].name}"
+            raise RecordingError(str(session.path or session.name), what, "give sessions of one arm together")
+    found = fit_servos(runs_of(loaded, cutoff), arm)
+    name = arm.name if arm is not None else loaded[0].name
+    settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
+    origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
+    return ServoArm(name, found).with_provenance(origin)
+
+
+# Follows arms through time: what `ident watch` does.
+
+
+def watch(
+    folder: str | Path,
+    store: str | Path,
+    robot: str | None = None,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    **options: Any,
+) -> Watch:
+    """Examines the sessions of a folder that are new, and tells what has changed in any arm since the first.
+
+    Args:
+        folder: Folders of sessions, or folders of arms that hold such.
+        store: Folder of the results: Parquet tables, diagnoses, `index.html` for all arms and a page for each.
+        robot: URDF path or name; None takes the one named in session.toml.
+        progress: Called with how many of the new sessions are done, and of how many.
+        options: Fields of `ident.options.WatchOptions`: `model`, `diagnosed`, `level`, `settle`, `workers` …
+
+    Raises:
+        InputError: No session there, or a store that armgap did not begin.
+    """
+    chosen = WatchOptions.of("watch", {"robot": robot, **options})
+    # Other processes may stand in another folder.
+    if robot is not None and Path(robot).is_file():
+        robot = str(Path(robot).resolve())
+    model = None if chosen.model is None else str(Path(chosen.model).resolve())
+    chosen = replace(chosen, robot=robot, model=model)
+    found = look(Path(folder), Path(store), chosen, progress)
+    own = {"diagnosed": chosen.diagnosed, "level": chosen.level}
+    settings = {"folder": str(folder), "robot": robot, "model": model, **own}
+    found = found.with_provenance(Provenance("ident watch", settings=settings))
+    write_pages(Path(store), found)
+    found.save(Path(store) / "watch.json")
+    return found
+
+
+# Ranges for domain randomisation: what `ident ranges` does.
+
+
+__all__ = ["RANGES_KIND", "ranges"]
+
+
+def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ranges:
+    """How far each joint's figures are uncertain, or change from day to day; checked on days left out.
+
+    Args:
+        sessions: One for each day, as folders or files of runs.
+        robot: URDF path, name or arm; None takes the one named in session.toml.
+        options: Fields of `ident.options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`.
+
+    Raises:
+        InputError: Recordings, robot or model can't be used.
+    """
+    chosen = RangesOptions.of("ranges", options)
+    loaded = None if chosen.model is None else load_model(chosen.model)
+    opened = open_sessions(sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff)
+    reference = opened.arm
+    if loaded is not None:
+        loaded.require_robot(opened.arm, "--model")
+        reference = loaded.arm
+    days = dict(opened.groups)
+    if len(days) < len(opened.groups):
+        names = [name for name, _ in opened.groups]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(twice, "two sessions have this name", "give folders of different names")
+    found = find_ranges(days, reference)
+    if chosen.out is not None:
+        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
+        for (joint, name), one in found.ranges.items():
+            tables[joint][name] = one.low, one.high
+        write_ranges(Path(chosen.out), found.robot, tables)
+    named = None if loaded is None else loaded.robot.name
+    settings = {"robot": opened.arm.name, "model": named, "cutoff_hz": chosen.cutoff}
+    return found.with_provenance(Provenance("ident ranges", settings=settings, sessions=opened.stamps))
