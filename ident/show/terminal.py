@@ -139,7 +139,7 @@ VERDICTS = {
     "not_testable": "these recordings can't tell",
     "refused": "the recordings are unfit; nothing was fitted",
 }
-MOSTLY_UNNAMED = "most of the gap has no name; what has one explains the lesser part"
+MOSTLY_UNNAMED = "most of the gap has no name; the lesser part has a name"
 SMALL_GAP = "there is a small gap: more than chance, and too little for a name"
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]

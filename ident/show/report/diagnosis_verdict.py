@@ -110,14 +110,19 @@ def misread_torque(record: Mapping[str, Any]) -> str:
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
-    """What to do about a name; of tied names, none of them likelier than not, no single order is given."""
-    names = finding.get("class", [])
-    if len(names) < 2 or finding.get("probability", 1.0) >= LIKELY:
-        return str(finding.get("action", ""))
-    motion = _next_motion(record)
-    apart = f"record this to tell them apart: {motion}" if motion else "record what tells them apart"
+    """What to do about a name; of one that is less likely than not what to do first, of tied ones no single order."""
+    names, action = finding.get("class", []), str(finding.get("action", ""))
+    sure = finding.get("probability", 1.0)
+    if sure >= LIKELY or not action:
+        return action
+    if len(names) < 2:
+        return f"only {percent(sure)} sure, so act on it if it shows again: {action}"
+    joint, motion = finding["joints"][0], _next_motion(record)
+    parted = set(names[:2]) <= set((record.get("next_experiment") or {}).get("separates", ()))
+    if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
+        motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
     tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
-    return f"act on none yet, for it may be {tied}; {apart}"
+    return f"act on none yet, for it may be {tied}; record this to tell them apart: {motion}"
 
 
 def _next_motion(record: Mapping[str, Any]) -> str:

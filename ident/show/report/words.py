@@ -99,7 +99,7 @@ SUFFIXES = {
 # Parameters whose own names say too little.
 WORDS = {
     "mu": ("friction per load", "N m per N m"),
-    "gain": ("reads too much by", "of what it is"),
+    "gain": ("reading off by", "of what it is"),
     "coefficient": ("coefficient", "N m (s/rad)^exponent"),
     "viscous_change": ("viscous friction, warm less cold", "of the cold"),
     "coulomb_change": ("Coulomb friction, warm less cold", "of the cold"),

@@ -12,7 +12,7 @@ import pytest
 
 from ident.show.report import ReportInput, write_diagnosis_report
 from ident.show.report.diagnosis_pages import describe_place
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
 from ident.show.report.sections import confusion_section
 from ident.show.report.words import parameter_name, shade, with_units
 from tests.ident.show.report.reader import read
@@ -316,3 +316,22 @@ def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None
     record = acted_on("payload", 0.97)
     record["findings"] += acted_on("stribeck_friction", 0.11)["findings"]
     assert diagnosis_headline(record) == "The gap has a name: payload in elbow and Stribeck friction in elbow (11 %)."
+
+
+def test_an_order_about_an_unlikely_name_says_how_sure_it_is() -> None:
+    record = acted_on("payload", 0.14)
+    assert order_of(record["findings"][0], record) == "only 14 % sure, so act on it if it shows again: do so"
+
+
+def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() -> None:
+    """Law: tied names are told apart by a motion of their own."""
+    record = acted_on("payload", 0.4)
+    record["findings"][0]["class"] = ["payload", "link_inertial_error"]
+    for separates, joint, fits in ((["payload"], "elbow", False), (record["findings"][0]["class"], "elbow", True)):
+        record["next_experiment"] = {
+            "separates": separates,
+            "motion": f"move it; `plan excite --joint {joint} --out x`",
+        }
+        assert ("move it" in order_of(record["findings"][0], record)) is fits
+    record["next_experiment"]["motion"] = "move it; `plan excite --joint wrist --out x`"
+    assert "--separate payload,link_inertial_error --joint elbow" in order_of(record["findings"][0], record)
