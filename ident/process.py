@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import errno
+import gc
 import importlib
 import os
 import signal
@@ -79,6 +80,7 @@ def run_command(name: str, module: str) -> NoReturn:
         for stream in streams:
             stream.flush()
         status = status or _told(name, streams)
+    gc.freeze()  # else Python looks through all that is loaded once more before it ends: 0.3 s
     sys.exit(status)
 
 
