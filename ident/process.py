@@ -193,8 +193,7 @@ def _patient_streams(name: str) -> Iterator[tuple[_Patient, ...]]:
 def _replace_unprintable(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    lost = error.object[error.start : error.end]
-    text = "".join(PLAIN.get(character) or visible(character) for character in lost)
+    text = "".join(PLAIN.get(one) or visible(one) for one in error.object[error.start : error.end])
     return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
@@ -202,8 +201,7 @@ class _Signals:
     """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave at the second."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.is_loading, self.came = name, True, False
-        self.status = SIGNALLED + signal.SIGINT
+        self.name, self.is_loading, self.came, self.status = name, True, False, SIGNALLED + signal.SIGINT
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         self.status = SIGNALLED + number

@@ -18,9 +18,8 @@ from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
 from plan.experiment.hypotheses import Question
 from plan.experiment.indistinguishable import LONGEST_MINUTES
-from plan.experiment.random_motions import random_runs
 from plan.experiment.result import Excitation, Status, minutes_to_odds
-from plan.experiment.run_set import WIDE_FIGURES, Programme, duration_of
+from plan.experiment.run_set import WIDE_FIGURES, Programme, duration_of, random_runs
 from plan.experiment.search import BASELINE, ProgrammeSearch, Tell
 from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings

@@ -10,8 +10,8 @@ from ident.trajectories.limits import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
 from plan.errors import SceneError
 from plan.geometry.arm_shapes import StandIn
+from plan.geometry.link_pairs import read_disabled
 from plan.geometry.scene import Scene
-from plan.geometry.srdf import read_disabled
 from plan.geometry.tool import record_carried
 from plan.problem.task_file import Surroundings
 

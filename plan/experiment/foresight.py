@@ -16,7 +16,7 @@ from ident.motion.motion import Lowpass, Motion
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion
-from plan.experiment.random_motions import random_runs
+from plan.experiment.run_set import random_runs
 
 # Of the ticks of a reference, one in this many is looked at: 125 Hz.
 THINNING = 8

@@ -1,4 +1,4 @@
-"""A programme of runs: one family with its figures about a home pose, every run made to fit."""
+"""Runs made to fit an arm: a programme of one family with its figures about a home pose, and random ones."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RobotError
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.families import FAMILIES, make_run
 from plan.experiment.feasible import Feasibility
@@ -22,6 +24,8 @@ WIDE_FAMILIES = ("wide", "vias", "random")
 WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, "pose_spread": 0.0}
 # Homes lie within this share of the usual span about the middle.
 HOME_SHARE = 0.8
+# For arms whose limits leave little room: half of the span at the least, two seconds from point to point.
+CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, "pose_spread": 0.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +88,27 @@ class Programme:
 def duration_of(runs: list[ReferenceMotion]) -> float:
     """Length of all runs together [s]."""
     return float(sum(run.duration for run in runs))
+
+
+def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
+    """Runs through random via points, there and back at several speeds; careful ones where these don't fit the arm.
+
+    Args:
+        arm: The arm.
+        count: Number of runs.
+        duration: Rough duration of a run [s].
+        rng: Source of chance.
+
+    Raises:
+        RobotError: None fit at all.
+    """
+    try:
+        return list(plan_motions(arm, ("spline",), count, duration, rng))
+    except RobotError:
+        feasible = Feasibility(arm, "capsules")  # to compare with, never to be run
+        runs = Programme("vias", CAREFUL, np.array(feasible.limits.centre), 0, int(rng.integers(2**31))).runs(
+            count, feasible
+        )
+        if not runs:
+            raise
+        return runs

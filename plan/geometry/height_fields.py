@@ -9,7 +9,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int, freeze
 from ident.safe_read import require_regular
 from plan.errors import SceneError
-from plan.geometry.cloud_files import LARGEST, read_array, read_table
+from plan.geometry.clouds import LARGEST, read_array, read_table
 from plan.geometry.solids import Solid
 
 FIELDS = (".npy", ".csv", ".txt")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
+from plan.initial.rrt import TreeOptions, connect, edge_is_free, endless, prune
 from plan.initial.rrt_starts import iterate_seeds
 from plan.initial.starts import from_vias, straight, time_stamps
 from plan.problem.problem import PlanningProblem
@@ -27,14 +27,16 @@ CLOSELY, SLOWER = (20, 40, 80), 1.5 ** np.arange(9)
 
 
 def iterate_ways(
-    problem: PlanningProblem, rng: np.random.Generator, solved: Callable[[], bool]
+    problem: PlanningProblem, rng: np.random.Generator, solved: Callable[[], bool], left: Callable[[], float] = endless
 ) -> Iterator[PlanningProblem]:
     """Initial trajectories without end, so that the one who asks decides when it is enough.
 
     Args:
         problem: The task, started from the straight line.
         rng: Source of randomness.
-        solved: Whether a plan is known; asked after the first way, which is followed closely if not.
+        solved: Whether a plan is known; if not after a way of trees, it is followed closely, and if not after the line
+            either, trees look farther.
+        left: Processor time that is left, at which trees end [s].
 
     Yields:
         The task from one initial trajectory after the other, each with its label.
@@ -42,26 +44,34 @@ def iterate_ways(
     options = TreeOptions(margins=problem.margins)
     blocked = len(problem.scene.pairs) > 0 and not edge_is_free(problem.scene, problem.start, problem.goal, options)
     if blocked:
-        way = _any_way(problem, rng)
-        if way is not None:
-            yield from_vias(problem, way, "trees", problem.via_count)
-            if not solved():
-                yield follow_closely(problem, way)
+        yield from _ways_of_trees(problem, _any_way(problem, rng, QUICK[:1], left), "trees", solved)
     yield problem
+    if blocked and not solved():
+        yield from _ways_of_trees(problem, _any_way(problem, rng, QUICK[1:], left), "farther trees", solved)
     number = 0
-    seeds = iterate_seeds(problem, rng, replace(options, nodes=FURTHER)) if blocked else iter(())
+    seeds = iterate_seeds(problem, rng, replace(options, nodes=FURTHER, left=left)) if blocked else iter(())
     while True:
         number += 1
         seed = next(seeds, None)
         if seed is not None and not seed.reason and len(seed.vias):
             yield from_vias(problem, seed.vias, seed.label, problem.via_count)
         if blocked:
-            drawn = (drawn_way(problem, rng, FURTHER, reach) for reach in REACHES)
+            drawn = (drawn_way(problem, rng, FURTHER, reach, left=left) for reach in REACHES)
             way = next((one for one in drawn if one is not None), None)
             if way is not None:
                 yield from_vias(problem, way, f"trees {number}", problem.via_count)
         bends = [_bent(problem, rng, f"bent {number}") for _ in range(DRAWN if blocked else 1)]
         yield min(bends, key=lambda bent: float(bent.initial_evaluation.collision[0])) if blocked else bends[0]
+
+
+def _ways_of_trees(
+    problem: PlanningProblem, way: Float[Array, "V n"] | None, label: str, solved: Callable[[], bool]
+) -> Iterator[PlanningProblem]:
+    """The task from a way of trees, and closely along it where that brings no plan; nothing without a way."""
+    if way is not None:
+        yield from_vias(problem, way, label, problem.via_count)
+        if not solved():
+            yield follow_closely(problem, way)
 
 
 def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> PlanningProblem:
@@ -89,11 +99,16 @@ def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> Planni
     return slower
 
 
-def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array, "V n"] | None:
+def _any_way(
+    problem: PlanningProblem,
+    rng: np.random.Generator,
+    looks: Sequence[tuple[int, float]] = QUICK,
+    left: Callable[[], float] = endless,
+) -> Float[Array, "V n"] | None:
     """Via points of the first way for which there is time; else of the quickest one found, None if there is none."""
     best, quickest = None, np.inf
-    for nodes, reach in QUICK:
-        found = drawn_way(problem, rng, nodes, reach)
+    for nodes, reach in looks:
+        found = drawn_way(problem, rng, nodes, reach, left=left)
         if found is None:
             continue
         points = np.concatenate([[problem.start], found, [problem.goal]])
@@ -101,7 +116,7 @@ def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array,
         if problem.objective == "time" or need < problem.durations.sum():
             return found
         best, quickest = (found, need) if need < quickest else (best, quickest)
-    return drawn_way(problem, rng, *PATIENT) if best is None else best
+    return drawn_way(problem, rng, *PATIENT, left=left) if best is None and looks != QUICK[:1] else best
 
 
 def drawn_way(
@@ -110,9 +125,10 @@ def drawn_way(
     nodes: int,
     reach: float,
     ends: tuple[Float[Array, " n"], Float[Array, " n"]] | None = None,
+    left: Callable[[], float] = endless,
 ) -> Float[Array, "V n"] | None:
     """Via points of a way of trees between start and goal, or other ends; None where so many nodes find none."""
-    options = TreeOptions(margins=problem.margins, nodes=nodes)
+    options = TreeOptions(margins=problem.margins, nodes=nodes, left=left)
     ends = (problem.start, problem.goal) if ends is None else ends
     low = np.maximum(problem.limits.lower, np.min(ends, axis=0) - reach)
     high = np.minimum(problem.limits.upper, np.max(ends, axis=0) + reach)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,13 @@ from plan.geometry.scene import Scene
 
 # Gaps beyond their margins by more than this are all the same to a tree [m].
 NEAR = 0.01
+# Turns between two looks at the time: to ask the system for it costs as much as an edge.
+ASKED = 20
+
+
+def endless() -> float:
+    """Time without end [s]."""
+    return math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +32,14 @@ class TreeOptions:
         resolution: Distance at which edges are checked [rad]; the final motion is checked without gaps.
         nodes: Most nodes of both trees, and most positions that are drawn.
         margins: Clearance that every node and edge keeps, of each pair or of all [m].
+        left: Processor time that is left, at which trees end [s].
     """
 
     step: float = 0.35
     resolution: float = 0.04
     nodes: int = 4000
     margins: Margins | float = 0.0
+    left: Callable[[], float] = endless
 
 
 @dataclass(frozen=True)
@@ -115,8 +126,8 @@ def connect(
     swapped = False
     if edge_is_free(scene, start, goal, options):
         return Path(np.array([start, goal]), 2)
-    for _ in range(options.nodes):
-        if trees[0].size + trees[1].size >= options.nodes:
+    for turn in range(options.nodes):
+        if trees[0].size + trees[1].size >= options.nodes or (turn % ASKED == 0 and options.left() <= 0.0):
             break
         near, far = trees if not swapped else trees[::-1]
         grown = _extend(scene, near, rng.uniform(low, high), options)

@@ -149,9 +149,14 @@ class Ledger:
         return self._cpu_before + processor_seconds() - self._cpu_started
 
     @property
+    def seconds_left(self) -> float:
+        """Processor time that is left of the budget [s]."""
+        return self.budget.seconds - self.cpu_seconds
+
+    @property
     def remaining(self) -> int:
         """Evaluations left; zero once the processor time is spent."""
-        return 0 if self.cpu_seconds >= self.budget.seconds else max(self.budget.evaluations - self.evaluations, 0)
+        return 0 if self.seconds_left <= 0.0 else max(self.budget.evaluations - self.evaluations, 0)
 
     def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Evaluates a batch against the budget.

@@ -10,10 +10,9 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
-from plan.planners.dips import find_dips
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
-from plan.planners.velocity_reversals import Turns, find_turns
+from plan.planners.velocity_reversals import Turns, find_dips, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 

@@ -214,7 +214,8 @@ class Sequential(Planner):
         if way.straight is not None or way.vias:
             yield from iterate_rule_ways(base, rng)
             return
-        yield from iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
+        solved, left = lambda: ledger.best is not None and ledger.best.feasible, lambda: ledger.seconds_left
+        yield from iterate_ways(base, rng, solved, left)
 
     def _finer(
         self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int, kept: tuple[int, ...]

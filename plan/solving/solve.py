@@ -249,7 +249,7 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
         for turn in range(MENDS):
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
                 return
-            seconds = np.clip(ledger.budget.seconds - ledger.cpu_seconds, *MEND_SECONDS)
+            seconds = np.clip(ledger.seconds_left, *MEND_SECONDS)
             own = Ledger(Budget(10**9, float(seconds)))
             tighter = _tightened(problem.limits, certificate, turn)
             planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)

@@ -103,7 +103,7 @@ def moved(run: Recording) -> tuple[float, np.ndarray]:
 @dataclass(frozen=True)
 class Row:
     """One plan: energies of the log, of the same motion without noise, and of the model, with the told half width [J];
-    largest torque as read and as is, as shares of the limit."""
+    largest torque as read and as is, as shares of the limit; executed duration beyond the planned one, as a share."""
 
     arm: int
     act: float
@@ -112,6 +112,7 @@ class Row:
     half: float
     read: float
     real: float
+    longer: float
 
 
 def one_arm(seed: int, count: int, narrow: bool) -> list[Row]:
@@ -138,19 +139,22 @@ def one_arm(seed: int, count: int, narrow: bool) -> list[Row]:
         read, real = torque / arm.effort_limit, np.abs(still.effort).max(axis=0) / arm.effort_limit
         planned = dict(certificate.time_law.energy)["absolute"]
         told = np.nan if half is None else half
-        rows.append(Row(seed, energy, moved(still)[0], planned, told, float(read.max()), float(real.max())))
+        assert result.splines is not None
+        longer = float(still.time[-1] - still.time[0] - 2.0 * REST_S) / float(result.splines.total[0]) - 1.0
+        rows.append(Row(seed, energy, moved(still)[0], planned, told, float(read.max()), float(real.max()), longer))
     return rows
 
 
 def tell(name: str, rows: list[Row]) -> None:
-    act, still, planned, half, read, real = np.array([list(asdict(row).values())[1:] for row in rows]).T
+    act, still, planned, half, read, real, longer = np.array([list(asdict(row).values())[1:] for row in rows]).T
     off, told = act / planned - 1.0, np.isfinite(half)
     inside, really = np.abs(act - planned) <= half, np.abs(still - planned) <= half
     print(
         f"{name}: {len(rows)} plans, energy off by {off.mean():+.2%} mean, {np.abs(off).max():.2%} worst, "
         f"{(np.abs(off) <= 0.02).sum()} within 2 %, an interval told for {told.sum()}, which holds for {inside.sum()} "
         f"as read and {really.sum()} as is; largest torque {real.max():.1%} of its limit, the drive's end "
-        f"{(real > 0.9999).sum()} times; as read {read.max():.1%}, {(read > 1.0).sum()} above",
+        f"{(real > 0.9999).sum()} times; as read {read.max():.1%}, {(read > 1.0).sum()} above; "
+        f"executed duration {np.abs(longer).max():.2%} off at most",
         flush=True,
     )
     if told.any():

@@ -30,8 +30,7 @@ import numpy as np
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_model import torque_of_model
+from plan.dynamics.power import ChainTorque, torque_of_model
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
 from plan.initial.rrt import TreeOptions, connect, prune

@@ -36,8 +36,8 @@ from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
 from plan.geometry.clouds import read_cloud
 from plan.geometry.height_fields import read_heights
+from plan.geometry.link_pairs import read_disabled
 from plan.geometry.mesh_obstacles import read_mesh
-from plan.geometry.srdf import read_disabled
 from plan.planners import Budget, Ledger
 from plan.problem.task_file import load_surroundings, load_task, load_trials
 from tests.fuzz.corpus import KEY, OPTIONS, training_data

@@ -12,7 +12,7 @@ from ident.errors import InputError, ModelError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.model.loss import Coupling, Shaft
 from ident.motion.motion import Motion
-from plan.dynamics.torque_model import torque_of_model
+from plan.dynamics.power import torque_of_model
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm
 
 RATE, OWN = 100.0, np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])

@@ -17,7 +17,7 @@ from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.named_fit import NamedLaws, read_named_laws
 from ident.motion.motion import Motion
 from ident.schemas.records import NamedLawRecord
-from plan.dynamics.torque_model import torque_of_model
+from plan.dynamics.power import torque_of_model
 from tests.ident.made_up import made_motions, two_joint_arm
 
 ARM = two_joint_arm()

@@ -19,7 +19,7 @@ from ident.errors import InputError
 from ident.recordings import ros_messages
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
-from plan.geometry.cloud_files import read_points
+from plan.geometry.clouds import read_points
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
 from tests.ident.recordings.test_foreign_files import write_old_bag

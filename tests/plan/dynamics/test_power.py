@@ -8,8 +8,7 @@ from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, read_residual
-from plan.dynamics.power import METRICS, ChainTorque, energy
-from plan.dynamics.torque_model import torque_of_model
+from plan.dynamics.power import METRICS, ChainTorque, energy, torque_of_model
 from plan.spline import Splines
 from tests.plan.worlds import dense_net, joint_nets, losses, model, problem, three_joints
 

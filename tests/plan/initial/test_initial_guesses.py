@@ -34,7 +34,7 @@ def test_a_way_must_fit_into_the_duration(monkeypatch: pytest.MonkeyPatch, objec
     total = float(task.durations.sum())
     found = [far_way(task, 1.5 * total), far_way(task, 0.9 * total), far_way(task, 0.5 * total)]
     drawn: Iterator[np.ndarray] = iter(found)
-    monkeypatch.setattr(initial_guesses, "drawn_way", lambda *_: next(drawn))
+    monkeypatch.setattr(initial_guesses, "drawn_way", lambda *_, **__: next(drawn))
     assert initial_guesses._any_way(task, np.random.default_rng(0)) is found[taken]
 
 
@@ -44,7 +44,7 @@ def test_the_quickest_of_late_ways_and_patience_only_without_any(monkeypatch: py
     total, asked = float(task.durations.sum()), list[tuple[int, float]]()
     late = [far_way(task, factor * total) for factor in (3.0, 1.5, 2.0, 4.0)]
 
-    def draw(_: object, __: object, nodes: int, reach: float) -> np.ndarray | None:
+    def draw(_: object, __: object, nodes: int, reach: float, **___: object) -> np.ndarray | None:
         asked.append((nodes, reach))
         return late[len(asked) - 1] if late else None
 

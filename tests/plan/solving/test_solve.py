@@ -216,7 +216,7 @@ def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
 def test_six_joints() -> None:
     """A task of all six joints is solved and certified."""
     from ident.robot.arm import ArmModel
-    from plan.dynamics.torque_model import torque_of_robot
+    from plan.dynamics.power import torque_of_robot
     from plan.geometry.scene import Scene
     from plan.problem.problem import Limits, PlanningProblem
 
