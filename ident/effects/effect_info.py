@@ -138,7 +138,7 @@ class Interval:
 
     def told(self, unit: str, scale: float = 1.0) -> str:
         """The value alone, as a person reads it: of a named state."""
-        return f"{scale * self.value:.3g} {unit}".replace("-", "−")
+        return f"{_three_digits(scale * self.value)} {unit}"
 
     def __format__(self, how: str) -> str:
         """As `how` says: a unit for the estimate with its interval; `=unit` for its value, `|unit` for its size; and
@@ -164,9 +164,16 @@ class Interval:
         value, low, high = (scale * one for one in (self.value, self.low, self.high))
         if size and value < 0.0:
             value, low, high = -value, -high, -low
-        known = {"high": f"at least {low:.3g} {unit}", "low": f"at most {high:.3g} {unit}"}
-        known["both"] = f"{value:.3g} {unit}, or anything else,"
-        return known.get(self.open, f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]").replace("-", "−")
+        middle, least, most = map(_three_digits, (value, low, high))
+        known = {"high": f"at least {least} {unit}", "low": f"at most {most} {unit}"}
+        known["both"] = f"{middle} {unit}, or anything else,"
+        return known.get(self.open, f"{middle} {unit} [{least}, {most}]")
+
+
+def _three_digits(value: float) -> str:
+    """A number as people write it: a true minus, thousands in full."""
+    text = f"{value:.3g}"
+    return (f"{float(text):.0f}" if 1e3 <= abs(value) < 1e6 else text).replace("-", "−")
 
 
 @dataclass(frozen=True)

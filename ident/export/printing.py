@@ -58,7 +58,7 @@ def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tu
 def gap_table(heldout: dict[str, Any]) -> Table:
     """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
     kind = "gap on runs that were diagnosed:" if heldout["in_sample"] else "held-out gap on"
-    table = Table("file", "gap", title=f"{kind} {plural(len(heldout['runs']), 'run')} [N m]", title_justify="left")
+    table = Table("file", "gap", title=f"{kind} {plural(len(heldout['runs']), 'run')}", title_justify="left")
     for words in WHEN.values():
         table.add_column(words, justify="right")
     for form, found in heldout["gaps"].items():

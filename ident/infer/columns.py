@@ -27,11 +27,11 @@ from ident.robot.arm import ArmModel
 # Words -> the channel that they speak of, in the order in which they count.
 WORDS: dict[str, tuple[str, ...]] = {
     "acceleration": ("qdd", "ddq", "acc", "acceleration", "accelerations", "accel"),
-    "velocity": ("qd", "dq", "vel", "velocity", "velocities", "speed", "speeds", "qdot"),
+    "velocity": ("qd", "dq", "vel", "velocity", "velocities", "speed", "speeds", "qdot", "omega"),
     "temperature": ("temp", "temps", "temperature", "temperatures"),
-    "effort": ("tau", "torque", "torques", "effort", "efforts", "moment", "moments"),
+    "effort": ("tau", "torque", "torques", "effort", "efforts", "moment", "moments", "trq", "tq"),
     "current": ("current", "currents", "curr", "amps"),
-    "position": ("q", "pos", "position", "positions", "angle", "angles", "theta", "joints", "state"),
+    "position": ("q", "pos", "position", "positions", "angle", "angles", "ang", "theta", "joints", "state"),
 }
 COMMANDS = "target cmd command commanded commands desired des d ref reference setpoint goal action sent control"
 # What is derived from the torque, not the torque: estimates of contact, residuals, models.
@@ -245,7 +245,7 @@ FEWEST_CHANNELS = 3
 # Two torques of which the model explains nearly the same share are the same one, commanded and measured.
 AS_GOOD = 0.05
 HINT = "name its columns in [columns] of session.toml yourself"
-ONE_TABLE = "put them side by side in one table, or in one .npz as arrays time, position, velocity and effort"
+ONE_TABLE = f"put them side by side in one table or .npz (time, position, velocity, effort); without velocity, {HINT}"
 
 
 def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:

@@ -15,6 +15,7 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
+from ident.infer.columns import judge_words
 from ident.infer.new_session import fold_names
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
@@ -208,3 +209,10 @@ def test_a_data_set_and_a_bag_are_told_by_their_names(run: Recording, tmp_path: 
     write_states(tmp_path / "bag", "/arm/states", run, channels, StoragePlugin.MCAP)
     assert new(tmp_path / "bag", "tm5-900").guess.columns["/arm/states:tau_J.0"] == "joint_1/effort"
     assert_same(tmp_path / "bag", run, velocity=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"), [("ang1_deg", "position"), ("trq_3", "effort"), ("tq7", "effort"), ("omega2", "velocity")]
+)
+def test_short_names_speak_of_their_channel(name: str, channel: str) -> None:
+    assert judge_words(name)[0] == channel
