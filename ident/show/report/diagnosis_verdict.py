@@ -31,8 +31,8 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
     """Verdict, what to make of it, and the gap joint by joint."""
     session = record.get("session", {})
     values = {
-        "headline": diagnosis_headline(record),
-        "first": first_action(record),
+        "headline": glue(diagnosis_headline(record)),
+        "first": glue(first_action(record)),
         "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
         "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
         "motion": glue(describe_motion(record)),
