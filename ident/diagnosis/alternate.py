@@ -55,7 +55,9 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
     prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
-    for left in reversed(range(settings.most_settling)):
+    left = settings.most_settling
+    while True:
+        left -= 1
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
@@ -70,11 +72,12 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             error, unlikely = _how_wrong(search, sure.found, session, baseline)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
-        if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
-            break
+        steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
+        if not left or (error == prior.error and steady):
+            return replace(sure, found=_or_doubted(sure.found, sure.doubted))
         spread, prior = now, Prior.believing(free, baseline, error)
         evidence = free.with_run_spread(spread)
-    return replace(sure, found=_or_doubted(sure.found, sure.doubted))
+        del sure  # what was made of the last sums goes before it is made of new ones
 
 
 def keep_names(sure: Settled, kept: Sequence[int], session: SessionContext, baseline: Baseline, reason: str) -> Settled:

@@ -104,7 +104,7 @@ def diagnose(
     stage("torques of every law", 0.35, 0.6)
     evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)
-    evidence = evidence.with_dispersion(measure_dispersion(session, baseline, evidence, prior))
+    evidence = evidence.with_dispersion(measure_dispersion(session, baseline, replace(evidence), prior))
     stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     sure, beside = _beside_discrepancy(settle(first, session, baseline), session, baseline, settings)

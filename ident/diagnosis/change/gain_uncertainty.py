@@ -73,12 +73,13 @@ def solve_body(
     cross, power = np.zeros((size, n)), np.zeros(n)
     scores = np.zeros((blocks, size + n))
     place = {int(column): k for k, column in enumerate(inside)}
-    for j, (local, whole) in enumerate(zip(layout.local, evidence.total, strict=True)):
+    for j, (local, total) in enumerate(zip(layout.local, evidence.total, strict=True)):
         at = [layout.places[j][int(column)] for column in group.columns]
         used = [k for k, column in enumerate(local) if int(column) in place]
         into = [place[int(local[k])] for k in used]
-        cross[into, j] = whole[np.ix_(used, at)] @ beta
-        power[j] = beta @ whole[np.ix_(at, at)] @ beta
+        sums = total.over()
+        cross[into, j] = sums[np.ix_(used, at)] @ beta
+        power[j] = beta @ sums[np.ix_(at, at)] @ beta
         left = evidence.times(j, weights[local])
         scores[:, into] += left[:, used]
         scores[:, size + j] = left[:, at] @ beta

@@ -97,7 +97,7 @@ def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) ->
     layout, found = evidence.layout, np.ones(evidence.layout.n)
     for j, local in enumerate(layout.local):
         own = np.flatnonzero((local < layout.tuned) & (local >= layout.rank))
-        score, power = evidence.times(j, weights[local])[:, own], np.diag(evidence.total[j])[own]
+        score, power = evidence.times(j, weights[local])[:, own], evidence.total[j].diagonal()[own]
         seen = power > 1e-9 * power.max(initial=0.0)
         if seen.any():
             found[j] = max(1.0, float(np.median(np.sum(score[:, seen] ** 2, axis=0) / power[seen])))

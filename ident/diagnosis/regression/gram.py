@@ -141,9 +141,10 @@ class Evidence:
         )
 
     @cached_property
-    def total(self) -> tuple[Float[Array, "p p"], ...]:
-        """For each joint, its whitened sums over all blocks."""
-        return tuple(sums.over() - self.friction.taken(j, float(self.spread[j])) for j, sums in enumerate(self.free))
+    def total(self) -> tuple[SymmetricSums, ...]:
+        """For each joint, its whitened sums over all blocks, as one block."""
+        taken = (self.friction.taken(j, float(self.spread[j])) for j in range(self.layout.n))
+        return tuple(SymmetricSums.of((one.over() - off)[None]) for one, off in zip(self.free, taken, strict=True))
 
     @cached_property
     def parts(self) -> tuple[FoldSums, ...]:
@@ -189,7 +190,7 @@ class Evidence:
             weights: What the model leaves of a row is their product.
         """
         own = weights[self.layout.local[joint]]
-        return max(float(own @ self.total[joint] @ own / max(float(self.samples[joint]), 1.0)), 1.0)
+        return max(float(self.total[joint].times(own)[0] @ own / max(float(self.samples[joint]), 1.0)), 1.0)
 
     def gram(self) -> Float[Array, "P P"]:
         """Whitened sums of all joints over all blocks, in the layout's order; read-only."""
@@ -199,7 +200,7 @@ class Evidence:
     def _gram(self) -> Float[Array, "P P"]:
         total = np.zeros((self.layout.size + 1, self.layout.size + 1))
         for local, sums in zip(self.layout.local, self.total, strict=True):
-            total[np.ix_(local, local)] += sums
+            total[np.ix_(local, local)] += sums.over()
         return freeze(total)
 
 
@@ -307,7 +308,7 @@ class _Sums:
         full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
         self._keep(j, full)
         kept, local = self.kept[j], self.layout.local[j]
-        tables = [table[:, kept] for table in full]
+        tables = [table[:, kept].astype(float) for table in full]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
         power, sums, first = np.zeros(len(kept)), np.zeros((len(kept), len(kept))), FRICTION.stop - FRICTION.start
         for block, inside in _stretches(rows.blocks):

@@ -214,7 +214,7 @@ def _mostly_noise(j: int, held: Sequence[Rows], most: Float[Array, " p"]) -> Boo
     noise = np.zeros(len(most))
     for rows in held:
         if rows.noise is not None:
-            noise += rows.weight * np.sum(rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0)
+            noise += rows.weight * np.sum(rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0, dtype=float)
     noise[: held[0].rank + LOSS_FIGURES] = 0.0
     return np.asarray(noise > most)
 

@@ -172,7 +172,7 @@ class Posterior:
         """
         model = project(self.evidence.gram(), self.evidence, self.prior)
         found = estimate_variances(self._part(model, np.concatenate(self.blocks[joint])), _sizes(self.blocks[joint]))
-        _, after = self._squares(joint, model, found, self.evidence.total[joint])
+        _, after = self._squares(joint, model, found, self.evidence.total[joint].over())
         return max(1.0, after / self._free_samples(joint, found))
 
     def _explained(self, joint: int, model: Projection, found: Variances) -> float:
