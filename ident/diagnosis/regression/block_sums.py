@@ -59,11 +59,9 @@ class SymmetricSums:
 
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
-        at = self._spot[columns]
-        found = self.half[:, _indices(at, at)]
-        if at.min(initial=0) < 0:
-            found[:, at < 0] = 0.0
-            found[:, :, at < 0] = 0.0
+        at, found = self._spot[columns], np.zeros((len(self), len(columns), len(columns)))
+        seen = np.flatnonzero(at >= 0)
+        found[:, seen[:, None], seen] = self.half[:, _indices(at[seen], at[seen])]
         if len(self.rows):
             own = self.rows[:, columns]
             np.add.at(found, self.place, own[:, :, None] * own[:, None, :])

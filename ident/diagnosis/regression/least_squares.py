@@ -182,16 +182,23 @@ class Projection:
 
 
 def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
-    """Least squares from normal equations; unknowns marked `signed` are not negative."""
+    """Least squares from normal equations; unknowns marked `signed` are not negative.
+
+    The free unknowns are eliminated first and the others come in units of one size: scipy's `nnls` ends far from the
+    minimum where a free unknown is written as the difference of two.
+    """
+    free = ~signed
     if not signed.any():
         return np.linalg.solve(matrix, target)
-    root = np.linalg.cholesky(matrix).T
-    goal = np.linalg.solve(root.T, target)
-    # A free unknown is the difference of two that are not negative.
-    doubled = np.concatenate([root, -root[:, ~signed]], axis=1)
-    solution, _ = nnls(doubled, goal)
-    beta = solution[: len(target)].copy()
-    beta[~signed] -= solution[len(target) :]
+    factor = cho_factor(matrix[np.ix_(free, free)])
+    slopes, level = cho_solve(factor, matrix[np.ix_(free, signed)]), cho_solve(factor, target[free])
+    rest = matrix[np.ix_(signed, signed)] - matrix[np.ix_(signed, free)] @ slopes
+    unit = 1.0 / np.sqrt(np.diag(rest))
+    root = np.linalg.cholesky(positive(rest * np.outer(unit, unit))).T
+    goal = np.linalg.solve(root.T, unit * (target[signed] - matrix[np.ix_(signed, free)] @ level))
+    beta = np.empty(len(target))
+    beta[signed] = unit * nnls(root, goal)[0]
+    beta[free] = level - slopes @ beta[signed]
     return beta
 
 
