@@ -98,9 +98,7 @@ def diagnose(
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
     screened = [effect.screened(session, leftover) for effect in catalogue]
-    off = {name for one in telemetry if one.issue == "torque_scale" for name in one.joints}
-    misread = {j for j, name in enumerate(arm.joint_names) if name in off}
-    layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),), misread=misread)
+    layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
     stage("torques of every law", 0.35, 0.6)
     evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)

@@ -111,11 +111,6 @@ class Effect(ABC):
             if name not in cls.__dict__:
                 setattr(cls, name, value)
 
-    @property
-    def rubs_by_load(self) -> bool:
-        """Whether it is friction that follows the load: its size then stands and falls with the torque's own."""
-        return self.drawn_over == "load" and self.drawn == "odd"
-
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Effect:
         """The effect after a first look at what the tuned model leaves; events learn there when they may have been.
 

@@ -8,7 +8,7 @@ that is zero by construction.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,6 @@ from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.intervals import SizePrior
 
 LOSS_FIGURES = 3
-MISREAD = "its whole torque reads at another size than the model's; set its drive gain, or the URDF's masses, first"
 
 Key = tuple[str, int, int | None]
 """Effect, joint (−1 for the whole arm) and other joint: what is named, whatever the inner figures."""
@@ -141,7 +140,6 @@ def build_layout(
     rank: int,
     catalogue: Sequence[Effect],
     beside: Sequence[Effect] = (),
-    misread: Collection[int] = (),
 ) -> Layout:
     """Lays out every testable effect at every point of its grid.
 
@@ -150,15 +148,13 @@ def build_layout(
         rank: Number of base parameters.
         catalogue: The effects that are candidates.
         beside: Effects that are part of the baseline, as far as they can be seen.
-        misread: Joints whose whole torque has another size than the model's: of friction that grows with the load
-            nothing is known there, as both are of the load's shape.
     """
     silent: list[NotTestable] = []
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in catalogue:
         asked = effect.asked(session)
         for joint in range(session.n if effect.scope == "joint" else 1):
-            reason = MISREAD if joint in misread and effect.rubs_by_load else effect.untestable(asked, joint)
+            reason = effect.untestable(asked, joint)
             if reason is not None:
                 silent.append(NotTestable(effect, joint, reason))
             else:
