@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.regression.posterior import Beside
@@ -21,6 +23,7 @@ class VerdictSettings(Settings, table="verdict"):
     even_odds: float = number()
     trust_nats: float = number()
     trust_exponents: tuple[float, float] = number()
+    widening_per_fold: float = number()
     least_believed: float = number()
     least_gap_share: float = number()
     noise_margin: float = number()
@@ -38,6 +41,10 @@ class VerdictSettings(Settings, table="verdict"):
         gained = (max(law.log_bayes_factor, 1.0) / self.trust_nats) ** of_nats
         odds = gained * (law.gain / max(law.left, 1e-3 * law.gain, 1e-9)) ** of_share
         return odds / (1.0 + odds)
+
+    def widening(self, law: Beside) -> float:
+        """By how much a law's intervals widen for what a discrepancy still finds at its joints."""
+        return 1.0 + self.widening_per_fold * float(np.log1p(max(law.left, 0.0)))
 
 
 USUAL_VERDICT = VerdictSettings()

@@ -128,10 +128,14 @@ def believed(
     """Names as far as they are believed: by what each explains of all that can be explained at its own joints.
 
     What is open elsewhere says nothing of a name; a law beside which a flexible function still finds much at the same
-    joint may stand in for another cause.
+    joint may stand in for another cause, and its parameters make up for some of it: their intervals widen.
     """
     return [
-        replace(one, probability=settings.trust(law) * one.probability)
+        replace(
+            one,
+            probability=settings.trust(law) * one.probability,
+            parameters={name: each.wider(settings.widening(law)) for name, each in one.parameters.items()},
+        )
         for one, law in zip(estimates, laws, strict=True)
     ]
 

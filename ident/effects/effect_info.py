@@ -10,7 +10,7 @@ only another set-up of the arm parts them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, Literal
 
@@ -135,6 +135,17 @@ class Interval:
         """Its record; `open` only where an end is."""
         ends = {"value": self.value, "low": self.low, "high": self.high}
         return {**ends, "open": self.open} if self.open else ends
+
+    def wider(self, factor: float) -> Interval:
+        """An interval so many times as wide; one that leaves out zero grows by ratios, and never reaches it.
+
+        An end that is open stays: it is no estimate.
+        """
+        low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
+        if self.low * self.high > 0.0 < self.low * self.value:
+            low, high = (self.value * float((end / self.value) ** factor) for end in (self.low, self.high))
+        low = self.low if self.open in ("low", "both") else low
+        return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)
 
     def told(self, unit: str, scale: float = 1.0) -> str:
         """The value alone, as a person reads it: of a named state."""
