@@ -32,6 +32,7 @@ from ident.model.hybrid import FitOptions, HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
+from ident.trajectories.files import REST_S as PLAN_REST_S
 from ident.trajectories.files import read_plan
 from ident.trajectories.kinds import REST_S
 from ident.trajectories.limits import MotionLimits
@@ -140,7 +141,7 @@ def one_arm(seed: int, count: int, narrow: bool) -> list[Row]:
         planned = dict(certificate.time_law.energy)["absolute"]
         told = np.nan if half is None else half
         assert result.splines is not None
-        longer = float(still.time[-1] - still.time[0] - 2.0 * REST_S) / float(result.splines.total[0]) - 1.0
+        longer = float(still.time[-1] - still.time[0] - 2.0 * PLAN_REST_S) / float(result.splines.total[0]) - 1.0
         rows.append(Row(seed, energy, moved(still)[0], planned, told, float(read.max()), float(real.max()), longer))
     return rows
 
