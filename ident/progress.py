@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 Listener = Callable[[str, float, float | None], None]
-"""Gets the stage in words, the share of all work that is done, and the seconds left (None while nothing is known)."""
+"""Gets the stage in words, the share of all work that is done, and the seconds left (None where they are not known)."""
 
 # Of a smaller share no time can be foretold.
 LEAST_SHARE = 0.05
@@ -30,13 +30,18 @@ class _Work:
         if low < self.share:  # another job
             self.began, self.share = self.clock(), low
         self.words, self.low, self.high = words, low, high
-        self.go_on(0.0)
+        self.share = max(self.share, low)
+        self.tell(known=True)
 
     def go_on(self, done: float) -> None:
-        # Steps that are gone through again, as on finer grids, take nothing back.
-        self.share = max(self.share, self.low + (self.high - self.low) * done)
+        # Steps that are gone through again, as on finer grids, take nothing back; how often they are nobody knows.
+        reached, before = self.low + (self.high - self.low) * done, self.share
+        self.share = max(before, reached)
+        self.tell(known=reached > before)
+
+    def tell(self, known: bool) -> None:
         spent = self.clock() - self.began
-        left = spent * (1.0 - self.share) / self.share if self.share >= LEAST_SHARE else None
+        left = spent * (1.0 - self.share) / self.share if known and self.share >= LEAST_SHARE else None
         self.listener(self.words, self.share, left)
 
 

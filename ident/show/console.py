@@ -107,12 +107,13 @@ def progress_line(console: Console, job: str, clock: Callable[[], float] = time.
         job: What the job is called.
         clock: The time [s].
     """
-    shown = [clock()]
+    shown, last = [clock()], [""]
 
     def log(stage: str, share: float, left: float | None) -> None:
-        if clock() - shown[0] >= BETWEEN_LINES:
-            shown[0] = clock()
-            console.print(progress_words(job, stage, share, left), soft_wrap=True)
+        words = progress_words(job, stage, share, left)
+        if clock() - shown[0] >= BETWEEN_LINES and words != last[0]:
+            shown[0], last[0] = clock(), words
+            console.print(words, soft_wrap=True)
 
     if not console.is_terminal:
         with listening(log, clock):

@@ -26,6 +26,19 @@ def test_time_left_is_what_an_even_pace_leaves() -> None:
     assert heard == [("first", 0.0, None), ("first", 0.25, 6.0), ("second", 0.5, 3.0), ("second", 1.0, 0.0)]
 
 
+def test_of_steps_gone_through_again_no_time_is_foretold() -> None:
+    """Law: how often they are gone through nobody knows; a log says so once."""
+    out, seconds = io.StringIO(), count(step=10)
+    with progress_line(Console(file=out), "diagnose", lambda: float(next(seconds))):
+        stage("searching", 0.0, 0.9)
+        for _ in range(5):
+            step(1, 2)
+            step(2, 2)
+    lines = out.getvalue().splitlines()
+    assert lines[-1] == "diagnose: 90 %, searching"
+    assert len(lines) == len(set(lines)) == 4
+
+
 def test_nobody_hears_what_is_not_listened_to() -> None:
     heard: list[str] = []
     with listening(lambda words, *_: heard.append(words)):
