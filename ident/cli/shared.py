@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
 from ident.console import make_console
 from ident.files import deliver, write_record
@@ -18,16 +19,29 @@ from ident.outputs import STANDARD_OUTPUT
 from ident.results import own_version
 
 if TYPE_CHECKING:
+    from click import HelpFormatter
+
     from ident.results import Result
 
 T = TypeVar("T")
 console = make_console()
+# A sentence of any length is shorter.
+ANY_LENGTH = 10_000
 
 
 def _show_version(context: typer.Context, given: bool) -> None:
     if given:
         print(f"{context.find_root().command.name} (armgap) {own_version()}")
         raise typer.Exit
+
+
+class _Commands(TyperGroup):
+    """Commands whose help is a whole sentence each, over as many lines as it takes."""
+
+    def format_commands(self, ctx: typer.Context, formatter: HelpFormatter) -> None:  # type: ignore[override]
+        found = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, one.get_short_help_str(ANY_LENGTH)) for name, one in found if one is not None])
 
 
 def make_app(name: str, purpose: str) -> typer.Typer:
@@ -37,7 +51,7 @@ def make_app(name: str, purpose: str) -> typer.Typer:
         name: The command's name.
         purpose: One sentence for its help.
     """
-    app = typer.Typer(name=name, help=purpose, pretty_exceptions_enable=False, rich_markup_mode=None)
+    app = typer.Typer(name=name, cls=_Commands, help=purpose, pretty_exceptions_enable=False, rich_markup_mode=None)
 
     @app.callback(invoke_without_command=True)
     def start(

@@ -165,6 +165,8 @@ def test_without_a_command_the_help_is_shown_and_nothing_is_wrong(run: Run) -> N
     ended = run()
     assert ended.status == 0
     assert "diagnose" in ended.out
+    assert "..." not in ended.out.partition("Commands:")[2]
+    assert max(map(len, ended.out.splitlines())) <= 80
 
 
 def test_a_record_on_standard_output_stands_there_alone(run: Run) -> None:
