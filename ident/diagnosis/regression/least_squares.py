@@ -192,9 +192,9 @@ def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
         return np.linalg.solve(matrix, target)
     factor = cho_factor(matrix[np.ix_(free, free)])
     slopes, level = cho_solve(factor, matrix[np.ix_(free, signed)]), cho_solve(factor, target[free])
-    rest = matrix[np.ix_(signed, signed)] - matrix[np.ix_(signed, free)] @ slopes
+    rest = positive(matrix[np.ix_(signed, signed)] - matrix[np.ix_(signed, free)] @ slopes)
     unit = 1.0 / np.sqrt(np.diag(rest))
-    root = np.linalg.cholesky(positive(rest * np.outer(unit, unit))).T
+    root = np.linalg.cholesky(rest * np.outer(unit, unit)).T
     goal = np.linalg.solve(root.T, unit * (target[signed] - matrix[np.ix_(signed, free)] @ level))
     beta = np.empty(len(target))
     beta[signed] = unit * nnls(root, goal)[0]

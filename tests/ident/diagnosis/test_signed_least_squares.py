@@ -12,10 +12,10 @@ from ident.diagnosis.regression.least_squares import solve_signed
 def problem(seed: int) -> tuple[Array, Array, Bool]:
     """Normal equations of some 70 columns that nearly depend on one another, and of units far apart."""
     rng = np.random.default_rng(seed)
-    size, signed = int(rng.integers(20, 80)), np.zeros(0, dtype=bool)
+    size = int(rng.integers(20, 80))
     mixing = np.eye(size) + rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-1, 1)
     columns = rng.normal(size=(400, size)) @ mixing * 10.0 ** rng.uniform(-2, 2, size)
-    signed = rng.random(size) < rng.uniform(0.1, 0.9)
+    signed = rng.random(size) < rng.choice([0.1, 0.5, 0.9, 1.0])
     return columns.T @ columns, columns.T @ (columns @ rng.normal(size=size) + rng.normal(size=400)), signed
 
 
