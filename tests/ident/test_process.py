@@ -139,7 +139,11 @@ def test_bytes_that_are_not_utf8_are_shown_as_bytes() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signals) -> None:
     line = command(tmp_path, "--wait", "20")
-    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def unignored() -> None:  # as from a terminal: tests may run under `nohup`
+        signal.signal(number, signal.SIG_DFL)
+
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=unignored)
     assert process.stderr is not None
     process.stderr.readline()
     process.send_signal(number)
