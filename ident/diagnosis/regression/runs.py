@@ -41,18 +41,23 @@ def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
 
 def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array) -> RunContext:
     loss = baseline.loss
-    run = RunContext(
+    return rested(_context(baseline, motion, arm, rigid, slip, loss.viscous * motion.dq + loss.coulomb * slip))
+
+
+def _context(
+    baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array, friction: Array
+) -> RunContext:
+    return RunContext(
         motion=motion,
         arm=arm,
         rigid=rigid,
         link=rigid,
-        rotor=np.asarray(loss.motor_inertia * motion.ddq),
-        friction=np.asarray(loss.viscous * motion.dq + loss.coulomb * slip),
+        rotor=np.asarray(baseline.loss.motor_inertia * motion.ddq),
+        friction=np.asarray(friction),
         direction=slip,
         temperature=motion.temperature,
         position_command=motion.position_command,
     )
-    return rested(run)
 
 
 def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
@@ -68,10 +73,13 @@ class _SpooledRuns(OnDemand[RunContext]):
     def __init__(self, baseline: Baseline, motions: Sequence[Motion]) -> None:
         self._baseline, self._motions = baseline, motions
         self._arms: dict[Payload | None, ArmModel] = {}
-        self._rigid, self._slip = SpooledArrays(), SpooledArrays()
+        self._spooled = SpooledArrays(), SpooledArrays(), SpooledArrays()  # rigid torque, direction, friction
         for motion in motions:
-            self._rigid.append(self._arm(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq))
-            self._slip.append(baseline.sliding.direction(motion))
+            arm = self._arm(motion.payload)
+            rigid = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+            run = _run_of(baseline, motion, arm, rigid, baseline.sliding.direction(motion))
+            for spooled, values in zip(self._spooled, (run.rigid, run.direction, run.friction), strict=True):
+                spooled.append(values)
 
     def __len__(self) -> int:
         return len(self._motions)
@@ -83,7 +91,7 @@ class _SpooledRuns(OnDemand[RunContext]):
 
     def _make(self, index: int) -> RunContext:
         motion = self._motions[index]
-        return _run_of(self._baseline, motion, self._arm(motion.payload), self._rigid[index], self._slip[index])
+        return _context(self._baseline, motion, self._arm(motion.payload), *(one[index] for one in self._spooled))
 
 
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
