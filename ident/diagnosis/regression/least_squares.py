@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import nnls
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline, UrdfError
@@ -20,6 +19,7 @@ from ident.diagnosis.regression.design import Group, Layout
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.settings import RegressionSettings
+from ident.model.inertia import solve_partly_non_negative
 
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
@@ -184,22 +184,15 @@ class Projection:
 def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
     """Least squares from normal equations; unknowns marked `signed` are not negative.
 
-    The free unknowns are eliminated first and the others come in units of one size: scipy's `nnls` ends far from the
-    minimum where a free unknown is written as the difference of two.
+    The free unknowns are eliminated first, and all come in units of one size: scipy's `nnls` ends far from the minimum
+    where a free unknown is written as the difference of two.
     """
-    free = ~signed
     if not signed.any():
         return np.linalg.solve(matrix, target)
-    factor = cho_factor(matrix[np.ix_(free, free)])
-    slopes, level = cho_solve(factor, matrix[np.ix_(free, signed)]), cho_solve(factor, target[free])
-    rest = positive(matrix[np.ix_(signed, signed)] - matrix[np.ix_(signed, free)] @ slopes)
-    unit = 1.0 / np.sqrt(np.diag(rest))
-    root = np.linalg.cholesky(rest * np.outer(unit, unit)).T
-    goal = np.linalg.solve(root.T, unit * (target[signed] - matrix[np.ix_(signed, free)] @ level))
-    beta = np.empty(len(target))
-    beta[signed] = unit * nnls(root, goal)[0]
-    beta[free] = level - slopes @ beta[signed]
-    return beta
+    unit = 1.0 / np.sqrt(np.diag(matrix))
+    root = np.linalg.cholesky(positive(matrix * np.outer(unit, unit))).T
+    goal = solve_triangular(root, unit * target, trans="T")
+    return unit * solve_partly_non_negative(root, goal, np.flatnonzero(signed))
 
 
 def project(

@@ -10,7 +10,7 @@ from ident.diagnosis.regression.least_squares import solve_signed
 
 
 def problem(seed: int) -> tuple[Array, Array, Bool]:
-    """Normal equations of some 70 columns that nearly depend on one another, and of units far apart."""
+    """Normal equations of 20 to 80 columns that nearly depend on one another, and of units far apart."""
     rng = np.random.default_rng(seed)
     size = int(rng.integers(20, 80))
     mixing = np.eye(size) + rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-1, 1)
