@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.baseline import Baseline, rigid_torque
+from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.dwells import rested, resting, static_level
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.motion import Motion
@@ -22,7 +22,7 @@ def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: b
     if isinstance(motions, SpooledMotions):
         runs, every = _SpooledRuns(baseline, motions), motions.every
     else:
-        runs, every = tuple(_build_run(baseline, motion) for motion in motions), 1
+        runs, every = tuple(_run_of(baseline, one, baseline.arm.with_payload(one.payload)) for one in motions), 1
     return SessionContext(
         runs=runs,
         common_clock=common_clock,
@@ -34,14 +34,10 @@ def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: b
     )
 
 
-def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
-    arm = baseline.arm.with_payload(motion.payload)
-    return _run_of(baseline, motion, arm, rigid_torque(baseline.arm, motion), baseline.sliding.direction(motion))
-
-
-def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array) -> RunContext:
-    loss = baseline.loss
-    return rested(_context(baseline, motion, arm, rigid, slip, loss.viscous * motion.dq + loss.coulomb * slip))
+def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel) -> RunContext:
+    rigid, slip = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq), baseline.sliding.direction(motion)
+    friction = baseline.loss.viscous * motion.dq + baseline.loss.coulomb * slip
+    return rested(_context(baseline, motion, arm, rigid, slip, friction))
 
 
 def _context(
@@ -62,9 +58,7 @@ def _context(
 
 def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
     """The same run as seen with one more draw of the encoder noise in its states."""
-    motion = run.motion.noisier
-    rigid = run.arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    return _run_of(baseline, motion, run.arm, rigid, baseline.sliding.direction(motion))
+    return _run_of(baseline, run.motion.noisier, run.arm)
 
 
 class _SpooledRuns(OnDemand[RunContext]):
@@ -75,9 +69,7 @@ class _SpooledRuns(OnDemand[RunContext]):
         self._arms: dict[Payload | None, ArmModel] = {}
         self._spooled = SpooledArrays(), SpooledArrays(), SpooledArrays()  # rigid torque, direction, friction
         for motion in motions:
-            arm = self._arm(motion.payload)
-            rigid = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
-            run = _run_of(baseline, motion, arm, rigid, baseline.sliding.direction(motion))
+            run = _run_of(baseline, motion, self._arm(motion.payload))
             for spooled, values in zip(self._spooled, (run.rigid, run.direction, run.friction), strict=True):
                 spooled.append(values)
 
