@@ -125,7 +125,7 @@ SCHEMA = "plan.result/1"
 # Plans as long as hours are none [s].
 LONGEST_S = 3600.0
 # Standstill before and after: a log begins and ends at rest [s].
-REST_S = 0.3
+PLAN_REST_S = 0.3
 
 
 def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
@@ -159,7 +159,7 @@ def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     s, ds, dds = ends.at(np.minimum(t, ends.duration))
     dq, ddq = curve(s, 1), curve(s, 2)
     motion = ReferenceMotion(file.stem, curve(s), dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None])
-    return motion.held(REST_S, REST_S)
+    return motion.held(PLAN_REST_S, PLAN_REST_S)
 
 
 def _record(file: Path) -> dict[str, Any]:

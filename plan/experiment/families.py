@@ -18,7 +18,7 @@ from ident.trajectories.reference import TICK_S, ReferenceMotion, chirp, fourier
 
 RUN_S = 10.0
 """Rough duration of a run [s]."""
-REST_S = 0.3
+STILL_S = 0.3
 """Standstill at both ends of a run [s]."""
 # Mean speed of the moves from home to a run's own pose and back, as a share of the speed limits.
 TRANSFER_SHARE = 0.3
@@ -309,9 +309,9 @@ def make_run(
     own = home + size * figures["pose_spread"] * 0.8 * limits.span * rng.uniform(-1.0, 1.0, len(home))
     own = np.clip(own, limits.lower, limits.upper)
     there = _transfer(home, own, TRANSFER_SHARE * limits.speed)
-    stage = Stage(limits, joint, own, size, max(RUN_S - 2.0 * len(there) * TICK_S - 2.0 * REST_S, 4.0), rng)
+    stage = Stage(limits, joint, own, size, max(RUN_S - 2.0 * len(there) * TICK_S - 2.0 * STILL_S, 4.0), rng)
     q = np.concatenate([there, family.build(stage, figures), there[::-1]])
-    return sampled(family.name, q).held(REST_S, REST_S)
+    return sampled(family.name, q).held(STILL_S, STILL_S)
 
 
 def _transfer(start: Float[Array, " n"], goal: Float[Array, " n"], speed: Float[Array, " n"]) -> Float[Array, "K n"]:

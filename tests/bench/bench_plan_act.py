@@ -32,8 +32,7 @@ from ident.model.hybrid import FitOptions, HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
-from ident.trajectories.files import REST_S as PLAN_REST_S
-from ident.trajectories.files import read_plan
+from ident.trajectories.files import PLAN_REST_S, read_plan
 from ident.trajectories.kinds import REST_S
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import ReferenceMotion, via_spline
