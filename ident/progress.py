@@ -28,9 +28,8 @@ class _Work:
 
     def begin(self, words: str, low: float, high: float) -> None:
         if low < self.share:  # another job
-            self.began, self.share = self.clock(), low
-        self.words, self.low, self.high = words, low, high
-        self.share = max(self.share, low)
+            self.began = self.clock()
+        self.words, self.low, self.high, self.share = words, low, high, low
         self.tell(known=True)
 
     def go_on(self, done: float) -> None:

@@ -142,7 +142,7 @@ class Interval:
         An end that is open stays: it is no estimate.
         """
         low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
-        if self.low * self.high > 0.0 < self.low * self.value:
+        if min(self.low * self.value, self.high * self.value) > 0.0:
             low, high = (self.value * float((end / self.value) ** factor) for end in (self.low, self.high))
         low = self.low if self.open in ("low", "both") else low
         return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)

@@ -77,8 +77,8 @@ class LadderTable:
 def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
     """Telemetry issues, the worst first, a line each and the remedy below."""
     for issue in sorted(issues, key=lambda found: list(COLOURS).index(found.severity)):
-        colour = COLOURS[issue.severity]
-        head = styled((issue.severity, colour), " ", (issue.issue, "bold"), f": {visible(issue.evidence)}")
+        kind = (issue.severity, COLOURS[issue.severity])
+        head = styled(kind, " ", (issue.issue, "bold"), f": {visible(issue.evidence)}")
         console.print(head, soft_wrap=True)
         if issue.severity != "note":
             console.print(f"    remedy: {visible(issue.remedy)}", soft_wrap=True)
@@ -107,12 +107,12 @@ def progress_line(console: Console, job: str, clock: Callable[[], float] = time.
         job: What the job is called.
         clock: The time [s].
     """
-    shown, last = [clock()], [""]
+    shown, last = clock(), ""
 
     def log(stage: str, share: float, left: float | None) -> None:
-        words = progress_words(job, stage, share, left)
-        if clock() - shown[0] >= BETWEEN_LINES and words != last[0]:
-            shown[0], last[0] = clock(), words
+        nonlocal shown, last
+        if clock() - shown >= BETWEEN_LINES and (words := progress_words(job, stage, share, left)) != last:
+            shown, last = clock(), words
             console.print(words, soft_wrap=True)
 
     if not console.is_terminal:
