@@ -13,7 +13,7 @@ from ident.progress import stage, step
 from ident.results import Provenance
 from ident.sessions import Robot, load_robot
 from plan.experiment import design
-from plan.experiment.around import surroundings_of
+from plan.experiment.feasible import surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 from plan.geometry.tool import place_payload
@@ -44,9 +44,9 @@ def excite(
     if around.payload is not None:
         arm = arm.with_payload(place_payload(arm, around.payload, around.payload_link))
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
-    question = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
+    hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching motions")
-    found = design.excite(arm, question, chosen, around, step)
+    found = design.excite(arm, hypotheses, chosen, around, step)
     named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
     given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}
     return found.with_provenance(Provenance("plan excite", settings={**named, **given}))

@@ -1,29 +1,28 @@
-"""From a question to the motion that answers it: search, length, proof, and random motion to compare with."""
+"""From hypotheses to the motion that parts them: search, length, proof, and random motion to compare with."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from ident.effects.effect_info import setup_for
+from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
-from plan.experiment.distance import PredictedDesign, look
-from plan.experiment.feasible import Feasibility
-from plan.experiment.foresight import Eye
-from plan.experiment.hypotheses import Question
+from plan.experiment.distance import PredictedDesign, Predictor
+from plan.experiment.feasible import OPEN, Feasibility
+from plan.experiment.hypotheses import Hypotheses
 from plan.experiment.indistinguishable import LONGEST_MINUTES
-from plan.experiment.result import Excitation, Status, minutes_to_odds
-from plan.experiment.run_set import WIDE_FIGURES, Programme, duration_of, random_runs
-from plan.experiment.search import BASELINE, ProgrammeSearch, Tell
+from plan.experiment.result import Excitation, minutes_to_odds
+from plan.experiment.run_set import WIDE_FIGURES, RunSet, duration_of, random_runs
+from plan.experiment.search import BASELINE, Progress, search
 from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings
 
+# Runs by which a set is rated while searching: two of its family and two wide ones.
+TRIAL_RUNS = 4
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
 FEWEST_RUNS, MOST_RUNS = 6, 60
 # With the length given: two runs of the family, and two in which all joints move.
@@ -41,149 +40,148 @@ USUAL = ExciteOptions()
 
 def excite(
     arm: ArmModel,
-    question: Question,
+    hypotheses: Hypotheses,
     options: ExciteOptions = USUAL,
-    around: Surroundings | None = None,
-    tell: Tell | None = None,
+    around: Surroundings = OPEN,
+    progress: Progress | None = None,
 ) -> Excitation:
-    """The motion that answers a question best.
+    """The motion that parts hypotheses best.
 
     Args:
         arm: The arm.
-        question: What is to be told.
+        hypotheses: What is to be parted.
         options: Length, evaluations, seed, and what stands in for links without collision geometry.
         around: What stands around the arm, and limits inside the robot's.
-        tell: Called after each evaluation with evaluations, allowed, best score.
+        progress: Called after each evaluation with evaluations, allowed, best score.
 
     Raises:
         RobotError: No motion of this arm keeps its limits and its distance from itself, or a link has no shape.
     """
-    began, seed, evaluations = time.perf_counter(), options.seed, options.evaluations
-    stand_in: Any = options.shapes
-    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm, stand_in, around)
-    question = replace(question, tellable=_tellable(eye, feasible, question, seed))
-    if question.tellable == ():
-        programmes = [_general(feasible, question, seed)]
-    else:
-        search = ProgrammeSearch(eye, feasible, question, evaluations, seed)
-        programmes = [trial.programme for trial in search.best(tell)] + _draws(feasible, question, seed)
-    programme, runs, view = _best_at_length(programmes, eye, feasible, question, options.minutes)
-    chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]
-    by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
-    return Excitation(
-        robot=arm.name,
-        status=_status(question),
-        aim=question.aim,
-        effects=question.ids,
-        joint=arm.joint_names[question.joint],
-        programme=programme,
-        runs=tuple(runs),
-        distances=question.distances(view),
-        random=question.distances(by_chance),
-        tellable=question.tellable,
-        information=(view.information(), by_chance.information()),
-        noise=dict(zip(arm.joint_names, map(float, eye.noise), strict=True)),
-        sources={"noise": "a share of the rated torque" if question.noise is None else "diagnosis", **_sizes(view)},
-        clearance=min(map(feasible.clearance, runs)) if len(feasible.scene.pairs) else None,
-        unchecked=feasible.scene.unchecked,
-        shapes=feasible.scene.shapes,
-        obstacles=tuple(box.name for box in feasible.scene.obstacles),
-        carried=feasible.carried,
-        set_up=setup_for(question.ids, question.asked),
-        evaluations=0 if question.tellable == () else evaluations,
-        seconds=time.perf_counter() - began,
-        seed=seed,
-    )
+    return Designer(arm, hypotheses, options, around).best(progress)
 
 
-def _tellable(eye: Eye, feasible: Feasibility, question: Question, seed: int) -> tuple[tuple[str, str], ...] | None:
-    """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints tells too.
+class Designer:
+    """Looks for the motion of one arm that parts some hypotheses; arguments as of `excite`."""
 
-    An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show. None
-    where all can be told.
-    """
-    if question.aim != "separate" or setup_for(question.ids, question.asked) is None:
-        return None
-    runs = _general(feasible, question, seed).runs(4, feasible)
-    if not runs:
-        return ()
-    found = question.distances(look(eye, runs, question.effects, question.told))
-    needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
-    told = tuple(pair for pair, minutes in needed.items() if minutes is not None and minutes <= LONGEST_MINUTES)
-    return None if len(told) == len(found) else told
+    def __init__(
+        self, arm: ArmModel, hypotheses: Hypotheses, options: ExciteOptions = USUAL, around: Surroundings = OPEN
+    ) -> None:
+        self.arm, self.options = arm, options
+        self.predictor, self.feasible = Predictor.of(arm, hypotheses.noise), Feasibility(arm, options.shapes, around)
+        self.general = RunSet(
+            "wide", WIDE_FIGURES, np.array(self.feasible.limits.centre), hypotheses.joint, options.seed
+        )
+        self.hypotheses = hypotheses
+        self.hypotheses = replace(hypotheses, testable=self._testable())
 
+    def see(self, runs: list[ReferenceMotion]) -> PredictedDesign:
+        """What the diagnosis will see in some runs."""
+        return self.predictor.look(runs, self.hypotheses.effects, self.hypotheses.reported)
 
-def _status(question: Question) -> Status:
-    if question.tellable is None:
-        return "ready"
-    return "one_sided" if question.tellable else "needs_set_up"
+    def decode(self, family: str, shares: Float[Array, " d"], draw: int = 0) -> RunSet:
+        """A set of runs for the joint in question."""
+        limits, seed = self.feasible.limits, self.options.seed + draw
+        return RunSet.decode(family, shares, self.hypotheses.joint, limits, seed)
 
+    def rate(self, family: str, shares: Float[Array, " d"]) -> float:
+        """Score of a few runs a minute [nats/min]; minus infinity if they don't fit."""
+        runs = self.decode(family, shares).runs(TRIAL_RUNS, self.feasible)
+        return 60.0 * self.hypotheses.score(self.see(runs)) / duration_of(runs) if runs else -np.inf
 
-def _general(feasible: Feasibility, question: Question, seed: int) -> Programme:
-    """Wide motion of all joints about the middle pose."""
-    return Programme("wide", WIDE_FIGURES, np.array(feasible.limits.centre), question.joint, seed)
+    def best(self, progress: Progress | None = None) -> Excitation:
+        """The motion that a search finds, with random motion of its length beside it."""
+        began, asked, scene = time.perf_counter(), self.hypotheses, self.feasible.scene
+        run_sets, evaluations, seed = [self.general], 0, self.options.seed
+        if asked.testable != ():
+            evaluations = self.options.evaluations
+            found = search(self.rate, self.arm.n, asked.family, evaluations, seed, progress)
+            rng = np.random.default_rng([seed, 2])
+            draws = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, RunSet.freedom(BASELINE, self.arm.n)))
+            run_sets = [self.decode(one.family, one.shares) for one in found]
+            run_sets += [self.decode(BASELINE, one, k) for k, one in enumerate(draws)]
+        run_set, runs, view = self._best_at_length(run_sets)
+        each = max(duration_of(runs) / len(runs), 1.0)
+        chance = [
+            self.see(random_runs(self.arm, len(runs), each, np.random.default_rng([seed, k, 1])))
+            for k in range(RANDOM_TRIES)
+        ]
+        by_chance = sorted(chance, key=asked.score)[RANDOM_TRIES // 2]
+        return Excitation(
+            robot=self.arm.name,
+            status="ready" if asked.testable is None else "one_sided" if asked.testable else "needs_set_up",
+            aim=asked.aim,
+            effects=asked.ids,
+            joint=self.arm.joint_names[asked.joint],
+            run_set=run_set,
+            runs=tuple(runs),
+            distances=asked.distances(view),
+            random=asked.distances(by_chance),
+            testable=asked.testable,
+            information=(view.information(), by_chance.information()),
+            noise=dict(zip(self.arm.joint_names, map(float, self.predictor.noise), strict=True)),
+            sources={
+                "noise": "a share of the rated torque" if asked.noise is None else "diagnosis",
+                **{one.effect.id: one.source for one in view.candidates},
+            },
+            clearance=min(map(self.feasible.clearance, runs)) if len(scene.pairs) else None,
+            scene=scene,
+            carried=self.feasible.carried,
+            set_up=asked.set_up,
+            evaluations=evaluations,
+            seconds=time.perf_counter() - began,
+            seed=seed,
+        )
 
+    def _testable(self) -> tuple[tuple[str, str], ...] | None:
+        """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints parts too.
 
-def _draws(feasible: Feasibility, question: Question, seed: int) -> list[Programme]:
-    """Random motion as it comes."""
-    rng = np.random.default_rng([seed, 2])
-    shares = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, Programme.freedom(BASELINE, feasible.limits.arm.n)))
-    return [Programme.decode(BASELINE, one, question.joint, feasible, seed + k) for k, one in enumerate(shares)]
+        An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show.
+        None where all can be parted.
+        """
+        if self.hypotheses.aim != "separate" or self.hypotheses.set_up is None:
+            return None
+        runs = self.general.runs(TRIAL_RUNS, self.feasible)
+        if not runs:
+            return ()
+        found = self.hypotheses.distances(self.see(runs))
+        needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
+        parted = tuple(pair for pair, minutes in needed.items() if minutes is not None and minutes <= LONGEST_MINUTES)
+        return None if len(parted) == len(found) else parted
 
+    def _best_at_length(self, run_sets: list[RunSet]) -> tuple[RunSet, list[ReferenceMotion], PredictedDesign]:
+        """The set that tells most a minute at its full length: a few trial runs flatter some families."""
+        found = []
+        for run_set in run_sets:
+            try:
+                runs = self._of_length(run_set)
+            except RobotError:  # a draw that doesn't fit is none to beat
+                if run_set is run_sets[0]:
+                    raise
+                continue
+            view = self.see(runs)
+            found.append((self.hypotheses.score(view) / duration_of(runs), run_set, runs, view))
+        return max(found, key=lambda one: one[0])[1:]
 
-def _best_at_length(
-    programmes: Sequence[Programme], eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
-) -> tuple[Programme, list[ReferenceMotion], PredictedDesign]:
-    """The programme that tells most a minute at its full length: a few trial runs flatter some families."""
-    found = []
-    for programme in programmes:
-        try:
-            runs = _of_length(programme, eye, feasible, question, minutes)
-        except RobotError:  # a draw that doesn't fit is none to beat
-            if programme is programmes[0]:
-                raise
-            continue
-        view = look(eye, runs, question.effects, question.told)
-        found.append((question.score(view) / duration_of(runs), programme, runs, view))
-    return max(found, key=lambda one: one[0])[1:]
+    def _of_length(self, run_set: RunSet) -> list[ReferenceMotion]:
+        """As many runs as the question takes, each proven to keep its distance."""
+        trial, minutes = self._proven(run_set, FEWEST_RUNS), self.options.minutes
+        wanted = minutes
+        if wanted is None:
+            found = self.hypotheses.counted(self.hypotheses.distances(self.see(trial)))
+            needed = minutes_to_odds(min(found), duration_of(trial)) if found else USUAL_MINUTES
+            wanted = RESERVE * (needed or USUAL_MINUTES)
+        count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
+        # A length that was asked for is kept.
+        count = max(count, LEAST_RUNS) if minutes is not None else int(np.clip(count, FEWEST_RUNS, MOST_RUNS))
+        return self._proven(run_set, count)
 
-
-def _of_length(
-    programme: Programme, eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
-) -> list[ReferenceMotion]:
-    """As many runs as the question takes, each proven to keep its distance."""
-    trial = _proven(programme, FEWEST_RUNS, feasible)
-    wanted = minutes
-    if wanted is None:
-        found = question.counted(question.distances(look(eye, trial, question.effects, question.told)))
-        needed = minutes_to_odds(min(found), duration_of(trial)) if found else USUAL_MINUTES
-        wanted = RESERVE * (needed or USUAL_MINUTES)
-    count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
-    low = LEAST_RUNS if minutes is not None else FEWEST_RUNS
-    most = MOST_RUNS if minutes is None else max(count, low)  # a length that was asked for is kept
-    return _proven(programme, int(np.clip(count, low, most)), feasible)
-
-
-def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[ReferenceMotion]:
-    """Runs of a programme, those left out that don't fit or can't be proven."""
-    found: list[ReferenceMotion] = []
-    for number in range(PROOF_TRIES * count):
-        run = programme.run(number, feasible)
-        if run is not None and feasible.clearance(run) > 0.0:
-            found.append(run)
-        if len(found) == count:
-            return found
-    raise RobotError(feasible.limits.arm.name, "no motion found that fits", "check its limits and collision geometry")
-
-
-def _random_view(
-    eye: Eye, question: Question, runs: Sequence[ReferenceMotion], rng: np.random.Generator
-) -> PredictedDesign:
-    """What random motion through via points of the same length would tell."""
-    count = len(runs)
-    duration = max(duration_of(list(runs)) / count, 1.0)
-    return look(eye, random_runs(eye.arm, count, duration, rng), question.effects, question.told)
-
-
-def _sizes(view: PredictedDesign) -> dict[str, str]:
-    return {one.effect.id: one.sized.source if one.sized else f"not seen: {one.silent}" for one in view.candidates}
+    def _proven(self, run_set: RunSet, count: int) -> list[ReferenceMotion]:
+        """Runs of a set, those left out that don't fit or can't be proven."""
+        found: list[ReferenceMotion] = []
+        for number in range(PROOF_TRIES * count):
+            run = run_set.run(number, self.feasible)
+            if run is not None and self.feasible.clearance(run) > 0.0:
+                found.append(run)
+            if len(found) == count:
+                return found
+        raise RobotError(self.arm.name, "no motion found that fits", "check its limits and collision geometry")

@@ -1,4 +1,4 @@
-"""How far a motion would set models apart, seen with the diagnosis's own eyes.
+"""How far a motion would set models apart, seen with the diagnosis's own eyes before anything is recorded.
 
     D(k|l) = ½ ‖(I − P_[Z, Φ_l]) Φ_k β_k‖² / σ²
 
@@ -10,22 +10,41 @@ which the diagnosis makes its probabilities honest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from ident.arrays import Array, Float, Int
-from ident.diagnosis.regression.design import Layout, build_layout
+from ident.arrays import Array, Float, Int, freeze
+from ident.diagnosis.regression.baseline import Baseline, fit_baseline
+from ident.diagnosis.regression.design import layout_of
 from ident.diagnosis.regression.gram import build_partition
-from ident.diagnosis.regression.rows import Rows, compute_rows
-from ident.effects.base import Effect, SessionContext
-from ident.trajectories.reference import ReferenceMotion
-from plan.experiment.foresight import Eye
-from plan.experiment.sizes import Sized, Told, choose_variant, size_effect
+from ident.diagnosis.regression.rows import compute_rows
+from ident.diagnosis.regression.runs import build_session
+from ident.effects.base import Effect, SessionContext, Variant
+from ident.motion.filter import FOR_DIAGNOSIS
+from ident.motion.motion import Lowpass, Motion
+from ident.robot.arm import ArmModel
+from ident.trajectories.limits import MotionLimits
+from ident.trajectories.reference import TICK_S, ReferenceMotion
+from plan.experiment.run_set import random_runs
 
 # Ridge of the tuned unknowns, and of a rival's coefficients, as a share of a column's power: keeps solves well-posed.
 RIDGE = 1e-9
+# Of the ticks of a reference, one in this many is looked at: 125 Hz; standstill between runs [s].
+THINNING, PAUSE_S = 8, 5.0
+# What a smoother leaves of the doubt about q, dq and ddq at a modern encoder [rad, rad/s, rad/s²].
+STATE_DOUBT = (1e-5, 1e-3, 0.1)
+# Noise where none is known, as a share of the rated torque: that of a good drive and of what models leave.
+NOISE_SHARE = 0.005
+# A typical gear's friction: Coulomb as a share of the rated torque, viscous as much again at this speed [rad/s],
+# rotor inertia as a share of rated torque at 100 rad/s².
+COULOMB_SHARE, VISCOUS_SPEED, ROTOR_RATE = 0.06, 1.2, 150.0
+# What a diagnosis reported is believed within this factor of a typical size.
+LARGEST_CHANGE = 20.0
+
+Reported = Mapping[str, float]
+"""Figures of an effect by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,19 +53,17 @@ class TrueModel:
 
     Attributes:
         effect: The effect.
-        joint: Its joint.
-        sized: Expected size; None where the motion can't show it.
-        columns: For each point of its inner grid, its columns in the Gram matrix.
+        source: Where its size is from: `diagnosis`, `typical`, or `not seen`, with the reason.
+        beta: Its coefficients at the expected point of its inner grid; None where the motion can't show it.
+        columns: For each point of the grid, its columns in `PredictedDesign.rest`.
         at: Which point is the expected one.
-        silent: Why the motion can't show it, or empty.
     """
 
     effect: Effect
-    joint: int
-    sized: Sized | None
-    columns: tuple[Int[Array, " k"], ...]
+    source: str
+    beta: Float[Array, " k"] | None = None
+    columns: tuple[Int[Array, " k"], ...] = ()
     at: int = 0
-    silent: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,26 +74,21 @@ class PredictedDesign:
         rest: Schur complement over the effects' columns [1].
         base: Information on the base parameters, loss figures taken out, in units of the URDF's doubt.
         candidates: The effects.
-        first: Place of the first column in `rest`.
     """
 
     rest: Float[Array, "K K"]
     base: Float[Array, "r r"]
     candidates: tuple[TrueModel, ...]
-    first: int
 
     def distance(self, k: int, rival: int | None) -> float:
         """D(k|l) in nats, the rival at its best inner figures; against the baseline alone if there is no rival."""
         own = self.candidates[k]
-        if own.sized is None:
+        if own.beta is None:
             return 0.0
-        at, beta = own.columns[own.at] - self.first, own.sized.coefficients
+        at, beta = own.columns[own.at], own.beta
         plain = float(beta @ self.rest[np.ix_(at, at)] @ beta)
-        if rival is None or self.candidates[rival].sized is None:
-            return 0.5 * max(plain, 0.0)
-        rivals = [places - self.first for places in self.candidates[rival].columns]
-        left = [plain - self._absorbed(at, beta, other) for other in rivals]
-        return 0.5 * max(min(left), 0.0)
+        rivals = () if rival is None else self.candidates[rival].columns
+        return 0.5 * max(plain - max((self._absorbed(at, beta, other) for other in rivals), default=0.0), 0.0)
 
     def _absorbed(self, at: Array, beta: Array, other: Array) -> float:
         """What of an effect's whitened power a rival takes over."""
@@ -84,14 +96,13 @@ class PredictedDesign:
         power = np.maximum(np.diag(inner), 0.0)
         if not power.any():
             return 0.0
-        cross = self.rest[np.ix_(other, at)] @ beta
         root = 1.0 / np.sqrt(np.maximum(power, 1e-12 * power.max()))  # columns of unit length: they differ by orders
-        matrix = inner * np.outer(root, root) + RIDGE * np.eye(len(power))
-        return float((root * cross) @ np.linalg.solve(matrix, root * cross))
+        cross = root * (self.rest[np.ix_(other, at)] @ beta)
+        return float(cross @ np.linalg.solve(inner * np.outer(root, root) + RIDGE * np.eye(len(power)), cross))
 
     def between(self) -> dict[tuple[str, str], float]:
         """Distance of every effect from every other [nats]."""
-        ids = [candidate.effect.id for candidate in self.candidates]
+        ids = [one.effect.id for one in self.candidates]
         pairs = [(k, rival) for k in range(len(ids)) for rival in range(len(ids)) if k != rival]
         return {(ids[k], ids[rival]): self.distance(k, rival) for k, rival in pairs}
 
@@ -102,113 +113,116 @@ class PredictedDesign:
     def information(self) -> float:
         """½ log det (I + F), nats gained: F the Fisher information of the one effect's coefficients in units of their
         expected size, or, without effects, of the base parameters in units of the URDF's doubt."""
-        if not self.candidates:
-            return _gain(self.base)
-        own = self.candidates[0]
-        if own.sized is None:
-            return 0.0
-        at, beta = own.columns[own.at] - self.first, own.sized.coefficients
-        return _gain(self.rest[np.ix_(at, at)] * np.outer(beta, beta))
-
-
-def _gain(information: Float[Array, "k k"]) -> float:
-    values = np.linalg.eigvalsh(0.5 * (information + information.T))
-    return 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
+        fisher = self.base
+        if self.candidates:
+            own = self.candidates[0]
+            if own.beta is None:
+                return 0.0
+            at = own.columns[own.at]
+            fisher = self.rest[np.ix_(at, at)] * np.outer(own.beta, own.beta)
+        values = np.linalg.eigvalsh(0.5 * (fisher + fisher.T))
+        return 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
-class _Columns:
-    """Filtered columns of one effect at one point of its grid.
+class Predictor:
+    """What the diagnosis will know when it looks at a motion that is yet to be recorded.
 
     Attributes:
-        runs: Of each run, (t, k), or (t, n, k) where they act on all joints.
-        joint: The joint that they act on, or None for all.
-        places: Where they stand in the Gram matrix.
+        arm: The arm.
+        baseline: Tuned on an imagined healthy recording.
+        noise: Standard deviation of each joint's torque noise [N m].
     """
 
-    runs: list[Array]
-    joint: int | None
-    places: Int[Array, " k"]
+    arm: ArmModel
+    baseline: Baseline
+    noise: Float[Array, " n"]
 
-    def fill(self, table: Float[Array, "t P"], run: int, joint: int) -> None:
-        """Writes what acts on a joint into its table."""
-        if self.joint is None:
-            table[:, self.places] = self.runs[run][:, joint]
-        elif self.joint == joint:
-            table[:, self.places] = self.runs[run]
+    @classmethod
+    def of(cls, arm: ArmModel, noise: Float[Array, " n"] | None = None) -> Predictor:
+        """For an arm; noise of half a per cent of the rated torque if none is known.
+
+        The healthy recording has the torque of an arm as its URDF says, with typical friction and noise.
+        """
+        rated, rng, healthy = MotionLimits(arm).torque, np.random.default_rng(0), []
+        for motion in random_runs(arm, 3, 6.0, rng):
+            run = as_recorded(motion, arm, 0.0)
+            tau = arm.inverse_dynamics(run.q, run.dq, run.ddq) + rated / ROTOR_RATE * run.ddq
+            tau += COULOMB_SHARE * rated * (np.tanh(run.dq / 2e-3) + run.dq / VISCOUS_SPEED)
+            tau += NOISE_SHARE * rated * rng.standard_normal(tau.shape)
+            healthy.append(replace(run, tau=freeze(tau)))
+        return cls(arm, fit_baseline(healthy, arm), freeze(np.array(NOISE_SHARE * rated if noise is None else noise)))
+
+    def look(
+        self,
+        runs: Sequence[ReferenceMotion],
+        effects: Sequence[tuple[Effect, int]] = (),
+        reported: Mapping[str, Reported] | None = None,
+    ) -> PredictedDesign:
+        """What the diagnosis would see of effects in some runs.
+
+        Args:
+            runs: The motion.
+            effects: Effects and their joints (0 for one of the whole arm).
+            reported: Figures that a diagnosis found, by effect.
+        """
+        session = self._session(runs)
+        reasons = [effect.untestable(session, joint) for effect, joint in effects]
+        seen = [one for one, reason in zip(effects, reasons, strict=True) if reason is None]
+        grids = [(effect, joint, tuple(effect.variants(session, joint))) for effect, joint in seen]
+        layout = layout_of(session, self.baseline.base.rank, grids)
+        joints = range(self.arm.n)
+        if effects and all(effect.rows == "own" for effect, _ in effects):
+            joints = sorted({joint for _, joint in effects})  # type: ignore[assignment]
+        gram = np.zeros((layout.size, layout.size))
+        for rows in compute_rows(session, self.baseline, layout, build_partition(session)):
+            for j in joints:
+                table, local = rows.tables[j][rows.counts[:, j], :-1], layout.local[j][:-1]
+                gram[np.ix_(local, local)] += table.T @ table / self.noise[j] ** 2
+        places = iter(group.columns - layout.tuned for group in layout.groups)
+        found, points = [], iter(grids)
+        for (effect, joint), reason in zip(effects, reasons, strict=True):
+            if reason is not None:
+                found.append(TrueModel(effect, f"not seen: {reason}"))
+                continue
+            variants = next(points)[2]
+            columns, told = tuple(next(places) for _ in variants), (reported or {}).get(effect.id, {})
+            at = choose_variant(effect, variants, told)
+            beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), told)
+            found.append(TrueModel(effect, source, beta, columns, at))
+        return PredictedDesign(*_take_out(gram, layout.rank, layout.tuned, self.baseline.prior), tuple(found))
+
+    def _session(self, runs: Sequence[ReferenceMotion]) -> SessionContext:
+        """Runs as the effects will see them, on one clock."""
+        motions, clock = [], 0.0
+        for run in runs:
+            motions.append(as_recorded(run, self.arm, clock))
+            clock = float(motions[-1].time[-1]) + PAUSE_S
+        return build_session(self.baseline, motions, common_clock=True)
 
 
-def look(
-    eye: Eye,
-    runs: Sequence[ReferenceMotion],
-    effects: Sequence[tuple[Effect, int]] = (),
-    told: Mapping[str, Told] | None = None,
-) -> PredictedDesign:
-    """What the diagnosis would see of effects in some runs.
-
-    Args:
-        eye: For the arm.
-        runs: The motion.
-        effects: Effects and their joints (0 for one of the whole arm).
-        told: Figures that a diagnosis found, by effect.
-    """
-    session = eye.session(runs)
-    layout = build_layout(session, eye.baseline.base.rank, ())
-    candidates: list[TrueModel] = []
-    columns: list[_Columns] = []
-    size = layout.tuned
-    for effect, joint in effects:
-        candidate, own = _prepare(session, effect, joint, size, (told or {}).get(effect.id))
-        candidates.append(candidate)
-        columns += own
-        size += sum(len(one.places) for one in own)
-    joints = range(eye.arm.n)
-    if effects and all(effect.rows == "own" for effect, _ in effects):
-        joints = sorted({joint for _, joint in effects})  # type: ignore[assignment]
-    gram = np.zeros((size, size))
-    for rows in compute_rows(session, eye.baseline, layout, build_partition(session)):
-        for j in joints:
-            gram += _gram(rows, layout, columns, j, size) / eye.noise[j] ** 2
-    rest, base = _take_out(gram, layout, eye.baseline.prior)
-    return PredictedDesign(rest, base, tuple(candidates), layout.tuned)
-
-
-def _prepare(
-    session: SessionContext, effect: Effect, joint: int, start: int, told: Told | None
-) -> tuple[TrueModel, list[_Columns]]:
-    """Columns of an effect at every point of its inner grid, and its expected size."""
-    silent = effect.untestable(session, joint)
-    if silent is not None:
-        return TrueModel(effect, joint, None, (), silent=silent), []
-    variants = list(effect.variants(session, joint))
-    found = []
-    for variant in variants:
-        raw = effect.columns(session, joint, variant)
-        filtered = [run.motion.filtered(values) for run, values in zip(session.runs, raw, strict=True)]
-        places = np.arange(start, start + filtered[0].shape[-1])
-        start += len(places)
-        found.append(_Columns(filtered, joint if effect.rows == "own" else None, places))
-    at = choose_variant(effect, variants, told)
-    sized = size_effect(effect, session, joint, variants[at], len(found[at].places), told)
-    return TrueModel(effect, joint, sized, tuple(one.places for one in found), at), found
-
-
-def _gram(rows: Rows, layout: Layout, columns: Sequence[_Columns], joint: int, size: int) -> Float[Array, "P P"]:
-    """Sums of one run's rows of a joint, where they count."""
-    table = np.zeros((len(rows.tables[joint]), size))
-    table[:, layout.local[joint][:-1]] = rows.tables[joint][:, :-1]
-    for one in columns:
-        one.fill(table, rows.run, joint)
-    seen = table[rows.counts[:, joint]]
-    return seen.T @ seen
+def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
+    """A reference as if the arm had followed it exactly, without torque, from a time on [s]."""
+    q, dq, ddq = (freeze(values[::THINNING]) for values in (run.q, run.dq, run.ddq))
+    rate = 1.0 / (THINNING * TICK_S)
+    return Motion(
+        name=run.name,
+        joints=arm.joint_names,
+        time=freeze(start + np.arange(len(q)) / rate),
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=freeze(np.zeros_like(q)),
+        lowpass=Lowpass.design(rate, settings=FOR_DIAGNOSIS),
+        std=freeze(np.outer(STATE_DOUBT, np.ones(arm.n))),
+    )
 
 
 def _take_out(
-    gram: Float[Array, "P P"], layout: Layout, prior: Float[Array, "r r"]
+    gram: Float[Array, "P P"], rank: int, tuned: int, prior: Float[Array, "r r"]
 ) -> tuple[Float[Array, "K K"], Float[Array, "r r"]]:
     """What the tuned unknowns leave of the effects; what the loss figures leave of the base parameters, in units of
     their prior."""
-    rank, tuned = layout.rank, layout.tuned
     inner = gram[:tuned, :tuned].copy()
     inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
     loss, cross = inner[rank:, rank:], inner[:rank, rank:]
@@ -218,3 +232,37 @@ def _take_out(
     inner[:rank, :rank] += prior
     across = gram[:tuned, tuned:]
     return gram[tuned:, tuned:] - across.T @ cho_solve(cho_factor(inner), across), base
+
+
+def size_effect(
+    effect: Effect, session: SessionContext, joint: int, variant: Variant, width: int, reported: Reported
+) -> tuple[Float[Array, " k"], str]:
+    """Coefficients of an effect as large as it is expected to be, and whether that is `typical` or of a `diagnosis`.
+
+    Args:
+        effect: The effect.
+        session: Of the motions in question.
+        joint: Its joint.
+        variant: Point of its inner grid.
+        width: Number of its columns there.
+        reported: Figures of the diagnosis by name, if it found this effect.
+    """
+    typical, scale = effect.typical, effect.prior_scale(session, joint, variant)
+    beta: Array = typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float))
+    beta[[k for k in typical.absent if k < width]] = 0.0
+    if typical.figure not in reported:
+        return beta, "typical"
+    usual = effect.parameters(session, joint, variant, beta, np.zeros((width, width)))[typical.figure].value
+    ratio = max(abs(reported[typical.figure]) / max(abs(usual), 1e-12), 1e-12) ** (-1 if typical.inverse else 1)
+    return beta * float(np.clip(ratio, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE)), "diagnosis"
+
+
+def choose_variant(effect: Effect, variants: Sequence[Variant], reported: Reported) -> int:
+    """Number of the point of the inner grid nearest to what is reported, or to what is typical; else the first."""
+    wanted = {**effect.typical.inner, **reported}
+
+    def apart(k: int) -> float:
+        inner = variants[k].inner
+        return sum(abs(float(np.log(max(wanted[name], 1e-9) / inner[name]))) for name in inner if name in wanted)
+
+    return min(range(len(variants)), key=apart)

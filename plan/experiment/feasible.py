@@ -1,26 +1,35 @@
-"""May the arm do this? Limits of position, speed and torque, and no link near another, proven at every instant."""
+"""May the arm do this? Limits of position, speed and torque, and nothing near another, proven at every instant."""
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
+from ident.robot.names import find_urdf
 from ident.trajectories.limits import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
-from plan.errors import SceneError
-from plan.geometry.arm_shapes import StandIn
-from plan.geometry.link_pairs import read_disabled
+from plan.errors import MethodError, SceneError
+from plan.geometry.link_pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import record_carried
-from plan.problem.task_file import Surroundings
+from plan.options import ExciteOptions
+from plan.problem.obstacle_tables import floor_box
+from plan.problem.task_file import Surroundings, load_surroundings
 
-# Links keep this distance [m]: an arm under test doesn't follow its commands to the millimetre.
-MARGIN = 0.01
+# Distances that a proof tries [m]; the first is kept: an arm under test follows its commands by some millimetres only.
+MARGINS = (0.01, 0.005, 0.001)
 # Largest move of a joint between two looks of the quick check [rad].
 STEP = 0.04
 # Positions that the proof walks over at once.
 STRIDE = 4096
+HIGHEST_FLOOR = 10.0
+OPEN = Surroundings(Path("--scene"))
+"""Nothing at all around an arm."""
 
 
 class Feasibility:
@@ -29,20 +38,22 @@ class Feasibility:
     Args:
         arm: The arm.
         stand_in: What stands in for links without collision geometry.
-        around: Obstacles, the floor, what is carried, and limits inside the robot's; none if not given.
+        around: Obstacles, the floor, what is carried, and limits inside the robot's.
 
     Raises:
         RobotError: A link has no collision geometry and nothing stands in: then nothing can be proven.
         SceneError: What stands around is no scene of this arm.
     """
 
-    def __init__(self, arm: ArmModel, stand_in: StandIn | None = None, around: Surroundings | None = None) -> None:
-        self.limits = MotionLimits(arm)
-        self.carried: tuple[dict[str, object], ...] = ()
-        if around is None:
-            self.scene = Scene.build(arm, stand_in=stand_in)
-            return
-        _narrow(self.limits, around)
+    def __init__(self, arm: ArmModel, stand_in: str | None = None, around: Surroundings = OPEN) -> None:
+        self.limits = limits = MotionLimits(arm)
+        limits.lower = np.fmax(limits.lower, around.lower if around.lower is not None else -np.inf)
+        limits.upper = np.fmin(limits.upper, around.upper if around.upper is not None else np.inf)
+        limits.speed = np.fmin(limits.speed, around.speed if around.speed is not None else np.inf)
+        empty = np.flatnonzero(limits.lower >= limits.upper)
+        if len(empty):
+            what = f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
+            raise SceneError(around.source, what, "widen lower_deg and upper_deg")
         self.carried = record_carried(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
             arm,
@@ -59,7 +70,7 @@ class Feasibility:
             return False
         if limits.excess(motion.q, motion.dq, motion.ddq) > 1.0:
             return False
-        return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGIN)
+        return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGINS[0])
 
     def clearance(self, motion: ReferenceMotion) -> float:
         """A distance that the links keep at every instant, by Coal [m]; 0 where they can't be proven to keep any.
@@ -72,37 +83,43 @@ class Feasibility:
         if self.scene.distances(motion.q[0]).min() <= 0.0:  # inside a closed mesh, too
             return 0.0
         travel = np.concatenate([np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)])
-        for target in (MARGIN, 0.5 * MARGIN, 0.1 * MARGIN):
-            if _walk(self.scene, motion.q, travel, target):
-                return target
-        return 0.0
+        return next((target for target in MARGINS if self._keeps(motion.q, travel, target)), 0.0)
+
+    def _keeps(self, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:
+        """Whether every pair is proven to keep a distance along a densely sampled path."""
+        at = 0
+        while True:
+            left = self.scene.proximity.distances(q[at]) - target
+            if left.min() <= 0.0 or at == len(q) - 1:
+                return bool(left.min() > 0.0)
+            moved = (travel[at + 1 : at + 1 + STRIDE] - travel[at]) @ self.scene.levers.T
+            short = np.flatnonzero((moved > left).any(axis=1))
+            if len(short) and short[0] == 0:
+                return False  # a single tick could bring them too near
+            at += int(short[0]) if len(short) else len(moved)
 
 
-def _narrow(limits: MotionLimits, around: Surroundings) -> None:
-    """Takes the limits of a scene file where they are narrower than the arm's."""
-    if around.lower is not None:
-        limits.lower = np.maximum(limits.lower, around.lower)
-    if around.upper is not None:
-        limits.upper = np.minimum(limits.upper, around.upper)
-    if around.speed is not None:
-        limits.speed = np.minimum(limits.speed, around.speed)
-    if np.any(limits.lower >= limits.upper):
-        j = int(np.flatnonzero(limits.lower >= limits.upper)[0])
-        what = f"[limits] leave {limits.arm.joint_names[j]} no room inside the robot's own limits"
-        raise SceneError(around.source, what, "widen lower_deg and upper_deg")
+def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
+    """The surroundings that options name; without a word of a floor, nothing goes below the base plane.
 
-
-def _walk(scene: Scene, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:
-    """Whether every pair is proven to keep a distance along a densely sampled path."""
-    at = 0
-    while True:
-        spare = scene.proximity.distances(q[at]) - target
-        if spare.min() <= 0.0:
-            return False
-        if at == len(q) - 1:
-            return True
-        moved = (travel[at + 1 : at + 1 + STRIDE] - travel[at]) @ scene.levers.T
-        short = np.flatnonzero((moved > spare).any(axis=1))
-        if len(short) and short[0] == 0:
-            return False  # a single tick could bring them too near
-        at += int(short[0]) if len(short) else len(moved)
+    Raises:
+        MethodError: The floor's height is no number.
+        SceneError: The scene file is at fault, or another robot's.
+    """
+    around = OPEN if options.scene is None else load_surroundings(options.scene, arm.n)
+    robot = around.robot
+    if robot is not None and arm.source is not None and find_urdf(robot).resolve() != arm.source.resolve():
+        raise SceneError(around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot")
+    if options.floor != "none" and all(box.name != FLOOR for box in around.obstacles):
+        try:
+            height = float(options.floor)
+        except ValueError:
+            height = math.nan
+        if not abs(height) <= HIGHEST_FLOOR:
+            what = f"{options.floor!r} is no height"
+            raise MethodError("--floor", what, f"give metres within {HIGHEST_FLOOR:g}, or none")
+        around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
+    if options.top_speed is not None:
+        given = np.full(arm.n, math.radians(options.top_speed))
+        around = replace(around, speed=given if around.speed is None else np.minimum(given, around.speed))
+    return around

@@ -1,4 +1,4 @@
-"""What the next motion is to tell: which models apart, which effect at all, or simply the arm's inertias."""
+"""What the next motion is to part: which models, which effect at all, or simply what the arm's inertias are."""
 
 from __future__ import annotations
 
@@ -13,39 +13,41 @@ import numpy as np
 from ident.arrays import Array
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.effect_info import family_for
+from ident.effects.effect_info import family_for, setup_for
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_finite
-from plan.experiment.distance import PredictedDesign
+from plan.experiment.distance import PredictedDesign, Reported
 from plan.experiment.indistinguishable import widen
-from plan.experiment.sizes import Told
 
 Aim = Literal["separate", "show", "identify"]
+Distances = Mapping[tuple[str, str], float]
 SCHEMA = "ident.diagnosis/1"
+NO_DIAGNOSIS: dict[str, Any] = {"findings": [], "not_testable": [], "gap": {}}
+REMEDY = "give the file of `ident diagnose --json`"
 # Of a large class, the nearest are asked for: each pair costs time.
 MOST_EFFECTS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
-    """A question to the arm.
+class Hypotheses:
+    """What is asked of the arm.
 
     Attributes:
         aim: `separate` effects from each other, `show` effects, or `identify` the base parameters.
         effects: Effects and their joints (0 for one of the whole arm).
         joint: The joint that moves most.
-        told: What a diagnosis knows of their sizes, by effect.
+        reported: What a diagnosis knows of their sizes, by effect.
         noise: Noise of each joint [N m], or None.
-        tellable: Of the pairs (true, rival) those that motion can tell; None for all.
+        testable: Of the pairs (true, rival) those that motion can part; None for all.
     """
 
     aim: Aim
     effects: tuple[tuple[Effect, int], ...]
     joint: int
-    told: Mapping[str, Told] = field(default_factory=dict)
+    reported: Mapping[str, Reported] = field(default_factory=dict)
     noise: Array | None = None
-    tellable: tuple[tuple[str, str], ...] | None = None
+    testable: tuple[tuple[str, str], ...] | None = None
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -54,22 +56,22 @@ class Question:
     @property
     def family(self) -> str:
         """The kind of motion that is known to answer such questions."""
-        return family_for(self.ids, self.asked) if self.ids else "wide"
+        return family_for(self.ids, [effect for effect, _ in self.effects]) if self.ids else "wide"
 
     @property
-    def asked(self) -> tuple[Effect, ...]:
-        """The effects without their joints."""
-        return tuple(effect for effect, _ in self.effects)
+    def set_up(self) -> str | None:
+        """The change of set-up that parts them where motion can't, or hardly."""
+        return setup_for(self.ids, [effect for effect, _ in self.effects])
 
-    def distances(self, view: PredictedDesign) -> dict[tuple[str, str], float]:
+    def distances(self, view: PredictedDesign) -> Distances:
         """All that must be large [nats]: nothing where the base parameters are asked for."""
         if self.aim == "identify":
             return {}
         return view.between() if self.aim == "separate" else view.visible()
 
-    def counted(self, distances: Mapping[tuple[str, str], float]) -> list[float]:
+    def counted(self, distances: Distances) -> list[float]:
         """Those distances that motion can make large; all where it can make none large [nats]."""
-        return [value for pair, value in distances.items() if not self.tellable or pair in self.tellable]
+        return [value for pair, value in distances.items() if not self.testable or pair in self.testable]
 
     def score(self, view: PredictedDesign) -> float:
         """What the search makes large: the smallest distance; the information on a single model's parameters."""
@@ -86,8 +88,8 @@ def ask(
     joint: str | None,
     diagnosis: Mapping[str, Any] | str | Path | None,
     catalogue: Sequence[Effect] = CATALOGUE,
-) -> Question:
-    """The question that options ask.
+) -> Hypotheses:
+    """What options ask for.
 
     Args:
         arm: The arm.
@@ -99,51 +101,64 @@ def ask(
     Raises:
         InputError: Unknown effect or joint, or a file that is no diagnosis of this arm.
     """
-    record = {} if diagnosis is None else _read(diagnosis, arm)
+    ids = [name.strip() for name in (separate or "").split(",") if name.strip()]
+    if diagnosis is None:
+        return _ask(arm, ids, joint, NO_DIAGNOSIS, catalogue)
+    where = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
+    record = dict(diagnosis) if isinstance(diagnosis, Mapping) else read_json(where, REMEDY)
+    _require_its_arm(record, where, arm)
     try:
-        return _ask(arm, separate, joint, record, catalogue)
+        return _ask(arm, ids, joint, {**NO_DIAGNOSIS, **record}, catalogue)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        if diagnosis is None:
-            raise
-        path = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
         what = f"it is damaged ({type(error).__name__}: {error})"
-        raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+        raise InputError(where, what, "write it anew with `ident diagnose … --json`") from None
+
+
+def _require_its_arm(record: Mapping[str, Any], where: Path, arm: ArmModel) -> None:
+    """Raises InputError for what is no diagnosis of an arm."""
+    robot, joints = record.get("robot", arm.name), record.get("joints")
+    if record.get("schema") != SCHEMA:
+        raise InputError(where, f"is no {SCHEMA}", REMEDY)
+    if robot != arm.name:
+        raise InputError(
+            where, f"it is of {robot!r}, the robot is {arm.name!r}", "give --robot as for `ident diagnose`"
+        )
+    if not isinstance(joints, list) or not joints:
+        raise InputError(where, f"its joints are {joints!r}, not a list of names", REMEDY)
+    for name in joints:
+        if name not in arm.joint_names:
+            raise InputError(where, f"it speaks of {name}, which {arm.name} lacks", "give the robot that it is of")
 
 
 def _ask(
-    arm: ArmModel, separate: str | None, joint: str | None, record: Mapping[str, Any], catalogue: Sequence[Effect]
-) -> Question:
-    ids = [name.strip() for name in (separate or "").split(",") if name.strip()]
-    names: list[str] = []
-    aim: Aim = "separate" if len(ids) > 1 else "show"
-    if not ids and record:
-        ids, names, aim = _open_question(record, catalogue)
+    arm: ArmModel, ids: list[str], joint: str | None, record: Mapping[str, Any], catalogue: Sequence[Effect]
+) -> Hypotheses:
+    aim: Aim = "separate" if len(ids) > 1 else "show" if ids else "identify"
+    places = [one["joints"][0] for one in record["findings"] if set(ids) & set(one["class"])]
+    if not ids:
+        ids, places, aim = _open_question(record, catalogue)
     effects = widen(list(dict.fromkeys(ids))[:MOST_EFFECTS], catalogue)
-    at = _joint(arm, joint or (names[0] if names else _told_joint(record, ids)))
-    placed = tuple((effect, at if effect.scope == "joint" else 0) for effect in effects)
-    return Question(aim if ids else "identify", placed, at, _told(record), _noise(record, arm))
-
-
-def _read(diagnosis: Mapping[str, Any] | str | Path, arm: ArmModel) -> dict[str, Any]:
-    path = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
-    remedy = "give the file of `ident diagnose --json`"
-    record = read_json(path, remedy) if isinstance(diagnosis, str | Path) else dict(diagnosis)
-    if record.get("schema") != SCHEMA:
-        raise InputError(path, f"is no {SCHEMA}", remedy)
-    robot = record.get("robot", arm.name)
-    if robot != arm.name:
-        raise InputError(path, f"it is of {robot!r}, the robot is {arm.name!r}", "give --robot as for `ident diagnose`")
-    named = record.get("joints")
-    if not isinstance(named, list) or not named:
-        raise InputError(path, f"its joints are {named!r}, not a list of names", remedy)
-    unknown = [name for name in named if name not in arm.joint_names]
-    if unknown:
-        raise InputError(path, f"it speaks of {unknown[0]}, which {arm.name} lacks", "give the robot that it is of")
-    return record
+    at = _joint(arm, joint or (str(places[0]) if places else None))
+    gap = record["gap"] or {}
+    floors = [
+        require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}") for name in arm.joint_names if name in gap
+    ]
+    if min(floors, default=0.0) < 0.0:
+        raise ValueError("a noise floor is below zero")
+    return Hypotheses(
+        aim=aim,
+        effects=tuple((effect, at if effect.scope == "joint" else 0) for effect in effects),
+        joint=at,
+        reported={
+            one["effect"]: {name: require_finite(figure["value"], name) for name, figure in one["parameters"].items()}
+            for one in record["findings"]
+        },
+        noise=np.array(floors) if len(floors) == arm.n else None,
+    )
 
 
 def _open_question(record: Mapping[str, Any], catalogue: Sequence[Effect]) -> tuple[list[str], list[str], Aim]:
-    """The first tied class; else the effects that one kind of motion would show."""
+    """The first tied class and its joints; else the effects that one kind of motion would show, and where most lack."""
     known = {effect.id: effect.shown_by for effect in catalogue}
     for finding in record["findings"]:
         tied = [name for name in finding["class"] if name in known]
@@ -158,14 +173,6 @@ def _open_question(record: Mapping[str, Any], catalogue: Sequence[Effect]) -> tu
     return list(dict.fromkeys(one["effect"] for one in wanted)), [joint], "show"
 
 
-def _told_joint(record: Mapping[str, Any], ids: Sequence[str]) -> str | None:
-    """The joint at which a diagnosis found one of the effects."""
-    for finding in record.get("findings", []):
-        if set(ids) & set(finding["class"]):
-            return str(finding["joints"][0])
-    return None
-
-
 def _joint(arm: ArmModel, name: str | None) -> int:
     """Its index; of the joint that carries most, where none is named."""
     if name is None:
@@ -176,22 +183,3 @@ def _joint(arm: ArmModel, name: str | None) -> int:
     if name.isdecimal() and 1 <= int(name) <= arm.n:
         return int(name) - 1
     raise InputError("--joint", f"no joint {name!r}", f"choose from: {', '.join(arm.joint_names)}")
-
-
-def _told(record: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    return {
-        finding["effect"]: {
-            name: require_finite(figure["value"], name) for name, figure in finding["parameters"].items()
-        }
-        for finding in record.get("findings", [])
-    }
-
-
-def _noise(record: Mapping[str, Any], arm: ArmModel) -> Array | None:
-    gap = record.get("gap") or {}
-    if any(name not in gap for name in arm.joint_names):
-        return None
-    floors = [require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}") for name in arm.joint_names]
-    if min(floors) < 0.0:
-        raise ValueError("a noise floor is below zero")
-    return np.array(floors)

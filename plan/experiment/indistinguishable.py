@@ -9,40 +9,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-import numpy as np
-
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant, linear_interval
+from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.effects.effect_info import KNOWN_MASS, Typical
+from ident.effects.effect_info import KNOWN_MASS
 from ident.effects.sensing import TorqueGainError
 
 # Motion that would take longer than this to tell two effects apart does not tell them apart [min].
 LONGEST_MINUTES = 30.0
-LARGEST_SHARE = 0.2
 
 
-class _Share(Effect):
-    """A torque that grows by one share on all joints."""
-
-    scope = "arm"
-    rows = "all"
-    inertia_like = True
-    figure: ClassVar[str] = "share"
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {self.figure: linear_interval(np.ones(1), coefficients, covariance)}
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_SHARE])
-
-
-class AllMasses(_Share):
+class AllMasses(Effect):
     """Every link heavier by one share."""
 
     id = "all_masses"
+    scope, rows, inertia_like = "arm", "all", True
+    figures, prior = ("share",), (0.2,)
     summary = "all links are heavier or lighter by one share"
     set_ups: ClassVar[Mapping[str, str]] = {TorqueGainError.id: KNOWN_MASS}
 
@@ -50,12 +32,11 @@ class AllMasses(_Share):
         return [run.rigid[:, :, None] for run in session.runs]
 
 
-class AllGains(_Share):
-    """Every joint's torque reads too high by one share."""
+class AllGains(Effect):
+    """Every joint's torque reads too high by one share; all else is as of the error of one gain."""
 
     id = TorqueGainError.id
-    typical = Typical("gain", 0.25)
-    figure: ClassVar[str] = "gain"
+    scope, rows = "arm", "all"
     summary = "all torque readings are too large or small by one share"
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -64,7 +45,5 @@ class AllGains(_Share):
 
 def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[Effect]:
     """Effects by their ids; beside `all_masses`, which no catalogue names, a gain error is one of all joints."""
-    if AllMasses.id not in ids:
-        return [find_effect(name, tuple(catalogue)) for name in ids]
-    special: dict[str, Effect] = {AllMasses.id: AllMasses(), AllGains.id: AllGains()}
+    special: dict[str, Effect] = {one.id: one for one in (AllMasses(), AllGains())} if AllMasses.id in ids else {}
     return [special.get(name) or find_effect(name, tuple(catalogue)) for name in ids]

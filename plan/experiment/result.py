@@ -16,21 +16,18 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder
 from ident.results import Result
 from ident.trajectories.reference import TICK_S, ReferenceMotion
-from plan.experiment.run_set import Programme, duration_of
-from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
-from plan.geometry.scene import Unchecked
+from plan.experiment.hypotheses import Aim, Distances
+from plan.experiment.run_set import RunSet, duration_of
+from plan.geometry.scene import Scene
 
 SCHEMA = "plan.excite/1"
 RECORD_NAME = "excite.json"
 MOTION_KIND = "motion"
 Status = Literal["ready", "one_sided", "needs_set_up"]
-# Odds at which a class counts as decided.
-ODDS = 20.0
-LARGEST_ODDS = 1e9
+# Odds at which a class counts as decided, and the largest that are believed.
+ODDS, LARGEST_ODDS = 20.0, 1e9
 # Of a millisecond's ticks one in this many is written: 250 Hz.
 THINNING = 4
-
-Distances = Mapping[tuple[str, str], float]
 
 
 def odds_of(distance: float) -> float:
@@ -56,64 +53,74 @@ class Excitation(Result):
         aim: `separate`, `show` or `identify`.
         effects: Their ids.
         joint: The joint that moves most.
-        programme: Family and figures.
+        run_set: Family and figures.
         runs: The runs.
         distances: Of the proposed motion [nats].
-        tellable: The pairs (true, rival) that motion can tell; None for all.
+        testable: The pairs (true, rival) that motion can part; None for all.
         random: The same of random motion of equal length, the median of some.
         information: Gained on a single model's parameters by the proposed and by random motion [nats].
         noise: Of each joint [N m].
         sources: Where noise and sizes come from.
         clearance: Proven between the links [m]; None where no pair of them is looked at.
+        scene: The arm's shapes and what stands around it.
+        carried: What it carries, and the frame on which each of it hangs.
         set_up: Advice beside the motion, or None.
         evaluations, seconds, seed: Of the search.
-        unchecked: Pairs of links of whose clearance nothing is said.
-        shapes: Where the links' shapes come from.
-        obstacles: Names of what stands around the arm.
-        carried: What it carries, and the frame on which each of it hangs.
     """
 
     SHOWN_BY = "plan.show.results"
 
     robot: str
     status: Status
-    aim: str
+    aim: Aim
     effects: tuple[str, ...]
     joint: str
-    programme: Programme
+    run_set: RunSet
     runs: tuple[ReferenceMotion, ...]
     distances: Distances
-    tellable: tuple[tuple[str, str], ...] | None
+    testable: tuple[tuple[str, str], ...] | None
     random: Distances
     information: tuple[float, float]
     noise: Mapping[str, float]
     sources: Mapping[str, str]
     clearance: float | None
+    scene: Scene
+    carried: tuple[dict[str, object], ...]
     set_up: str | None
     evaluations: int
     seconds: float
     seed: int
-    unchecked: tuple[Unchecked, ...] = ()
-    shapes: ArmShapes = NO_SHAPES
-    obstacles: tuple[str, ...] = ()
-    carried: tuple[dict[str, object], ...] = ()
 
     @property
     def duration(self) -> float:
         """Of all runs [s]."""
-        return duration_of(list(self.runs))
+        return duration_of(self.runs)
 
     @property
     def smallest(self) -> tuple[float, float]:
         """Smallest distance that motion can tell, of the proposed motion and of random motion [nats]."""
-        counted = [pair for pair in self.distances if not self.tellable or pair in self.tellable]
+        counted = [pair for pair in self.distances if not self.testable or pair in self.testable]
         if not counted:
             return self.information
         return min(self.distances[pair] for pair in counted), min(self.random[pair] for pair in counted)
 
-    def to_dict(self) -> dict[str, Any]:
+    @property
+    def minutes(self) -> tuple[float | None, float | None]:
+        """Minutes until the odds are 20 : 1, by the proposed motion and by random motion; None if they never are."""
+        if not self.distances:
+            return None, None
         proposed, by_chance = self.smallest
-        told = self.distances if self.tellable is None else self.tellable
+        return minutes_to_odds(proposed, self.duration), minutes_to_odds(by_chance, self.duration)
+
+    @property
+    def file_names(self) -> list[str]:
+        """One file a run, in order."""
+        width = max(len(str(len(self.runs))), 2)
+        return [f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(self.runs, start=1)]
+
+    def to_dict(self) -> dict[str, Any]:
+        (proposed, by_chance), (needed, needed_by_chance) = self.smallest, self.minutes
+        told = self.distances if self.testable is None else self.testable
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -122,31 +129,31 @@ class Excitation(Result):
             "separates": list(self.effects),
             "joint": self.joint,
             "set_up": self.set_up,
-            "told_by_motion": [f"{true} against {rival}" for true, rival in told],
+            "told_by_motion": [" against ".join(pair) for pair in told],
             "motion": {
-                "family": self.programme.family,
-                "figures": dict(self.programme.figures),
-                "home_rad": [float(value) for value in self.programme.home],
+                "family": self.run_set.family,
+                "figures": dict(self.run_set.figures),
+                "home_rad": self.run_set.home.tolist(),
                 "runs": len(self.runs),
                 "minutes": self.duration / 60.0,
-                "files": file_names(self.runs),
+                "files": self.file_names,
                 "clearance_m": self.clearance,
             },
             "joints": list(self.noise),
-            "obstacles": list(self.obstacles),
+            "obstacles": [box.name for box in self.scene.obstacles],
             "carried": list(self.carried),
-            "unchecked_pairs": [pair.to_dict() for pair in self.unchecked],
-            **self.shapes.to_dict(),
+            "unchecked_pairs": [pair.to_dict() for pair in self.scene.unchecked],
+            **self.scene.shapes.to_dict(),
             "distance": {
-                "proposed": _keyed(self.distances),
-                "random": _keyed(self.random),
+                "proposed": {" against ".join(pair): value for pair, value in self.distances.items()},
+                "random": {" against ".join(pair): value for pair, value in self.random.items()},
                 "smallest": proposed,
                 "smallest_random": by_chance,
             },
             "odds": odds_of(proposed),
             "odds_random": odds_of(by_chance),
-            "minutes_to_20_to_1": minutes_to_odds(proposed, self.duration) if self.distances else None,
-            "minutes_to_20_to_1_random": minutes_to_odds(by_chance, self.duration) if self.distances else None,
+            "minutes_to_20_to_1": needed,
+            "minutes_to_20_to_1_random": needed_by_chance,
             "information_nats": {"proposed": self.information[0], "random": self.information[1]},
             "noise_Nm": dict(self.noise),
             "sources": dict(self.sources),
@@ -158,28 +165,12 @@ class Excitation(Result):
         }
 
     def write(self, folder: str | Path) -> None:
-        """The runs as command files and `excite.json`, whole or not at all."""
+        """The runs as command files at 250 Hz in native columns, and `excite.json`; whole or not at all."""
         with atomic_folder(folder, MOTION_KIND) as part:
-            for name, run in zip(file_names(self.runs), self.runs, strict=True):
-                pacsv.write_csv(command_table(run, tuple(self.noise)), part / name)
+            for file, run in zip(self.file_names, self.runs, strict=True):
+                q, dq = np.round(run.q[::THINNING], 8), np.round(run.dq[::THINNING], 7)
+                columns = {"time": np.round(np.arange(len(q)) * THINNING * TICK_S, 6)}
+                for j, joint in enumerate(self.noise):
+                    columns |= {f"{joint}/position_command": q[:, j], f"{joint}/velocity_command": dq[:, j]}
+                pacsv.write_csv(pa.table(columns), part / file)
             (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
-
-
-def _keyed(distances: Distances) -> dict[str, float]:
-    return {f"{true} against {rival}": float(value) for (true, rival), value in distances.items()}
-
-
-def file_names(runs: tuple[ReferenceMotion, ...]) -> list[str]:
-    """One file a run, in order."""
-    width = max(len(str(len(runs))), 2)
-    return [f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(runs, start=1)]
-
-
-def command_table(run: ReferenceMotion, joints: tuple[str, ...]) -> pa.Table:
-    """Commands of a run at 250 Hz in native columns: positions [rad] and velocities [rad/s] from rest to rest."""
-    q, dq = run.q[::THINNING], run.dq[::THINNING]
-    columns = {"time": np.round(np.arange(len(q)) * THINNING * TICK_S, 6)}
-    for j, name in enumerate(joints):
-        columns[f"{name}/position_command"] = np.round(q[:, j], 8)
-        columns[f"{name}/velocity_command"] = np.round(dq[:, j], 7)
-    return pa.table(columns)

@@ -86,7 +86,7 @@ def row(arm: ArmModel, pair: tuple[str, str, str], side: int, proposed: Excitati
             (folder / f"{truth}_{rival}_{kind}.json").write_text(json.dumps(record, indent=1))
     smallest, by_chance = (f"{value:.3g}" for value in proposed.smallest)
     return (
-        f"| {truth} against {rival} ({joint}) | {proposed.programme.family}, {proposed.duration / 60:.1f} | "
+        f"| {truth} against {rival} ({joint}) | {proposed.run_set.family}, {proposed.duration / 60:.1f} | "
         f"{smallest} | {by_chance} | "
         f"{' | '.join(said)} | {time.perf_counter() - began:.0f} |"
     )

@@ -301,7 +301,7 @@ def records(folder: Path, arm: ArmModel) -> list[Kind]:
 
     def check_question(found: Any) -> None:
         finite("its noise", found.noise)
-        finite("a size", *(v for figures in found.told.values() for v in figures.values()))
+        finite("a size", *(v for figures in found.reported.values() for v in figures.values()))
 
     def sealed(path: Path) -> object:
         return open_envelope(path, KEY)

@@ -1,12 +1,12 @@
-"""The first three joints of the TM5-900, what the diagnosis sees of them, and what they may do."""
+"""The first three joints of the TM5-900 and all six, what the diagnosis sees of them, and what they may do."""
 
 from __future__ import annotations
 
 import pytest
 
 from ident.robot.arm import ArmModel
+from plan.experiment.distance import Predictor
 from plan.experiment.feasible import Feasibility
-from plan.experiment.foresight import Eye
 
 
 @pytest.fixture(scope="session")
@@ -15,8 +15,13 @@ def arm() -> ArmModel:
 
 
 @pytest.fixture(scope="session")
-def eye(arm: ArmModel) -> Eye:
-    return Eye.of(arm)
+def whole() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="session")
+def predictor(arm: ArmModel) -> Predictor:
+    return Predictor.of(arm)
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
+from ident.robot.names import find_urdf, robot_argument
 from ident.trajectories.files import read_commands
 from plan.cli.app import app
 from plan.experiment.hypotheses import ask
@@ -40,11 +41,6 @@ def diagnosis(path: Path, **changes: Any) -> Path:
     }
     path.write_text(json.dumps({**record, **changes}))
     return path
-
-
-@pytest.fixture(scope="module")
-def whole() -> ArmModel:
-    return ArmModel.load("tm5-900")
 
 
 @pytest.mark.slow
@@ -89,13 +85,11 @@ def test_exact_twins_need_another_set_up(tmp_path: Path) -> None:
 
 def test_the_diagnosis_asks_its_own_question(tmp_path: Path, whole: ArmModel) -> None:
     """Its first tied class, at its joint, with its sizes and its noise."""
-    question = ask(whole, None, None, diagnosis(tmp_path / "d.json"))
-    assert question.aim == "separate"
-    assert question.ids == ("stribeck_friction", "presliding_hysteresis")
-    assert question.joint == 2
-    assert question.told["stribeck_friction"]["amplitude_Nm"] == 4.0
-    assert question.noise is not None
-    assert question.noise.tolist() == [0.4] * 6
+    asked = ask(whole, None, None, diagnosis(tmp_path / "d.json"))
+    assert (asked.aim, asked.ids, asked.joint) == ("separate", ("stribeck_friction", "presliding_hysteresis"), 2)
+    assert asked.reported["stribeck_friction"]["amplitude_Nm"] == 4.0
+    assert asked.noise is not None
+    assert asked.noise.tolist() == [0.4] * 6
 
 
 def test_what_could_not_be_tested_is_shown(tmp_path: Path, whole: ArmModel) -> None:
@@ -103,17 +97,15 @@ def test_what_could_not_be_tested_is_shown(tmp_path: Path, whole: ArmModel) -> N
     unseen = [
         {"effect": name, "joints": ["joint_5"], "reason": "still"} for name in ("torque_delay", "joint_elasticity")
     ]
-    question = ask(whole, None, None, diagnosis(tmp_path / "d.json", findings=[], not_testable=unseen))
-    assert question.aim == "show"
-    assert question.ids == ("torque_delay", "joint_elasticity")
-    assert question.joint == 4
-    assert question.family == "chirp"
+    asked = ask(whole, None, None, diagnosis(tmp_path / "d.json", findings=[], not_testable=unseen))
+    assert (asked.aim, asked.ids, asked.joint) == ("show", ("torque_delay", "joint_elasticity"), 4)
+    assert asked.family == "chirp"
 
 
 def test_without_a_question_the_inertias_are_asked_for(whole: ArmModel) -> None:
     """The general motion: no effects, wide motion, the joint that carries most."""
-    question = ask(whole, None, None, None)
-    assert (question.aim, question.ids, question.family, question.joint) == ("identify", (), "wide", 1)
+    asked = ask(whole, None, None, None)
+    assert (asked.aim, asked.ids, asked.family, asked.joint) == ("identify", (), "wide", 1)
 
 
 @pytest.mark.parametrize(
@@ -132,12 +124,26 @@ def test_wrong_options_are_refused(whole: ArmModel, separate: str, joint: str | 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"schema": "ident.fit/1"}, "is no ident.diagnosis/1"), ({"joints": ["elbow"]}, "elbow")],
+    [
+        ({"schema": "ident.fit/1"}, "is no ident.diagnosis/1"),
+        ({"joints": ["elbow"]}, "elbow"),
+        ({"robot": "other"}, "it is of 'other', the robot is"),
+    ],
 )
 def test_other_files_are_refused(tmp_path: Path, whole: ArmModel, changes: dict[str, Any], words: str) -> None:
-    """A file of something else, or of another arm, is the user's mistake."""
+    """A file of something else, or of another arm though its joints have the same names, is the user's mistake."""
     with pytest.raises(InputError, match=words):
         ask(whole, None, None, diagnosis(tmp_path / "d.json", **changes))
+
+
+def test_commands_name_the_robot_so_that_they_run(tmp_path: Path) -> None:
+    """A known name stands for itself; a path is quoted for the shell."""
+    for name in ("tm5-900", "ur10"):
+        arm = ArmModel.load(name)
+        assert robot_argument(arm.name, arm.source) == name
+    path = tmp_path / "my arm; $x.urdf"
+    path.write_text(find_urdf("tm5-900").read_text())
+    assert robot_argument("tm5_900", path) == f"'{path}'"
 
 
 def test_a_foreign_folder_is_not_replaced(tmp_path: Path) -> None:

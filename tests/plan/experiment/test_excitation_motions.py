@@ -1,21 +1,23 @@
-"""What the proposed motions keep to, and that they are worth it."""
+"""What the proposed motions keep to, among things too, and that they are worth it."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
-from plan.experiment.design import LEAST_RUNS, excite
+from plan.experiment.design import LEAST_RUNS, Designer, excite
 from plan.experiment.families import FAMILIES
-from plan.experiment.feasible import Feasibility
-from plan.experiment.foresight import Eye
+from plan.experiment.feasible import Feasibility, surroundings_of
 from plan.experiment.hypotheses import ask
-from plan.experiment.run_set import Programme
-from plan.experiment.search import BASELINE, ProgrammeSearch
+from plan.experiment.run_set import RunSet
+from plan.experiment.search import BASELINE, search
 from plan.options import ExciteOptions
 
 PAIRS = (
@@ -25,69 +27,121 @@ PAIRS = (
     pytest.param("load_dependent_friction,position_dependent_friction", 16, marks=pytest.mark.slow),
     pytest.param("spring_torque,gravity_misalignment", 16, marks=pytest.mark.slow),
 )
+SCENE = """[[obstacle]]
+name = "post"
+size_m = [0.1, 0.1, 1.0]
+xyz_m = [0.5, 0, 0.5]
+[limits]
+lower_deg = [-90, -60, -120, -90, -90, -90]
+upper_deg = [90, 60, 120, 90, 90, 90]
+speed_deg_s = [20, 20, 20, 20, 20, 20]
+"""
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_runs_keep_limits_and_distance(feasible: Feasibility, family: str) -> None:
-    """Position, speed and torque stay within limits, no link comes near another, start and end are home at rest."""
-    rng = np.random.default_rng(3)
-    shares = rng.uniform(0.0, 1.0, Programme.freedom(family, feasible.limits.arm.n))
-    programme = Programme.decode(family, shares, 1, feasible, 0)
-    runs = programme.runs(3, feasible)
-    assert runs
+    """Limits of position, speed and torque hold, no link comes near another, runs start and end at home and at rest.
+
+    Whichever run the diagnosis leaves out, the rest speak of every joint.
+    """
+    shares = np.random.default_rng(3).uniform(0.0, 1.0, RunSet.freedom(family, 3))
+    run_set = RunSet.decode(family, shares, 1, feasible.limits, 0)
+    runs = run_set.runs(LEAST_RUNS, feasible)
+    assert len(runs) == LEAST_RUNS
     for run in runs:
         assert MotionLimits(feasible.limits.arm).stays_within(run.q, run.dq, run.ddq)
         assert feasible.clearance(run) > 0.0
-        assert run.q[[0, -1]] == pytest.approx(np.stack([programme.home] * 2), abs=1e-6)
+        assert run.q[[0, -1]] == pytest.approx(np.stack([run_set.home] * 2), abs=1e-6)
         assert np.all(run.dq[[0, -1]] == 0.0)
         # Speeds and accelerations are those of the positions.
         assert np.diff(run.q, axis=0) / TICK_S == pytest.approx(0.5 * (run.dq[1:] + run.dq[:-1]), abs=0.02)
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_every_joint_moves_in_two_runs(feasible: Feasibility, family: str) -> None:
-    """Whichever run the diagnosis leaves out, the rest speak of every joint."""
-    shares = np.full(Programme.freedom(family, 3), 0.5)
-    runs = Programme.decode(family, shares, 1, feasible, 0).runs(LEAST_RUNS, feasible)
-    assert len(runs) == LEAST_RUNS
-    moved = np.array([np.ptp(run.q, axis=0) > 0.2 for run in runs])
+    middle = RunSet.decode(family, np.full(len(shares), 0.5), 1, feasible.limits, 0).runs(LEAST_RUNS, feasible)
+    moved = np.array([np.ptp(run.q, axis=0) > 0.2 for run in middle])
     assert np.all(moved.sum(axis=0) >= 2)
 
 
 def test_the_same_seed_makes_the_same_motion(feasible: Feasibility) -> None:
     """Chance comes from the seed alone, run by run."""
-    shares = np.full(Programme.freedom("wide", 3), 0.5)
-    first, again = (Programme.decode("wide", shares, 1, feasible, 5).run(1, feasible) for _ in range(2))
-    other = Programme.decode("wide", shares, 1, feasible, 6).run(1, feasible)
-    assert first is not None
-    assert again is not None
-    assert other is not None
-    assert np.array_equal(first.q, again.q)
-    assert not np.array_equal(first.q[:2000], other.q[:2000])
-
-
-def test_a_folded_arm_is_refused() -> None:
-    """Slow motion within all limits is refused where it folds the arm into itself; where it does not, it is allowed."""
-    whole = Feasibility(ArmModel.load("tm5-900"))
-    limits = whole.limits
-    poses = np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, 6))
-    distances = [whole.scene.proximity.distances(pose).min() for pose in poses]
-    folded, free = (slow_move(limits.centre, poses[pick(distances)]) for pick in (np.argmin, np.argmax))
-    assert min(distances) < 0.0
-    assert limits.excess(folded.q, folded.dq, folded.ddq) < 1.0
-    assert not whole.allows(folded)
-    assert whole.clearance(folded) == 0.0
-    short = slow_move(limits.centre, limits.centre + 0.02)
-    assert whole.allows(short)
-    assert whole.clearance(short) > 0.0
-    # What is proven is no more than what a close look finds.
-    assert whole.clearance(free) <= max(0.0, min(whole.scene.proximity.distances(q).min() for q in free.q[::200]))
+    shares = np.full(RunSet.freedom("wide", 3), 0.5)
+    first, again, other = (
+        RunSet.decode("wide", shares, 1, feasible.limits, seed).runs(2, feasible)[1].q for seed in (5, 5, 6)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[:2000], other[:2000])
 
 
 def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> ReferenceMotion:
     """From rest to rest on a straight line in 20 s."""
     s = np.linspace(0.0, 1.0, 20001)[:, None]
     return sampled("move", start + (goal - start) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+
+
+def test_a_folded_arm_is_refused(whole: ArmModel) -> None:
+    """Slow motion within all limits is refused where it folds the arm into itself; where it does not, it is allowed."""
+    feasible = Feasibility(whole)
+    limits = feasible.limits
+    poses = np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, 6))
+    distances = [feasible.scene.proximity.distances(pose).min() for pose in poses]
+    folded, free = (slow_move(limits.centre, poses[pick(distances)]) for pick in (np.argmin, np.argmax))
+    assert min(distances) < 0.0
+    assert limits.excess(folded.q, folded.dq, folded.ddq) < 1.0
+    assert not feasible.allows(folded)
+    assert feasible.clearance(folded) == 0.0
+    short = slow_move(limits.centre, limits.centre + 0.02)
+    assert feasible.allows(short)
+    assert feasible.clearance(short) > 0.0
+    # What is proven is no more than what a close look finds.
+    assert feasible.clearance(free) <= max(0.0, min(feasible.scene.distances(q).min() for q in free.q[::200]))
+
+
+def test_nothing_goes_below_the_base_plane_unless_told(whole: ArmModel) -> None:
+    """A motion that dips under the base plane is allowed without a floor, and refused by default."""
+    above, below = np.radians([0.0, 20.0, 30.0, 0.0, 0.0, 0.0]), np.radians([0.0, 100.0, 10.0, 0.0, 0.0, 0.0])
+    dip = slow_move(above, below)
+    free, floored = (
+        Feasibility(whole, around=surroundings_of(whole, options))
+        for options in (ExciteOptions(floor="none"), ExciteOptions())
+    )
+    assert free.allows(dip)
+    assert free.clearance(dip) > 0.0
+    assert not floored.allows(dip)
+    assert floored.clearance(dip) == 0.0
+    assert floored.clearance(slow_move(above, above + 0.01)) > 0.0
+    assert "floor" in {box.name for box in floored.scene.obstacles}
+
+
+def test_a_scene_narrows_what_is_allowed(whole: ArmModel, tmp_path: Path) -> None:
+    """Obstacles, joint limits and top speed of a scene file are kept; the option's top speed as well."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    found, open_ = (
+        Feasibility(whole, around=surroundings_of(whole, options))
+        for options in (ExciteOptions(scene=path, top_speed=10.0), ExciteOptions())
+    )
+    assert np.degrees(found.limits.upper) == pytest.approx([90, 60, 120, 90, 90, 90])
+    assert np.degrees(found.limits.speed) == pytest.approx(10.0)
+    side, front = (np.radians([angle, 30.0, 60.0, 0.0, 0.0, 0.0]) for angle in (-80.0, 80.0))
+    assert found.scene.distances(side).min() > 0.01
+    assert found.clearance(slow_move(side, front)) == 0.0
+    assert open_.clearance(slow_move(side, front)) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "floor", "words"),
+    [
+        ('robot = "ur10"\n', "0", "give its --robot"),
+        ("[limits]\nlower_deg = [9, 0, 0, 0, 0, 0]\nupper_deg = [1, 1, 1, 1, 1, 1]", "0", "is not below"),
+        ("[limits]\nlower_deg = [1, 2]\n", "0", "has 2 numbers, not 6"),
+        ("[floor]\nheight_m = 99\nhigh = 1\n", "0", "unknown key 'high'"),
+        ("", "low", "is no height"),
+        ("", "nan", "is no height"),
+    ],
+)
+def test_bad_surroundings(whole: ArmModel, tmp_path: Path, text: str, floor: str, words: str) -> None:
+    """Another robot's scene, limits that contradict each other, and floors that are none."""
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(InputError, match=words):
+        surroundings_of(whole, ExciteOptions(scene=tmp_path / "scene.toml", floor=floor))
 
 
 @pytest.mark.parametrize(("pair", "evaluations"), PAIRS)
@@ -104,21 +158,21 @@ def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int
 @pytest.mark.slow
 def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
     """Asymmetric friction that grows with speed shows in motion; a pure offset is a special case of it in motion."""
-    question = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
-    found = excite(arm, question, ExciteOptions(minutes=0.5, evaluations=16))
+    asked = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
+    found = excite(arm, asked, ExciteOptions(minutes=0.5, evaluations=16))
     assert found.status == "one_sided"
-    assert found.tellable == (("asymmetric_friction", "torque_offset"),)
+    assert found.testable == (("asymmetric_friction", "torque_offset"),)
     assert found.distances[("torque_offset", "asymmetric_friction")] < 1.0
     assert found.smallest[0] == found.distances[("asymmetric_friction", "torque_offset")] > found.smallest[1]
-    assert found.set_up is not None
-    assert "brakes" in found.set_up
+    assert "brakes" in (found.set_up or "")
     assert found.to_dict()["told_by_motion"] == ["asymmetric_friction against torque_offset"]
+    assert "if it is torque_offset, no motion tells: asymmetric_friction can fit as well" in found.summary()
 
 
-def test_random_motion_is_a_start_like_any_other(eye: Eye, feasible: Feasibility, arm: ArmModel) -> None:
-    """However short the search, the usual random motion is judged, and stays in to the end."""
-    question = ask(arm, "stribeck_friction,presliding_hysteresis", "joint_2", None)
-    ranked = ProgrammeSearch(eye, feasible, question, evaluations=len(FAMILIES)).best()
+def test_random_motion_is_a_start_like_any_other(arm: ArmModel) -> None:
+    """However short the search, the usual random motion is rated, and stays in to the end."""
+    designer = Designer(arm, ask(arm, "stribeck_friction,presliding_hysteresis", "joint_2", None))
+    ranked = search(designer.rate, arm.n, "ladder", len(FAMILIES), 0)
     assert BASELINE in {trial.family for trial in ranked}
     assert [trial.rate for trial in ranked] == sorted((trial.rate for trial in ranked), reverse=True)
     assert len({trial.family for trial in ranked}) == len(ranked)
