@@ -9,14 +9,13 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
-from ident.schemas.publish import RECORDS, make_schema
-from plan.schemas.records import RECORDS as PLAN_RECORDS
+from ident.schemas.publish import make_schema
 
 
 @cache
 def _validator(name: str) -> Draft202012Validator:
     package, short = name.rpartition("/")[0].split(".")
-    schema = make_schema(short, {"ident": RECORDS, "plan": PLAN_RECORDS}[package])
+    schema = make_schema(short, package)
     Draft202012Validator.check_schema(schema)
     return Draft202012Validator(schema)
 

@@ -20,8 +20,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from ident.robot.names import data_path
-from ident.schemas.publish import RECORDS, make_schema
-from plan.schemas.records import RECORDS as PLAN_RECORDS
+from ident.schemas.publish import list_kinds, make_schema
 from tests.fuzz.corpus import write_files
 from tests.schemas import check_file
 
@@ -150,10 +149,10 @@ def test_every_command_is_looked_at(at: Place) -> None:
             assert "check_" in (HERE / place).read_text(), name
 
 
-@pytest.mark.parametrize("name", sorted([*RECORDS, *(f"plan.{name}" for name in PLAN_RECORDS)]))
+@pytest.mark.parametrize("name", [f"{package}.{name}" for package in ("ident", "plan") for name in list_kinds(package)])
 def test_every_schema_asks_for_robot_joints_and_sessions(name: str) -> None:
     """Law: for the record itself, or each of its arms; sessions stand in its provenance."""
-    schema = make_schema(name[5:], PLAN_RECORDS) if name.startswith("plan.") else make_schema(name)
+    schema = make_schema(name, name.partition(".")[0])
     holder = schema
     if name in EACH:
         key, record = EACH[name]

@@ -5,26 +5,18 @@ from __future__ import annotations
 import pytest
 
 from ident.errors import InputError
-from ident.schemas.publish import RECORDS, make_schema
-from plan.schemas.records import RECORDS as PLAN_RECORDS
+from ident.schemas.publish import list_kinds, make_schema
 from tests.schemas import check_record
 
 EMPTY = {"command": "ident view", "version": "0", "settings": {}, "sessions": []}
 
 
-@pytest.mark.parametrize("name", sorted(RECORDS))
-def test_every_kind_is_published_with_its_origin_and_its_name(name: str) -> None:
-    schema = make_schema(name)
-    assert schema["properties"]["schema"]["const"] == f"ident.{name}/1"
+@pytest.mark.parametrize(("package", "name"), [(one, name) for one in ("ident", "plan") for name in list_kinds(one)])
+def test_every_kind_is_published_with_its_origin_and_its_name(package: str, name: str) -> None:
+    schema = make_schema(name, package)
+    assert schema["properties"]["schema"]["const"] == f"{package}.{name}/1"
     assert {"schema", "provenance"} <= set(schema["required"])
-    assert make_schema(f"ident.{name}/1") == schema
-
-
-@pytest.mark.parametrize("name", sorted(PLAN_RECORDS))
-def test_those_of_plans_too(name: str) -> None:
-    schema = make_schema(name, PLAN_RECORDS, "plan schema")
-    assert schema["properties"]["schema"]["const"] == f"plan.{name}/1"
-    assert "provenance" in schema["required"]
+    assert make_schema(f"{package}.{name}/1", package) == schema
 
 
 def test_an_unknown_kind_lists_the_known_ones() -> None:

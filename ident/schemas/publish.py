@@ -1,65 +1,70 @@
-"""JSON Schemas of the result files, made from their typed records."""
+"""JSON Schemas of the result files: their records stand in tables, those that are values in memory as well in classes.
+
+`records.toml` of each package has a table for each record: its keys with their Python types, as pydantic reads them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import tomllib
+from functools import cache
+from importlib import import_module
+from importlib.resources import files
+from typing import Any, Literal, NotRequired
 
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
+from typing_extensions import TypedDict
 
 from ident.errors import InputError
-from ident.schemas.diagnosis import ArmComparisonRecord, DiagnosisRecord
-from ident.schemas.records import (
-    CloseRecord,
-    DemoRecord,
-    EvaluationRecord,
-    EvaluationsRecord,
-    FitRecord,
-    NewSessionRecord,
-    RangesRecord,
-    ServoRecord,
-    TelemetryRecord,
-    ViewRecord,
-    WatchRecord,
-)
-from ident.schemas.simulators import BlindRecord, ExportRecord, PatchRecord, SimulationRecord, VerificationRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-RECORDS: dict[str, Any] = {
-    "blind": BlindRecord,
-    "close": CloseRecord,
-    "comparison": ArmComparisonRecord,
-    "demo": DemoRecord,
-    "diagnosis": DiagnosisRecord,
-    "evaluation": EvaluationRecord,
-    "evaluations": EvaluationsRecord,
-    "export": ExportRecord,
-    "fit": FitRecord,
-    "new": NewSessionRecord,
-    "patch": PatchRecord,
-    "ranges": RangesRecord,
-    "servo": ServoRecord,
-    "simulation": SimulationRecord,
-    "telemetry": TelemetryRecord,
-    "verification": VerificationRecord,
-    "view": ViewRecord,
-    "watch": WatchRecord,
-}
+TYPING = {"Any": Any, "Literal": Literal, "NotRequired": NotRequired}
 
 
-def make_schema(name: str, records: Mapping[str, Any] = RECORDS, command: str = "ident schema") -> dict[str, Any]:
+@cache
+def read_records(package: str) -> dict[str, Any]:
+    """All records of a package by their names, with what their types are made of."""
+    tables = tomllib.loads(files(f"{package}.schemas").joinpath("records.toml").read_text(encoding="utf-8"))
+    homes = tables.pop("classes")
+    found: dict[str, Any] = {**TYPING, **{name: getattr(import_module(home), name) for name, home in homes.items()}}
+    for name, own in tables.items():
+        rows = _rows(name, tables).items()
+        types = {key.removesuffix("?"): f"NotRequired[{kind}]" if key.endswith("?") else kind for key, kind in rows}
+        found[name] = TypedDict(name, types)  # type: ignore[operator]
+        found[name].__doc__ = own.get("about")
+    return found
+
+
+def _rows(name: str, tables: dict[str, dict[str, str]]) -> dict[str, str]:
+    """A record's keys, those of its base first."""
+    own = {key: kind for key, kind in tables[name].items() if key not in ("about", "base")}
+    return {**_rows(tables[name]["base"], tables), **own} if "base" in tables[name] else own
+
+
+@cache
+def list_kinds(package: str) -> dict[str, str]:
+    """Kind of each result file -> the name of its record: those that say which `schema` they hold to."""
+    own = {name: getattr(record, "__annotations__", {}) for name, record in read_records(package).items()}
+    marks = {
+        name: str(getattr(rows["schema"], "__forward_arg__", "")) for name, rows in own.items() if "schema" in rows
+    }
+    return {mark.partition(".")[2].partition("/")[0]: name for name, mark in sorted(marks.items())}
+
+
+def make_schema(name: str, package: str = "ident") -> dict[str, Any]:
     """JSON Schema of a result file; keys that it does not name may be there too.
 
     Args:
         name: Name of the file's kind: `diagnosis`, or `ident.diagnosis/1` as the file itself says.
-        records: Kinds and their records.
-        command: Which command asks, for messages.
+        package: Whose file.
 
     Raises:
         InputError: No such kind.
     """
-    short = name.rpartition("/")[0] or name
-    short = short.rpartition(".")[2]
-    if short not in records:
-        raise InputError(command, f"there is no result file {name!r}", f"give one of: {', '.join(sorted(records))}")
-    return {"$schema": DIALECT, **TypeAdapter(records[short]).json_schema(mode="serialization")}
+    kinds, short = list_kinds(package), (name.rpartition("/")[0] or name).rpartition(".")[2]
+    if short not in kinds:
+        what = f"there is no result file {name!r}"
+        raise InputError(f"{package} schema", what, f"give one of: {', '.join(sorted(kinds))}")
+    record: Any = kinds[short]
+    adapter: TypeAdapter[Any] = TypeAdapter(record, config=ConfigDict(defer_build=True))
+    adapter.rebuild(_types_namespace=read_records(package))
+    return {"$schema": DIALECT, **adapter.json_schema(mode="serialization")}

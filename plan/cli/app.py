@@ -156,9 +156,8 @@ def schema(
 ) -> None:
     """The JSON Schema of a result file, on standard output."""
     from ident.schemas.publish import make_schema
-    from plan.schemas.records import RECORDS
 
-    print(json.dumps(make_schema(name, RECORDS, "plan schema"), indent=1))
+    print(json.dumps(make_schema(name, "plan"), indent=1))
 
 
 def main() -> None:
