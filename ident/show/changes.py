@@ -14,7 +14,7 @@ from ident.errors import plural
 from ident.show.console import print_serious
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.panels import draw_bars
-from ident.show.report.words import effect_name, fixed, join_words, parameters_in_words, percent, significant
+from ident.show.report.words import TABLES, effect_name, fixed, join_words, parameters_in_words, percent, significant
 from ident.show.terminal import group_silent
 
 if TYPE_CHECKING:
@@ -28,13 +28,7 @@ def headline(record: Mapping[str, Any]) -> str:
     told = join_words([_named(change) for change in record["changes"][:3]])
     more = len(record["changes"]) - 3
     told += f", and {more} more" if more > 0 else ""
-    return {
-        "no_change": "Nothing changed that stands out against what the runs of one set differ by.",
-        "changed": f"What changed: {told}.",
-        "changed_unexplained": f"Something changed that follows no known law{f': {told}' if told else ''}.",
-        "not_testable": "These recordings can't tell whether anything changed.",
-        "refused": "Refused: the recordings are unfit for a comparison.",
-    }[record["verdict"]]
+    return str(TABLES["changes"][record["verdict"]]).format(told=told, colon=f": {told}" if told else "")
 
 
 def _named(change: Mapping[str, Any]) -> str:

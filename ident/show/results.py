@@ -6,6 +6,7 @@ Kinds of results are known by name, so that the words of a fit load no diagnosis
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,15 +59,18 @@ def _of_kind(table: Mapping[str, Callable[..., Any]], result: Result) -> Callabl
     return next((table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None)
 
 
-def _print_diagnosis(console: Console, result: Result) -> None:
-    from ident.show.terminal import print_diagnosis
+def _of_record(place: str) -> Callable[..., Any]:
+    """What a function of another module, `module:name`, makes of a result's record; a console may stand before it."""
 
-    print_diagnosis(console, result.to_dict())
+    def show(*given: Any) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(*given[:-1], given[-1].to_dict())
+
+    return show
 
 
-def _draw_diagnosis(result: Result) -> Figure:
+def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     """Of each joint what is left by the tuned model, after the names and by trees, and what is noise."""
-    record = result.to_dict()
     gap, heldout = record["gap"], record["heldout"]
     after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
     rows = {
@@ -78,12 +82,6 @@ def _draw_diagnosis(result: Result) -> Figure:
     if not record["findings"]:
         del rows["left after the named effects"]
     return draw_bars(list(gap), rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")
-
-
-def _page_of_diagnosis(result: Result) -> str:
-    from ident.show.report.diagnosis_pages import render_diagnosis_report
-
-    return render_diagnosis_report(result.to_dict())
 
 
 def _print_evaluation(console: Console, result: Evaluation) -> None:
@@ -150,34 +148,16 @@ def _draw_inspection(result: Inspection) -> Figure:
     return figure
 
 
-def _print_comparison(console: Console, result: Result) -> None:
-    from ident.show.changes import print_comparison
-
-    print_comparison(console, result.to_dict())
-
-
 def _print_guesses(console: Console, result: NewSession) -> None:
     console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
     if result.report is not None:
         print_issues(console, result.report.issues)
 
 
-def _draw_comparison(result: Result) -> Figure:
-    from ident.show.changes import draw_comparison
-
-    return draw_comparison(result.to_dict())
-
-
-def _page_of_comparison(result: Result) -> str:
-    from ident.show.report.diagnosis_pages import render_comparison_report
-
-    return render_comparison_report(result.to_dict())
-
-
+# Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.
 WORDS: dict[str, Callable[[Console, Any], None]] = {
-    "ArmComparison": _print_comparison,
-    "Diagnosis": _print_diagnosis,
-    "SavedDiagnosis": _print_diagnosis,
+    "ArmComparison": _of_record("ident.show.changes:print_comparison"),
+    "Exportable": _of_record("ident.show.terminal:print_diagnosis"),
     "Evaluation": _print_evaluation,
     "Evaluations": _print_evaluations,
     "FitResults": _print_fit,
@@ -185,15 +165,13 @@ WORDS: dict[str, Callable[[Console, Any], None]] = {
     "NewSession": _print_guesses,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
-    "ArmComparison": _draw_comparison,
-    "Diagnosis": _draw_diagnosis,
-    "SavedDiagnosis": _draw_diagnosis,
+    "ArmComparison": _of_record("ident.show.changes:draw_comparison"),
+    "Exportable": _of_record("ident.show.results:draw_diagnosis"),
     "Evaluation": _draw_evaluation,
     "FitResults": _draw_fit,
     "Inspection": _draw_inspection,
 }
 PAGES: dict[str, Callable[[Any], str]] = {
-    "ArmComparison": _page_of_comparison,
-    "Diagnosis": _page_of_diagnosis,
-    "SavedDiagnosis": _page_of_diagnosis,
+    "ArmComparison": _of_record("ident.show.report.diagnosis_pages:render_comparison_report"),
+    "Exportable": _of_record("ident.show.report.diagnosis_pages:render_diagnosis_report"),
 }

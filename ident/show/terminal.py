@@ -15,16 +15,16 @@ from ident.errors import plural
 from ident.show.console import print_serious
 from ident.show.palette import NAMED, TUNED
 from ident.show.report.diagnosis_verdict import (
-    HAS,
     describe_reservations,
     describe_unnamed,
     energy_pair,
     first_action,
     has_name,
-    is_small,
     order_of,
+    verdict_key,
 )
 from ident.show.report.words import (
+    TABLES,
     axis_name,
     effect_name,
     interval_words,
@@ -35,30 +35,7 @@ from ident.show.report.words import (
 )
 from ident.show.timeline import Curve, Mark
 
-# Marks of a reason -> what lies behind it. What fits nowhere is a matter of the motion.
-KINDS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    (
-        "noise, or the URDF's tolerance, hides what is plausible of it",
-        ("noise hides", "noise of", "tolerance hides", "tolerance of"),
-    ),
-    (
-        "the arm, its sensors or its URDF can't show it",
-        ("gear ratio", "no other joint", "no torque depends", "noisy", "temperature", "clock", "acts on no torque"),
-    ),
-    (
-        "there are too few runs, or the two sets differ too much",
-        ("one run a side", "the two sets", "runs", "days"),
-    ),
-    ("the motion shows too little of it", ()),
-)
-
-
-BOUNDS = {
-    "encoder": "encoder noise",
-    "torque": "torque noise",
-    "tolerance": "the URDF's tolerance",
-    "size": "smaller ones matter little",
-}
+UNTESTABLE: list[dict[str, Any]] = TABLES["untestable"]
 
 
 def group_silent(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -74,10 +51,10 @@ def silent_groups(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str
     """Reasons, each with the effects that it keeps from being tested, and at which joints."""
     found: dict[str, dict[str, list[str]]] = {}
     for row in rows:
-        kind = next(words for words, marks in KINDS if not marks or any(mark in row["reason"] for mark in marks))
+        kind = next(one["words"] for one in UNTESTABLE if any(mark in row["reason"] for mark in one["marks"]))
         joints = found.setdefault(kind, {}).setdefault(str(row["effect"]), [])
         joints += [joint for joint in row.get("joints", []) if joint not in joints]
-    order = [words for words, _ in KINDS]
+    order = [one["words"] for one in UNTESTABLE]
     return [
         (reason, [_where(effect, joints) for effect, joints in found[reason].items()])
         for reason in sorted(found, key=order.index)
@@ -114,7 +91,7 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
             "effect": effect_name(one["effect"]),
             "joints": join_words(one["joints"]) if len(one["joints"]) <= 3 else "the whole arm",
             "limit": _limit(one),
-            "bound": BOUNDS.get(one["bound_by"], one["bound_by"]),
+            "bound": TABLES["bounds"].get(one["bound_by"], one["bound_by"]),
         }
         for one in record.get("detectable", [])
     ]
@@ -131,16 +108,6 @@ def _limit(one: Mapping[str, Any]) -> str:
 # A diagnosis in plain lines for the terminal, and as marks on the timeline.
 
 
-VERDICTS = {
-    "no_gap": "no gap: the tuned model explains these recordings down to their noise",
-    "named": "the gap has a name",
-    "partial": "part of the gap has a name",
-    "none_of_catalogue": "there is a gap, and no effect of the catalogue explains it",
-    "not_testable": "these recordings can't tell",
-    "refused": "the recordings are unfit; nothing was fitted",
-}
-MOSTLY_UNNAMED = "most of the gap has no name; the lesser part has a name"
-SMALL_GAP = "there is a small gap: more than chance, and too little for a name"
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
 # Mean square of a stretch that is marked, in units of the noise's.
@@ -158,9 +125,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     runs = int(facts["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
-    words = SMALL_GAP if is_small(record) else VERDICTS[verdict]
-    if findings:
-        words = (MOSTLY_UNNAMED if verdict == "none_of_catalogue" else words).replace(HAS, has_name(record))
+    words = TABLES["verdicts"][verdict_key(record)].format(has=has_name(record))
     console.print(styled((verdict, "bold"), f": {words}"))
     if action := first_action(record):
         console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
@@ -26,11 +25,8 @@ from ident.show.report.sections import describe_origin, facts_section, provenanc
 from ident.show.report.words import (
     axis_name,
     axis_unit,
-    effect_name,
     fixed,
     interval_words,
-    join_words,
-    parameter_cells,
     percent,
     sentence,
     shade,
@@ -88,36 +84,13 @@ def render_diagnosis_report(
 
 def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | None] = ()) -> Section | None:
     """The named effects, a card each: how sure, how large, how far they shrink the gap, and their twins."""
-    findings = record.get("findings", [])
-    if not findings:
-        return None
-    drawn = [*pictures, *[None] * (len(findings) - len(pictures))]
-    cards = [{**finding_card(one, record), "picture": picture} for one, picture in zip(findings, drawn, strict=False)]
-    return Section("findings", "What causes it, and what to do", "findings.html", {"findings": cards})
-
-
-def finding_card(finding: Mapping[str, Any], record: Mapping[str, Any]) -> dict[str, Any]:
-    """A finding of a record as text; of a single run its energy error has no spread."""
-    runs = record.get("session", {}).get("runs", 2)
-    heldout = finding["heldout"]
-    twins = [effect_name(effect) for effect in finding.get("class", []) if effect != finding["effect"]]
-    return {
-        "effect": sentence(effect_name(finding["effect"])),
-        "joints": join_words(finding["joints"]),
-        "probability": percent(finding.get("probability")),
-        "twins": join_words(twins),
-        "action": sentence(order_of(finding, record)),
-        "gain": significant(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
-        "shrink": percent(heldout["shrink"]),
-        "share": percent(heldout.get("share")) if "share" in heldout else "",
-        "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
-        "torque": [
-            f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))} N m"
-            for joint, before in heldout["rms_before_Nm"].items()
-        ],
-        "energy": f"{energy_pair(heldout, 'before', runs)} → {energy_pair(heldout, 'after', runs)} J",
-        "parameters": [parameter_cells(name, value) for name, value in finding.get("parameters", {}).items()],
-    }
+    runs = record.get("session", {}).get("runs", 2)  # of a single run an energy error has no spread
+    cards = []
+    for one, picture in zip_longest(record.get("findings", []), pictures):
+        before, after = (energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
+        cards.append((one, order_of(one, record), f"{before} → {after} J", picture))
+    title = "What causes it, and what to do"
+    return Section("findings", title, "findings.html", {"findings": cards}) if cards else None
 
 
 def where_section(record: Mapping[str, Any]) -> Section | None:
@@ -181,47 +154,21 @@ def outlook_section(record: Mapping[str, Any]) -> Section | None:
     """The next experiment first; then the effects that could not be tested."""
     if not any(record.get(key) for key in ("next_experiment", "not_testable", "detectable")):
         return None
-    following, silent = record.get("next_experiment") or {}, record.get("not_testable", [])
-    values = {
-        "motion": following.get("motion", ""),
-        "minutes": f"{following['minutes']:g}" if "minutes" in following else "",
-        "separates": join_words([effect_name(effect) for effect in following.get("separates", [])]),
-        "tied": any(len(finding["class"]) > 1 for finding in record.get("findings", [])),
-        "limits": limit_rows(record),
-        "silent": silent_groups(silent),
-        "not_testable": [
-            {
-                "effect": effect_name(one["effect"]),
-                "joints": ", ".join(one.get("joints", [])) or "all",
-                "reason": one["reason"],
-            }
-            for one in silent
-        ],
-    }
-    return Section("next", "What to record next", "outlook.html", values)
-
-
-# The page of a comparison: what changed and what to do, every change with its figures, what could not be told.
+    tied = any(len(finding["class"]) > 1 for finding in record.get("findings", []))
+    values = {"tied": tied, "limits": limit_rows(record), "silent": silent_groups(record.get("not_testable", []))}
+    return Section("next", "What to record next", "outlook.html", {"record": record, **values})
 
 
 def render_comparison_report(record: Mapping[str, Any]) -> str:
     """The page as text: one sentence, then each change with what to do about it."""
-    heldout, after = record["heldout"], record["heldout"]["rms_after_Nm"]
     values = {
+        "record": record,
         "headline": headline(record),
-        "changes": [_card(change) for change in record["changes"]],
-        "doubts": [
-            f"Not told: {effect_name(one['effect'] or '')} in {join_words(one['joints'])}: {one['reason']}."
-            for one in record.get("reservations", [])
-        ],
-        "rows": [
-            {"joint": joint, "before": before, "after": after[joint], "noise": heldout["noise_Nm"][joint]}
-            for joint, before in heldout["rms_before_Nm"].items()
-        ],
+        "OF_THE_ARM": OF_THE_ARM,
+        "places_of": places_of,
         "spread": describe_spread(record["friction_run_spread"]),
         "still": [f"{sentence(line)}." for line in (*describe_used(record), *describe_still(record))],
         "silent": silent_groups(without_still(record)),
-        "fatal": [issue for issue in record["telemetry"] if issue["severity"] == "fatal"],
     }
     sections = [
         Section("verdict", "Verdict", "changes.html", values),
@@ -234,21 +181,3 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         for name in ("before", "after")
     ]
     return render_page(f"What changed: {record['robot']}", sections, " · ".join([record["robot"], *sides]))
-
-
-def _card(change: Mapping[str, Any]) -> dict[str, Any]:
-    heldout = change["heldout"]
-    name = effect_name(change["effect"])
-    return {
-        "effect": sentence(name),
-        "joints": "" if change["effect"] in OF_THE_ARM else places_of(change),
-        "action": sentence(change["action"]),
-        "twins": join_words([effect_name(one) for one in change["class"] if one != change["effect"]]),
-        "gain": fixed(heldout["gain_rms_Nm"]),
-        "shrink": percent(heldout["shrink"]),
-        "torque": [
-            f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'][joint])} N m"
-            for joint, before in heldout["rms_before_Nm"].items()
-        ],
-        "parameters": [parameter_cells(key, value) for key, value in change["parameters"].items()],
-    }

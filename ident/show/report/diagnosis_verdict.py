@@ -11,6 +11,8 @@ from ident.errors import plural
 from ident.show.report.page import Section
 from ident.show.report.words import (
     DASH,
+    TABLES,
+    bar,
     effect_name,
     fixed,
     glue,
@@ -34,7 +36,7 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "headline": glue(diagnosis_headline(record)),
         "first": glue(first_action(record)),
         "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
-        "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
+        "telemetry": record.get("telemetry", []),
         "motion": glue(describe_motion(record)),
         "doubts": [glue(line) for line in describe_reservations(record)],
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
@@ -47,30 +49,26 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence, with the size of a gap that has no name."""
-    if is_small(record):
-        return "There is a small gap: more than chance, and too little for a name."
     loudest = _loudest(record)
-    size = f": {loudest}" if loudest else ""
-    named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
-    more = len(record.get("findings", [])) - 3
-    named += f", and {more} more" if more > 0 else ""
-    unnamed = f"There is a gap, and no effect of the catalogue explains it{size}."
-    has = has_name(record)
-    mostly = f"Most of the gap has no name{size}; the lesser part {'has' if has == HAS else 'may have'}: {named}."
-    return {
-        "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
-        "named": f"The gap {has}: {named}.",
-        "partial": f"Part of the gap {has}: {named}.",
-        "none_of_catalogue": mostly if named else unnamed,
-        "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
-        "refused": "Refused: the recordings are unfit for a diagnosis.",
-    }.get(record["verdict"], record["verdict"].replace("_", " "))
+    findings = record.get("findings", [])
+    more = f", and {len(findings) - 3} more" if len(findings) > 3 else ""
+    named = join_words([_finding(finding) for finding in findings[:3]]) + more
+    words = TABLES["headlines"].get(verdict_key(record), record["verdict"].replace("_", " "))
+    return str(words).format(has=has_name(record), named=named, size=f": {loudest}" if loudest else "")
+
+
+def verdict_key(record: Mapping[str, Any]) -> str:
+    """The verdict by which words are chosen: of a gap without a name, whether it is small, or has names beside it."""
+    if record["verdict"] != "none_of_catalogue":
+        return str(record["verdict"])
+    return "small" if is_small(record) else "mostly" if record.get("findings") else "none_of_catalogue"
 
 
 def has_name(record: Mapping[str, Any]) -> str:
     """How sure it is that a gap has the names that are told: one of them at least is likelier than not, or none is."""
     findings = record.get("findings", [])
-    return HAS if any(one.get("probability", 1.0) >= LIKELY for one in findings) else "may have a name"
+    likely = any(one.get("probability", 1.0) >= LIKELY for one in findings)
+    return "has a name" if likely else "may have a name"
 
 
 def first_action(record: Mapping[str, Any]) -> str:
@@ -129,7 +127,6 @@ def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
-HAS = "has a name"
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.
@@ -257,32 +254,24 @@ def untuned(record: Mapping[str, Any]) -> str:
 
 def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Residual, ceiling and noise of every joint, with bars on one scale."""
-    gaps = record.get("gap", {})
-    heldout = record.get("heldout") or {}
-    after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
+    after = heldout.get("rms_after_Nm", {}) if named else {}
     joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
-    top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
-    scale = 100.0 / top if top > 0 else 0.0
-    named = bool(record.get("findings"))
+    sizes = [max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()]
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
-        places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
+        shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
+        shown["trees"] = heldout.get("without_names_rms_Nm", {}).get(joint)
         rows.append(
             {
                 "joint": joint,
-                "places": places,
+                "places": row_places([gap["rms_Nm"], gap["noise_floor_Nm"]]),
                 "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
-                "rms": gap["rms_Nm"],
-                "after": after.get(joint) if named else None,
-                "trees": trees.get(joint),
-                "noise": gap["noise_floor_Nm"],
                 "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
                 "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
-                "trees_bar": round(scale * trees[joint], 1) if joint in trees else None,
-                "rms_bar": round(scale * gap["rms_Nm"], 1),
-                "noise_bar": round(scale * gap["noise_floor_Nm"], 1),
-                "after_bar": round(scale * after[joint], 1) if joint in after and named else None,
+                **shown,
+                "bars": {key: None if value is None else bar(value, sizes) for key, value in shown.items()},
             }
         )
     return rows

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from ident.errors import plural
 from ident.model.evaluation import Evaluation, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
-from ident.show.palette import RUNG_MEANINGS, rung_colours, rung_name
+from ident.show.palette import rung_name
 from ident.show.report.page import Section, write_report
 from ident.show.report.sections import models_section, telemetry_section
-from ident.show.report.words import MINUS, fixed, glue, pair, percent, places_for, table_places
+from ident.show.report.words import MINUS, fixed, glue, percent, places_for, table_places
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS, IN_PART = 0.25, 0.7
@@ -145,10 +143,8 @@ def verdict_section(source: ReportInput) -> Section:
         "lead": glue(describe_steps(score)),
         "seen": source.seen_runs(),
         "runs": sum(len(one.runs) for one in source.evaluation.sessions),
-        "rows": glance_rows(score),
         "facts": [(kind, glue(text)) for kind, text in facts],
-        "joints": joint_bars(score),
-        "colours": rung_colours(score.rungs),
+        "score": score,
         "session": pool_name(score),
     }
     return Section("verdict", "Verdict", "verdict.html", values)
@@ -236,25 +232,6 @@ def describe_steps(score: SessionScore) -> str:
     return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in told)} N m."
 
 
-def glance_rows(score: SessionScore) -> list[dict[str, Any]]:
-    """The ladder's totals with bars: one row a rung."""
-    energy, spread, torque = score.energy_mean[:, -1], score.energy_std[:, -1], score.rmse_mean[:, -1]
-    several = len(score.runs) > 1
-    colours = rung_colours(score.rungs)
-    return [
-        {
-            "name": rung_name(rung),
-            "meaning": RUNG_MEANINGS.get(rung, "named effects"),
-            "colour": colours[rung],
-            "energy": pair(energy[k], spread[k] if several else None, table_places([energy[k]])),
-            "energy_bar": _share(abs(energy[k]), np.abs(energy)),
-            "torque": fixed(torque[k], table_places([torque[k]])),
-            "torque_bar": _share(torque[k], torque),
-        }
-        for k, rung in enumerate(score.rungs)
-    ]
-
-
 def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
     """Joints on which the last rung makes the torque error larger than the rung before it."""
     if len(score.rungs) < 2:
@@ -269,96 +246,13 @@ def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
     return [("warning", f"Worse with {subject} than without: {', '.join(worse)}.")] if worse else []
 
 
-def joint_bars(score: SessionScore) -> list[dict[str, Any]]:
-    """Torque error of every joint and rung, bars on one scale."""
-    rmse = score.rmse_mean[:, :-1]
-    places = places_for(rmse.ravel())
-    return [
-        {
-            "joint": joint,
-            "bars": [
-                {"rung": rung, "value": fixed(rmse[k, j], places), "bar": _share(rmse[k, j], rmse)}
-                for k, rung in enumerate(score.rungs)
-            ],
-        }
-        for j, joint in enumerate(score.joints)
-    ]
-
-
-def _share(value: float, of: Float[Array, "..."] | Sequence[float]) -> float:
-    """Length of a bar in per cent of the longest."""
-    top = float(np.nanmax(of)) if np.any(np.isfinite(of)) else 0.0
-    return round(100.0 * float(value) / top, 1) if top > 0 and np.isfinite(value) else 0.0
-
-
 def ladder_section(source: ReportInput) -> Section:
     """The main model on all runs without payload, then each session and each other model, folded."""
-    evaluation = source.evaluation
-    sessions = evaluation.sessions if len(evaluation.sessions) > 1 else ()
-    others = [one for k, one in enumerate(source.evaluations) if k != source.main]
-    values = {
-        "main": ladder_tables(evaluation.pooled),
-        "model": evaluation.model,
-        "reductions": reductions(evaluation.pooled),
-        "sessions": [ladder_tables(score) for score in sessions],
-        "others": [{"model": one.model, **ladder_tables(one.pooled)} for one in others],
-    }
-    return Section("ladder", "The ladder, joint by joint", "ladder.html", values)
-
-
-def ladder_tables(score: SessionScore) -> dict[str, Any]:
-    """Energy error, torque RMSE and R² as tables of text."""
-    joints = list(score.joints)
-    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
-    return {
-        "name": pool_name(score),
-        "runs": plural(len(score.runs), "run") + payload,
-        "tables": [
-            _table(score, "Energy error of a run [J]", joints, "total", score.energy_mean, score.energy_std),
-            _table(score, "Torque error, RMS [N m]", joints, "all joints", score.rmse_mean, score.rmse_std),
-            _r2_table(score),
-        ],
-    }
-
-
-def _table(
-    score: SessionScore,
-    caption: str,
-    joints: list[str],
-    last: str,
-    mean: Float[Array, "R n+1"],
-    std: Float[Array, "R n+1"],
-) -> dict[str, Any]:
-    colours = rung_colours(score.rungs)
-    spread: list[Any] = list(std) if len(score.runs) > 1 else [[None] * len(row) for row in mean]
-    rows = [
-        {
-            "name": rung_name(rung),
-            "colour": colours[rung],
-            "cells": [pair(a, b, table_places(mean[k])) for a, b in zip(mean[k], spread[k], strict=True)],
-        }
-        for k, rung in enumerate(score.rungs)
-    ]
-    return {
-        "caption": f"{caption}, mean ± standard deviation over the runs",
-        "columns": [*joints, last],
-        "total": True,
-        "rows": rows,
-    }
-
-
-def _r2_table(score: SessionScore) -> dict[str, Any]:
-    colours = rung_colours(score.rungs)
-    rows = [
-        {"name": rung_name(rung), "colour": colours[rung], "cells": [fixed(v, 3) for v in score.r2[k]]}
-        for k, rung in enumerate(score.rungs)
-    ]
-    return {
-        "caption": "Share of the torque's variance explained, R², where the joint moves",
-        "columns": list(score.joints),
-        "total": False,
-        "rows": rows,
-    }
+    main = source.evaluation
+    sessions = [(None, score) for score in main.sessions] if len(main.sessions) > 1 else []
+    others = [(one.model, one.pooled) for k, one in enumerate(source.evaluations) if k != source.main]
+    values = {"main": main, "reductions": reductions(main.pooled), "sessions": sessions, "others": others}
+    return Section("ladder", "The ladder, joint by joint", "ladder.html", {**values, "pool_name": pool_name})
 
 
 def reductions(score: SessionScore) -> list[str]:

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.errors import plural
 from ident.model.evaluation import Evaluation, RunTrace, SessionScore
-from ident.model.hybrid import HybridModel
 from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
 from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import Section
-from ident.show.report.words import fixed, pair, sentence, table_places
+from ident.show.report.words import fixed, sentence
 
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
@@ -31,31 +29,7 @@ def payload_section(source: ReportInput) -> Section | None:
         return None
     free = source.evaluation.pooled
     scores = [*([free] if free.payload_kg == 0 else []), *sorted(loaded, key=lambda score: score.payload_kg)]
-    rungs, colours = scores[0].rungs, rung_colours(scores[0].rungs)
-    tables = [
-        _payload_table("Energy error of a run, all joints [J]", scores, "energy_mean", "energy_std"),
-        _payload_table("Torque error, RMS over all joints [N m]", scores, "rmse_mean", "rmse_std"),
-    ]
-    values = {"rungs": [(rung_name(rung), colours[rung]) for rung in rungs], "tables": tables}
-    return Section("payload", "With payload", "payload.html", values)
-
-
-def _payload_table(caption: str, scores: list[SessionScore], mean: str, std: str) -> dict[str, Any]:
-    centre = np.array([getattr(score, mean)[:, -1] for score in scores])
-    spread = np.array([getattr(score, std)[:, -1] for score in scores])
-    rows = [
-        {
-            "name": f"{1000 * score.payload_kg:.0f} g" if score.payload_kg else "none",
-            "session": pool_name(score),
-            "runs": len(score.runs),
-            "cells": [
-                pair(a, b if len(score.runs) > 1 else None, table_places(centre[k]))
-                for a, b in zip(centre[k], spread[k], strict=True)
-            ],
-        }
-        for k, score in enumerate(scores)
-    ]
-    return {"caption": f"{caption}, mean ± standard deviation over the runs", "rows": rows}
+    return Section("payload", "With payload", "payload.html", {"scores": scores, "pool_name": pool_name})
 
 
 def comparison_section(source: ReportInput) -> Section | None:
@@ -68,28 +42,22 @@ def comparison_section(source: ReportInput) -> Section | None:
         return None
     joints = tuple(j for j in evaluations[0].pooled.joints if all(j in e.pooled.joints for e in evaluations))
     groups = [[restrict(score, joints) for score in compared_scores(one)] for one in evaluations]
-    names = [pool_name(score, 24) for score in groups[0]]
-    several = [len(score.runs) > 1 for score in groups[0]]
-    energy, energy_std = _totals(groups, "energy_mean"), _totals(groups, "energy_std")
-    torque, torque_std = _totals(groups, "rmse_mean"), _totals(groups, "rmse_std")
-    models = [one.model for one in evaluations]
+    names, models = [pool_name(score, 24) for score in groups[0]], [one.model for one in evaluations]
+    totals = {
+        name: np.array([[getattr(score, name)[-1, -1] for score in scores] for scores in groups])
+        for name in ("energy_mean", "energy_std", "rmse_mean", "rmse_std")
+    }
+    captions = (("energy error of a run [J]", "energy"), ("torque error, RMS [N m]", "rmse"))
+    own = [(label, totals[f"{key}_mean"], totals[f"{key}_std"]) for label, key in captions]
     values = {
         "models": [(name, model_colour(k)) for k, name in enumerate(models)],
         "joints": joints,
         "all_joints": all(len(one.pooled.joints) == len(joints) for one in evaluations),
         "sessions": names,
-        "figures": [
-            draw_bars("energy error of a run [J]", names, models, energy, energy_std),
-            draw_bars("torque error, RMS [N m]", names, models, torque, torque_std),
-        ],
-        "rows": [
-            {
-                **_row(model, one, k),
-                "energy": _cells(energy[k], energy_std[k], several),
-                "torque": _cells(torque[k], torque_std[k], several),
-            }
-            for k, (model, one) in enumerate(zip(source.models, evaluations, strict=True))
-        ],
+        "several": [len(score.runs) > 1 for score in groups[0]],
+        "figures": [draw_bars(label, names, models, mean, std) for label, mean, std in own],
+        "tables": own,
+        "fitted": source.models,
     }
     return Section("comparison", "Side by side", "comparison.html", values)
 
@@ -132,28 +100,6 @@ def draw_bars(
     axes.axhline(0.0, color="#333333", linewidth=0.6)
     axes.set_xticks(np.arange(len(sessions)), ticks)
     return {"title": sentence(label), "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
-
-
-def _totals(groups: list[list[SessionScore]], name: str) -> Float[Array, "m s"]:
-    return np.array([[getattr(score, name)[-1, -1] for score in scores] for scores in groups])
-
-
-def _cells(mean: Float[Array, " s"], std: Float[Array, " s"], several: list[bool]) -> list[str]:
-    places = table_places(mean)
-    return [pair(a, b if more else None, places) for a, b, more in zip(mean, std, several, strict=True)]
-
-
-def _row(model: HybridModel, evaluation: Evaluation, index: int) -> dict[str, Any]:
-    past = model.provenance
-    trained = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else "not recorded"
-    return {
-        "name": evaluation.model,
-        "colour": model_colour(index),
-        "trained": trained,
-        "joints": len(model.joint_names),
-        "inertia": model.inertia,
-        "net": f"{past.get('net_parameters', 0):,}" if model.net is not None else "none",
-    }
 
 
 def fits_section(source: ReportInput) -> Section:

@@ -10,9 +10,30 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from ident.errors import plural
 from ident.files import atomic_write
-from ident.show.palette import NAMED, NOISE, TREES, TUNED, rung_colours, rung_name
-from ident.show.report.words import fixed, pair, significant
+from ident.show import palette
+from ident.show.report import words
+
+# What templates make text and colours with.
+FILTERS = [
+    "axis_name",
+    "axis_unit",
+    "bar",
+    "effect_name",
+    "fixed",
+    "glue",
+    "join_words",
+    "pair",
+    "parameter_rows",
+    "percent",
+    "places_for",
+    "sentence",
+    "shade",
+    "significant",
+    "table_places",
+]
+COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "TREES", "TUNED", "model_colour", "rung_colours")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +83,11 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        extensions=["jinja2.ext.do"],
     )
-    filters = {"fixed": fixed, "pair": pair, "significant": significant, "rung": rung_name}
-    environment.filters.update({**filters, "breakable": breakable, "coded": coded})
-    colours = {"TUNED": TUNED, "NAMED": NAMED, "TREES": TREES, "NOISE": NOISE}
-    environment.globals |= {"rung_colours": rung_colours, **colours}
+    environment.filters |= {name: getattr(words, name) for name in FILTERS}
+    environment.filters |= {"breakable": breakable, "coded": coded, "plural": plural, "rung": palette.rung_name}
+    environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {"pairs": words.pairs}
     bodies = [
         {
             "anchor": one.anchor,

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.model.hybrid import HybridModel, LossFigure
+from ident.arrays import Array, Float
+from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
 from ident.show.palette import model_colour
 from ident.show.report.evaluation import ReportInput
@@ -32,12 +33,11 @@ def parameters_section(source: ReportInput) -> Section:
         "pictures": [draw_figures(source.models, name) for name in shown],
         "model": source.evaluation.model,
         "columns": [(WORDS[name], next((f.unit for f in model.figures if f.name == name), "")) for name in shown],
-        "rows": [
-            {"joint": joint, "cells": [_cell(model, joint, name) for name in shown]} for joint in model.joint_names
-        ],
+        "figures": {(figure.joint, figure.name): figure for figure in model.figures},
+        "shown": shown,
         "inertia": describe_inertia(model),
-        "links": link_rows(model),
-        "base": base_rows(model),
+        "links": () if model.inertia == "nominal" else zip(model.nominal.links, *before_and_after(model), strict=True),
+        "fitted": model,
         "tied": [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])],
         "named": [law.describe(model.joint_names) for law in model.named],
         "left_out": model.provenance.get("named_left_out", []),
@@ -72,7 +72,7 @@ def describe_inertia(model: HybridModel) -> str:
     if model.inertia == "nominal":
         text = "Link inertias are the URDF's; nothing was fitted."
     else:
-        before, after = model.nominal.inertial_parameters[::10], model.arm.inertial_parameters[::10]
+        before, after = (links[:, 0] for links in before_and_after(model))
         if model.inertia == "consistent":
             text = (
                 "Link inertias were fitted near the URDF's, under the condition that every link could be a real body: "
@@ -89,56 +89,14 @@ def describe_inertia(model: HybridModel) -> str:
     return text
 
 
-def link_rows(model: HybridModel) -> list[dict[str, str]]:
-    """Mass and first moment of every link, before and after; none where nothing was fitted."""
-    if model.inertia == "nominal":
-        return []
-    before = model.nominal.inertial_parameters.reshape(-1, 10)
-    after = model.arm.inertial_parameters.reshape(-1, 10)
-    return [
-        {
-            "link": link,
-            "mass": f"{fixed(old[0], 3)} → {fixed(new[0], 3)}",
-            "moment": f"({_vector(old[1:4])}) → ({_vector(new[1:4])})",
-        }
-        for link, old, new in zip(model.nominal.links, before, after, strict=True)
-    ]
+def before_and_after(model: HybridModel) -> tuple[Float[Array, "l 10"], Float[Array, "l 10"]]:
+    """Inertial numbers of every link, of the URDF and as fitted."""
+    return model.nominal.inertial_parameters.reshape(-1, 10), model.arm.inertial_parameters.reshape(-1, 10)
 
 
-def base_rows(model: HybridModel) -> list[dict[str, str]]:
-    """Base parameters with their intervals, and how much of each the recordings tell."""
-    return [
-        {
-            "name": figure.name,
-            "value": f"{significant(figure.value, 3)} [{significant(figure.low, 3)}, {significant(figure.high, 3)}]",
-            "informed": f"{100 * figure.informed:.0f} %",
-        }
-        for figure in model.inertias
-    ]
-
-
-def net_rows(model: HybridModel) -> list[dict[str, str]]:
-    """What the residual net did on runs that it never saw, and how much of it each joint keeps."""
+def net_rows(model: HybridModel) -> list[dict[str, Any]]:
+    """What the residual net did on runs that it never saw, and how much of it each joint keeps; none without a net."""
     gates = model.provenance.get("net_gate", [])
     if len(gates) != len(model.joint_names):
         return []
-    return [
-        {
-            "joint": joint,
-            "torque": f"{significant(one['rmse_without'], 3)} → {significant(one['rmse_with'], 3)}",
-            "energy": f"{significant(one['energy_without'], 2)} → {significant(one['energy_with'], 2)}",
-            "kept": f"{100 * float(one.get('weight', one['kept'])):.0f} %",
-        }
-        for joint, one in zip(model.joint_names, gates, strict=True)
-    ]
-
-
-def _vector(values: Sequence[float] | np.ndarray) -> str:
-    return ", ".join(fixed(value, 3) for value in values)
-
-
-def _cell(model: HybridModel, joint: str, name: str) -> str:
-    found: LossFigure | None = next((f for f in model.figures if f.joint == joint and f.name == name), None)
-    if found is None:
-        return "–"
-    return f"{significant(found.value, 3)} [{significant(found.low, 3)}, {significant(found.high, 3)}]"
+    return [{"joint": joint, **one} for joint, one in zip(model.joint_names, gates, strict=True)]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,6 +70,19 @@ def table_places(values: Iterable[float]) -> int:
     return min(2, places_for(values))
 
 
+def pairs(means: Sequence[float], spreads: Sequence[float], several: bool) -> list[str]:
+    """A table's row of means, each with its standard deviation where there are several runs."""
+    places = table_places(means)
+    return [pair(a, b if several else None, places) for a, b in zip(means, spreads, strict=True)]
+
+
+def bar(value: float, of: Iterable[float]) -> float:
+    """Length of a bar in per cent of the longest."""
+    sizes = np.abs(np.ravel(list(of)))
+    top = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
+    return round(100.0 * abs(float(value)) / top, 1) if top > 0 and np.isfinite(value) else 0.0
+
+
 def percent(share: float | None) -> str:
     """A share as a whole percentage; one decimal near 0 and 100."""
     if share is None or not math.isfinite(share):
@@ -80,43 +95,9 @@ def percent(share: float | None) -> str:
 # Identifiers of the contract as words: effects, parameters with their units, axes of the map.
 
 
-# Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.
-SUFFIXES = {
-    "_Nms_rad": "N m s/rad",
-    "_Nm_rad": "N m/rad",
-    "_rad_s": "rad/s",
-    "_Nm_s": "N m/s",
-    "_kgm2": "kg m²",
-    "_kgm": "kg m",
-    "_Nm": "N m",
-    "_kg": "kg",
-    "_rad": "rad",
-    "_degC": "°C",
-    "_N": "N",
-    "_m": "m",
-    "_s": "s",
-}
-# Parameters whose own names say too little.
-WORDS = {
-    "mu": ("friction per load", "N m per N m"),
-    "gain": ("reading off by", "of what it is"),
-    "coefficient": ("coefficient", "N m (s/rad)^exponent"),
-    "viscous_change": ("viscous friction, warm less cold", "of the cold"),
-    "coulomb_change": ("Coulomb friction, warm less cold", "of the cold"),
-}
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 # Parameters that are counted, not measured.
 COUNTED = frozenset({"order", "link", "other_joint"})
-AXES = {
-    "speed": ("speed", "rad/s"),
-    "direction": ("direction", ""),
-    "load": ("load", "N m"),
-    "position": ("position", "rad"),
-    "reversal": ("time since reversal", "s"),
-    "frequency": ("frequency", "Hz"),
-    "time": ("session time", "s"),
-    "temperature": ("temperature", "°C"),
-    "pose": ("reach", "m"),
-}
 
 
 def effect_name(effect: str) -> str:
@@ -131,9 +112,10 @@ def effect_name(effect: str) -> str:
 
 def parameter_name(name: str) -> tuple[str, str]:
     """A parameter's name as words, and its unit."""
-    if name in WORDS:
-        return WORDS[name]
-    for suffix, unit in SUFFIXES.items():
+    if name in TABLES["parameters"]:
+        words, unit = TABLES["parameters"][name]
+        return words, unit
+    for suffix, unit in TABLES["suffixes"].items():
         if name.endswith(suffix):
             return effect_name(name.removesuffix(suffix)), unit
     return effect_name(name), ""
@@ -159,12 +141,16 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
     return cells
 
 
+def parameter_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The cells of all parameters of an effect's record."""
+    return [parameter_cells(name, value) for name, value in parameters.items()]
+
+
 def parameters_in_words(parameters: Mapping[str, Any]) -> str:
     """All parameters of an effect's record in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
-    rows = [parameter_cells(name, value) for name, value in parameters.items()]
     return ", ".join(
         " ".join(filter(None, (row["name"], row["value"], row["unit"], row["interval"] and f"[{row['interval']}]")))
-        for row in rows
+        for row in parameter_rows(parameters)
     )
 
 
@@ -176,7 +162,7 @@ def with_units(text: str) -> str:
         number = found["number"] or ""
         return f"{words}{number.replace('-', MINUS)} {unit}" if number else words
 
-    keys = "|".join(sorted(SUFFIXES, key=len, reverse=True))
+    keys = "|".join(sorted(TABLES["suffixes"], key=len, reverse=True))
     return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", told, text)
 
 
@@ -187,12 +173,12 @@ def sentence(text: str) -> str:
 
 def axis_name(axis: str) -> str:
     """An axis of the map as words."""
-    return AXES.get(axis, (axis, ""))[0]
+    return str(TABLES["axes"].get(axis, (axis, ""))[0])
 
 
 def axis_unit(axis: str) -> str:
     """Its unit."""
-    return AXES.get(axis, ("", ""))[1]
+    return str(TABLES["axes"].get(axis, ("", ""))[1])
 
 
 def interval_words(axis: str, low: float, high: float) -> str:

@@ -22,8 +22,10 @@ from ident.show.report.evaluation_figures import (
     run_errors,
 )
 from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
-from ident.show.report.parameters import net_rows
+from ident.show.report.page import render_page
+from ident.show.report.parameters import parameters_section
 from ident.show.report.words import fixed, glue, percent, places_for, significant
+from tests.ident.show.report.reader import read
 
 
 def scaled(score, factors):  # type: ignore[no-untyped-def]
@@ -70,13 +72,13 @@ def test_joint_made_worse_is_told(source: ReportInput) -> None:
 
 def test_the_net_is_told_with_what_it_did_on_runs_held_back(source: ReportInput) -> None:
     """A row a joint with the figures and the share kept; models without a net, or of before there were shares, too."""
-    assert net_rows(source.model) == []
     gate = JointGate(1.25, 0.75, 3.0, 2.0, 0.75).to_dict()
     earlier = {name: value for name, value in JointGate(1.0, 1.5, 3.0, 4.0, 0.0).to_dict().items() if name != "weight"}
     model = replace(source.model, provenance={"net_gate": [gate, earlier]})
-    first, second = net_rows(model)
-    assert first == {"joint": "joint_1", "torque": "1.25 → 0.750", "energy": "3.0 → 2.0", "kept": "75 %"}
-    assert second["kept"] == "0 %"
+    page = read(render_page("", [parameters_section(replace(source, models=(model, model)))])).text
+    for told in ("1.25 → 0.750", "3.0 → 2.0", "75 %", "1.00 → 1.50", "→ 4.00 %"):
+        assert told in page
+    assert "Residual net" not in read(render_page("", [parameters_section(source)])).text
 
 
 def test_reduction_is_one_less_the_ratio(source: ReportInput) -> None:
@@ -95,8 +97,8 @@ def test_payload_rows_stand_by_mass(source: ReportInput) -> None:
     section = payload_section(source)
     assert section is not None
     context = section.values
-    assert [row["name"] for row in context["tables"][0]["rows"]] == ["none", "500 g"]
-    assert [name for name, _ in context["rungs"]] == ["analytic", "+ loss"]
+    assert [score.payload_kg for score in context["scores"]] == [0.0, 0.5]
+    assert [rung_name(rung) for rung in context["scores"][0].rungs] == ["analytic", "+ loss"]
 
 
 def test_comparison_covers_sessions_and_their_pool(source: ReportInput) -> None:
@@ -105,10 +107,10 @@ def test_comparison_covers_sessions_and_their_pool(source: ReportInput) -> None:
     assert section is not None
     context = section.values
     assert context["sessions"] == ["E1", "E2", "E1 + E2"]
-    assert [row["name"] for row in context["rows"]] == ["half", "nearly all"]
+    assert [name for name, _ in context["models"]] == ["half", "nearly all"]
     score = source.evaluations[0].sessions[0]
-    first = context["rows"][0]["energy"][0]
-    assert first == f"{fixed(score.energy_mean[-1, -1])} ± {fixed(score.energy_std[-1, -1])}"
+    _, mean, std = context["tables"][0]
+    assert (mean[0][0], std[0][0]) == (score.energy_mean[-1, -1], score.energy_std[-1, -1])
 
 
 def test_restricted_score_is_that_of_its_joints(source: ReportInput) -> None:
