@@ -15,24 +15,7 @@ from ident.files import atomic_write
 from ident.show import palette
 from ident.show.report import words
 
-# What templates make text and colours with.
-FILTERS = [
-    "axis_name",
-    "axis_unit",
-    "bar",
-    "effect_name",
-    "fixed",
-    "glue",
-    "join_words",
-    "pair",
-    "parameter_rows",
-    "percent",
-    "places_for",
-    "sentence",
-    "shade",
-    "significant",
-    "table_places",
-]
+# What templates colour with.
 COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "TREES", "TUNED", "model_colour", "rung_colours")
 
 
@@ -85,7 +68,8 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         lstrip_blocks=True,
         extensions=["jinja2.ext.do"],
     )
-    environment.filters |= {name: getattr(words, name) for name in FILTERS}
+    own = {name: one for name, one in vars(words).items() if getattr(one, "__module__", "") == words.__name__}
+    environment.filters |= own
     environment.filters |= {"breakable": breakable, "coded": coded, "plural": plural, "rung": palette.rung_name}
     environment.globals |= {name: getattr(palette, name) for name in COLOURS} | {"pairs": words.pairs}
     bodies = [
