@@ -1,7 +1,8 @@
 """How far apart each pair of shapes has to stay: what was asked for, and where an end of the motion allows less.
 
-Links that are closer to each other at the start or the goal than the clearance asked for keep what they have there. All
-other pairs keep what was asked for; an end at which an obstacle is nearer than that is refused.
+Links that are closer to each other at the start or the goal than the clearance asked for keep what they have there; of
+links that the arm's build hardly ever lets be that far apart, half of what it lets them is asked for. All other pairs
+keep what was asked for; an end at which an obstacle is nearer than that is refused.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ SHORT = 5e-4
 # So far below the gap that a pair has at an end lies the least that a search lets it have on the way: a motion that
 # could not lose a micrometre on its first step would not begin [m].
 ROOM = 0.2 * SHORT
-ENDS = ("start", "goal")
+ENDS = ("start", "goal", "build")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +48,8 @@ class Cut:
     Attributes:
         pair: Number of the pair.
         links: Their names.
-        end: Where they are that close: start or goal.
-        asked, kept: Clearance asked for, and what they have there and keep [m].
+        end: Where they are that close: start, goal, or almost everywhere by the arm's build.
+        asked, kept: Clearance asked for, and what they keep [m].
     """
 
     pair: int
@@ -58,8 +59,10 @@ class Cut:
     kept: float
 
     def __str__(self) -> str:
-        near = f"{' and '.join(self.links)} are {1000 * self.kept:.1f} mm apart at the {self.end}"
-        return f"{near} and keep that instead of the {1000 * self.asked:g} mm asked for"
+        links, kept, asked = " and ".join(self.links), f"{1000 * self.kept:.1f} mm", f"{1000 * self.asked:g} mm"
+        if self.end == "build":
+            return f"{links} are hardly ever {asked} apart on this arm and keep {kept} instead"
+        return f"{links} are {kept} apart at the {self.end} and keep that instead of the {asked} asked for"
 
     def to_dict(self) -> dict[str, object]:
         return {"links": list(self.links), "end": self.end, "asked_m": self.asked, "kept_m": self.kept}
@@ -72,15 +75,21 @@ def find_margins(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> Margi
     is then proven by true distances, against `find_cuts`.
     """
     have = scene.gaps(ends, asked + SHORT).min(axis=0)
-    pairs = np.minimum(asked, have - np.where(have > 2 * ROOM, ROOM, np.maximum(0.5 * have, 1e-6)))
+    room = np.where(have > 2 * ROOM, ROOM, np.maximum(0.5 * have, 1e-6))
+    pairs = np.minimum(_possible(scene, asked), have - room)
     return Margins(asked, freeze(pairs), freeze(scene.by_body(pairs)))
 
 
+def _possible(scene: Scene, asked: float) -> Float[Array, " P"]:
+    """What can be asked of each pair: where the arm's build hardly ever allows so much, half of what it allows."""
+    return np.where(scene.widest < asked, 0.5 * scene.widest, asked)
+
+
 def find_cuts(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> tuple[Cut, ...]:
-    """Pairs of the arm's own shapes that are nearer to each other at an end than was asked for."""
+    """Pairs of the arm's own shapes that keep less than was asked for."""
     if len(scene.pairs) == 0:
         return ()
-    distances = np.array([scene.distances(q) for q in ends])
+    distances = np.array([*(scene.distances(q) for q in ends), _possible(scene, asked)])
     end, least = distances.argmin(axis=0), distances.min(axis=0)
     near = np.flatnonzero(scene.own & (least < asked))
     return tuple(Cut(int(p), scene.names_of(int(p)), ENDS[end[p]], asked, max(float(least[p]), 0.0)) for p in near)

@@ -37,6 +37,9 @@ from plan.spline import Splines
 OVERLAP = "their shapes overlap in most positions"
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
 SHARP = 0.01
+# Links with no more joints between them than this, the share of so many positions in which "hardly ever" is meant, and
+# the gap beyond which it does not matter [m].
+BESIDE, HARDLY, DRAWN, WIDE = 2, 0.95, 200, 0.1
 
 
 def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: Sequence[str] = ()) -> list[str]:
@@ -163,6 +166,17 @@ class Scene:
     def own(self) -> Bool[Array, " P"]:
         """Which pairs are of the arm itself and what it carries; the others are with the world."""
         return np.asarray(self.pairs[:, 0] < self._links)
+
+    @cached_property
+    def widest(self) -> Float[Array, " P"]:
+        """Gap that links beside one another hardly ever exceed, whatever the position [m]; infinite for other pairs."""
+        joint = np.array([box.joint for box in self.boxes])
+        beside = self.own & (joint[self.pairs[:, 1]] - joint[self.pairs[:, 0]] <= BESIDE)
+        low, high = np.maximum(self.arm.lower, -np.pi), np.minimum(self.arm.upper, np.pi)
+        q = np.random.default_rng(0).uniform(low, high, (DRAWN, self.arm.n))  # fixed: a property of the arm
+        found = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
+        usual = np.quantile(found, HARDLY, axis=0)
+        return freeze(np.where(beside & (usual > 0.0) & (usual < WIDE), usual, np.inf))
 
     def by_body(self, pairs: Float[Array, " P"]) -> Float[Array, " c"]:
         """Numbers of the pairs of links, then for each moving link the least of its pairs with the world."""
