@@ -39,35 +39,4 @@ if TYPE_CHECKING:
     from ident.robot.arm import ArmModel as ArmModel
     from ident.sessions import open_sessions as open_sessions
 
-_HOMES = {
-    "ArmModel": "ident.robot.arm",
-    "Diagnosis": "ident.diagnosis.result",
-    "DiagnosisSettings": "ident.diagnosis.settings",
-    "Effect": "ident.effects.base",
-    "FitOptions": "ident.model.hybrid",
-    "HybridModel": "ident.model.hybrid",
-    "InputError": "ident.errors",
-    "Recording": "ident.recordings.recording",
-    "Session": "ident.recordings.recording",
-    "blind": "ident.api.simulating",
-    "close": "ident.api.simulating",
-    "compare": "ident.api.comparing",
-    "diagnose": "ident.api.diagnosing",
-    "evaluate": "ident.api.fitting",
-    "fit": "ident.api.fitting",
-    "fit_hybrid": "ident.api.fitting",
-    "inspect": "ident.api.inspecting",
-    "listening": "ident.progress",
-    "new": "ident.api.daily",
-    "open_sessions": "ident.sessions",
-    "patch": "ident.api.exporting",
-    "plant": "ident.api.simulating",
-    "ranges": "ident.api.daily",
-    "servo": "ident.api.daily",
-    "simulate": "ident.api.simulating",
-    "verify": "ident.api.exporting",
-    "view": "ident.api.viewing",
-    "watch": "ident.api.daily",
-}
-__all__ = sorted(_HOMES)
-__getattr__, __dir__ = lazily(__name__, _HOMES)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ident.files import write_record
-from ident.records import Record
+from ident.records import Record, as_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -166,7 +165,7 @@ ONE_RUN = "a single run tells nothing of what runs differ by"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Result(ABC):
+class Result:
     """Base of all results.
 
     Attributes:
@@ -176,6 +175,8 @@ class Result(ABC):
     # How a result looks is known above, where pictures are made, and asked for by name when somebody looks:
     # a module with `write(console, result)` and `draw(result)`.
     SHOWN_BY: ClassVar[str] = "ident.show.results"
+    # Of a result whose fields are the keys of its record.
+    SCHEMA: ClassVar[str] = ""
 
     provenance: Provenance = field(default_factory=Provenance)
 
@@ -189,9 +190,10 @@ class Result(ABC):
         more = f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
         return "\n".join([f"{type(self).__name__}:", *lines[:LINES], *filter(None, [more])])
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """The record that the command writes with --json; `ident schema` says what it holds."""
+        own = {one.name: as_record(getattr(self, one.name)) for one in fields(self)}
+        return {"schema": self.SCHEMA, **own}
 
     def with_provenance(self, provenance: Provenance) -> Self:
         """The same result, with its origin."""

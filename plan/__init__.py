@@ -17,13 +17,4 @@ if TYPE_CHECKING:
     from plan.problem.result import PlanResult as PlanResult
     from plan.problem.task_file import load_task as load_task
 
-_HOMES = {
-    "PlanResult": "plan.problem.result",
-    "Planner": "plan.planners.base",
-    "compare": "plan.api.planning",
-    "excite": "plan.api.exciting",
-    "load_task": "plan.problem.task_file",
-    "solve": "plan.api.planning",
-}
-__all__ = ["PlanResult", "Planner", "compare", "excite", "load_task", "solve"]
-__getattr__, __dir__ = lazily(__name__, _HOMES)
+__getattr__, __dir__, __all__ = lazily(__name__, __file__)

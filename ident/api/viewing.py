@@ -23,13 +23,11 @@ class View(Result):
         runs: Names of the runs.
     """
 
+    SCHEMA = "ident.view/1"
+
     robot: str
     joints: tuple[str, ...]
     runs: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        own = {"robot": self.robot, "joints": list(self.joints), "runs": list(self.runs)}
-        return {"schema": "ident.view/1", **own, "provenance": self.provenance.to_dict()}
 
 
 def view(

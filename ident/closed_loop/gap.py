@@ -10,7 +10,7 @@ Source: the law of `thermal_friction` of the catalogue (Wolf and Iskandar 2018; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -38,12 +38,12 @@ class GapFloors:
     """A model's torque gap in noise floors.
 
     Attributes:
-        joints: RMS of what is left at each joint over its noise floor, shape (n,).
+        joints: RMS of what is left at each joint over its noise floor, by its name.
         together: Root mean square over the joints.
         upper: The same at the upper end of its one-sided interval, by how the runs differ.
     """
 
-    joints: Float[Array, " n"]
+    joints: Mapping[str, float]
     together: float
     upper: float
 
@@ -70,10 +70,11 @@ def measure_floors(
     """
     errors = [log_error(model, run) / floors for model, run in zip(models, motions, strict=True)]
     squares = np.array([np.sum(error**2, axis=0) for error in errors])
-    return pool_runs(squares, np.array([run.settled.sum(axis=0) for run in motions], dtype=float))
+    counts = np.array([run.settled.sum(axis=0) for run in motions], dtype=float)
+    return pool_runs(squares, counts, motions[0].joints)
 
 
-def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"]) -> GapFloors:
+def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"], joints: Sequence[str]) -> GapFloors:
     """Mean squares of runs of unequal length, and the upper bound of their mean over the joints.
 
     Neighbouring samples are copies of each other, so that a run counts as one draw; the variance is that of a ratio of
@@ -88,11 +89,12 @@ def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"]) -> GapF
     # What each run adds to the mean over the joints, about its expectation.
     apart = ((squares - mean * counts) / total)[:, slid].sum(axis=1) / n
     together = float(mean[slid].sum() / n)
+    by_joint = dict(zip(joints, map(float, np.sqrt(mean)), strict=True))
     if runs < 2:
-        return GapFloors(np.sqrt(mean), float(np.sqrt(together)), np.inf)
+        return GapFloors(by_joint, float(np.sqrt(together)), np.inf)
     error = np.sqrt(np.sum(apart**2) * runs / (runs - 1))
     upper = together + student.ppf(1.0 - DOUBT, runs - 1) * error
-    return GapFloors(np.sqrt(mean), float(np.sqrt(together)), float(np.sqrt(upper)))
+    return GapFloors(by_joint, float(np.sqrt(together)), float(np.sqrt(upper)))
 
 
 class TimedRun(Protocol):

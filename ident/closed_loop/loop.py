@@ -25,6 +25,7 @@ from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Session
+from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
 from ident.trajectories.reference import ReferenceMotion
@@ -113,19 +114,21 @@ STALLED_MODELS, PROGRESS = 2, 0.97
 Say = Callable[[str], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Round:
+@dataclass(frozen=True)
+class Round(Record):
     """One round.
 
     Attributes:
         minutes: Of motion, in this round.
-        gap: Of the model of the round before, on this round's recordings; None in the first.
+        gap_floors: Gap of the model of the round before, on this round's recordings, by joint; None in the first.
+        gap_upper: The upper end of its interval over all joints.
         verdict: Of the diagnosis of all recordings so far; empty where none was needed.
         named: Effects that it identified, each `effect joint`.
     """
 
     minutes: float
-    gap: GapFloors | None
+    gap_floors: Mapping[str, float] | None
+    gap_upper: float | None
     verdict: str = ""
     named: tuple[str, ...] = ()
 
@@ -236,26 +239,27 @@ def close_gap(
         minutes, gap = session.duration / 60.0, None
         if state is not None:
             gap = state.check(report.session)
-            joints = " ".join(f"{value:.2f}" for value in gap.joints)
+            joints = " ".join(f"{value:.2f}" for value in gap.joints.values())
             left = f"{gap.together:.2f} × the noise ({joints}), at most {gap.upper:.2f}"
             say(f"round {number}: {minutes:.1f} min recorded; the last model leaves {left}")
             # More motion makes a small gap sure, or shows that it was chance.
             if gap.small and state.looks < PATIENCE and not gap.closed and number < most:
-                rounds.append(Round(minutes, gap))
+                rounds.append(Round(minutes, gap.joints, gap.upper))
                 continue
             reached.append(gap.together)
             best = min(reached[:-STALLED_MODELS], default=np.inf)
             stalled = min(reached[-STALLED_MODELS:]) > PROGRESS * best
             if gap.closed or number >= most or stalled:
-                rounds.append(Round(minutes, gap))
+                rounds.append(Round(minutes, gap.joints, gap.upper))
                 urdf = LawModel.of(IdentifiedArm.as_urdf(arm), session.payload)
                 before = measure_floors([urdf] * len(state.unseen), state.unseen, state.floors)
-                farthest = list(state.record["gap"])[int(np.argmax(gap.joints))]
+                farthest = max(gap.joints, key=lambda name: gap.joints[name])
                 why = "no nearer with more recordings" if stalled else "rounds spent"
                 reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
                 return Closed(reason, tuple(rounds), before, gap, state)
         state = Taught.by(known, arm)
-        rounds.append(Round(minutes, gap, state.record["verdict"], state.named))
+        by_joint, upper = (None, None) if gap is None else (gap.joints, gap.upper)
+        rounds.append(Round(minutes, by_joint, upper, state.record["verdict"], state.named))
         say(f"round {number}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
 
 

@@ -174,7 +174,6 @@ def track(
 # The loop on one arm, simulated or real, and what `ident close` reports of each.
 
 
-SCHEMA = "ident.close/1"
 # Effects of a simulated arm.
 EFFECTS = 3
 # Tracking errors of the models, and their keys in the record.
@@ -195,10 +194,9 @@ class Closing(Result):
         arms: The record of each (`ident.close/1`).
     """
 
-    arms: tuple[dict[str, Any], ...]
+    SCHEMA = "ident.close/1"
 
-    def to_dict(self) -> dict[str, Any]:
-        return {"schema": SCHEMA, "arms": list(self.arms), "provenance": self.provenance.to_dict()}
+    arms: tuple[dict[str, Any], ...]
 
     def summary(self) -> str:
         """One line an arm, and the medians where there are several."""
@@ -266,35 +264,20 @@ def keep(loop: Closed, arm: ArmModel, folder: Path) -> dict[str, Any]:
         with suppress(InputError):  # identified, but nothing that a file could hold
             write_patch(Diagnosed.of_record(diagnosis, path=folder / "diagnosis.json"), arm, folder / "patch")
             patch = "patch"
-    joints = list(diagnosis["joints"])
-
-    def by_joint(values: Any) -> dict[str, float]:
-        return dict(zip(joints, map(float, values), strict=True))
-
-    rounds = [
-        {
-            "minutes": one.minutes,
-            "gap_floors": None if one.gap is None else by_joint(one.gap.joints),
-            "gap_upper": None if one.gap is None else one.gap.upper,
-            "verdict": one.verdict,
-            "named": list(one.named),
-        }
-        for one in loop.rounds
-    ]
     return {
         "seed": None,
         "robot": diagnosis["robot"],
-        "joints": joints,
+        "joints": list(diagnosis["joints"]),
         "effects": [],
         "closed": loop.closed,
         "reason": loop.reason,
         "minutes": loop.minutes,
         "rounds": len(loop.rounds),
-        "by_round": rounds,
+        "by_round": [one.to_dict() for one in loop.rounds],
         "named": list(loop.last.named),
         "gap_floors_before": loop.before.together,
         "gap_floors_after": loop.after.together,
-        "gap_floors_by_joint": by_joint(loop.after.joints),
+        "gap_floors_by_joint": loop.after.joints,
         "heldout_floors": {},
         "patch": patch,
     }

@@ -288,7 +288,10 @@ def find_changes(
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
         enough = count / level
         named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
-        alarms += [_describe(arm, key, streams, session, evidence) for key in named]
+        raised = [_describe(arm, key, streams, session, evidence) for key in named]
+        alarms += raised
+        # Where the torque's scale has changed, all parameters that follow it have.
+        named += [(one.joint, name) for one in raised if one.scale is not None for name in SCALED]
         for key, stream in streams.items():
             stream.taken *= max(1.0, stream.evidence)
             if key in named:

@@ -12,8 +12,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup, escape
-
 from ident.errors import plural
 from ident.monitor.alarms import Alarm, Point
 from ident.monitor.estimates import unit_of
@@ -136,27 +134,16 @@ def fleet_verdict(found: Watch) -> Section:
 
 def arm_estimates(arm: ArmHistory) -> Section | None:
     """Every estimate over the dates, with intervals and the changes marked."""
-    marks: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for alarm in arm.alarms:
-        marks[alarm.joint, alarm.figure].append(alarm.since)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for (joint, name), points in arm.figures.items():
-        unit, last = unit_of(name), points[-1]
-        words = f"{significant(last.value, 3)}{unit} [{significant(last.low, 3)}, {significant(last.high, 3)}]"
-        svg = draw_strip(points, marks.get((joint, name), []), f"{NAMES[name]} of {joint} over the sessions")
-        rows[joint].append({"name": NAMES[name], "last": words, "svg": svg})
-    values = {"rows": list(rows.items())}
-    return Section("figures", "Estimates over time", "watch_figures.html", values) if rows else None
+        since = {alarm.since for alarm in arm.alarms if (alarm.joint, alarm.figure) == (joint, name)}
+        rows[joint].append({"name": NAMES[name], "unit": unit_of(name), "strip": lay_out(points), "since": since})
+    size = {"WIDTH": WIDTH, "HEIGHT": HEIGHT, "LEFT": LEFT, "RIGHT": RIGHT, "TOP": TOP, "BOTTOM": BOTTOM}
+    return Section("figures", "Estimates over time", "watch_figures.html", {"rows": rows, **size}) if rows else None
 
 
-def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str) -> Markup:
-    """One parameter over time.
-
-    Args:
-        points: In order of time.
-        changes: Names of the sessions from which on it had changed.
-        description: What it shows, for those who can't see it.
-    """
+def lay_out(points: Sequence[Point]) -> dict[str, Any]:
+    """Where one parameter's estimates lie in their strip, in order of time, and the ends of its scale."""
     try:  # dates as days, or places in the row where one is no date
         times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]
     except ValueError:
@@ -167,32 +154,15 @@ def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str
     high = min(max(point.high for point in points), max(values) + WIDEST * reach)
     span = max(times[-1] - times[0], 1e-9)
 
-    def x(time: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * ((time - times[0]) / span if len(times) > 1 else 0.5)
-
     def y(value: float) -> float:
         inside = min(max(value, low), high)
         return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (inside - low) / max(high - low, 1e-12)
 
-    parts = [f'<path d="M{LEFT} {TOP}V{HEIGHT - BOTTOM}H{WIDTH - RIGHT}" fill="none" stroke="currentColor"/>']
+    marks = []
     for time, point in zip(times, points, strict=True):
-        if point.session in changes:
-            line = f"M{x(time):.1f} {TOP}V{HEIGHT - BOTTOM}"
-            parts.append(f'<path d="{line}" class="since"/>')
-        parts.append(
-            f'<path d="M{x(time):.1f} {y(point.low):.1f}V{y(point.high):.1f}" class="reach"/>'
-            f'<circle cx="{x(time):.1f}" cy="{y(point.value):.1f}" r="2.2" class="point">'
-            f"<title>{escape(point.session)}: {significant(point.value, 3)}</title></circle>"
-        )
-    style = 'font-size="9" font-family="sans-serif" fill="currentColor"'
-    parts += [
-        f'<text x="{LEFT - 3}" y="{TOP + 8}" text-anchor="end" {style}>{significant(high, 3)}</text>',
-        f'<text x="{LEFT - 3}" y="{HEIGHT - BOTTOM}" text-anchor="end" {style}>{significant(low, 3)}</text>',
-        f'<text x="{LEFT}" y="{HEIGHT - 4}" {style}>{escape(points[0].date[:10])}</text>',
-        f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 4}" text-anchor="end" {style}>{escape(points[-1].date[:10])}</text>',
-    ]
-    head = f'<svg role="img" aria-label="{escape(description)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
-    return Markup(head + "".join(parts) + "</svg>")
+        x = LEFT + (WIDTH - LEFT - RIGHT) * ((time - times[0]) / span if len(times) > 1 else 0.5)
+        marks.append((point, f"{x:.1f}", *(f"{y(one):.1f}" for one in (point.value, point.low, point.high))))
+    return {"marks": marks, "low": low, "high": high}
 
 
 def arm_sessions(arm: ArmHistory) -> Section:
@@ -200,17 +170,11 @@ def arm_sessions(arm: ArmHistory) -> Section:
     effects: dict[str, list[str]] = defaultdict(list)
     for row in arm.effects:
         effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
-    rows = [
-        {
-            "session": row["session"],
-            "date": row["date"][:16],
-            "said": (row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")) or "",
-            "effects": ", ".join(effects[row["session"]]),
-        }
-        for row in reversed(arm.sessions)
-    ]
-    values = {"rows": rows, "said": any(row["said"] for row in rows), "named": bool(arm.effects)}
-    return Section("sessions", "Sessions", "watch_sessions.html", values)
+    said = {
+        row["session"]: (row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")) or ""
+        for row in arm.sessions
+    }
+    return Section("sessions", "Sessions", "watch_sessions.html", {"arm": arm, "said": said, "effects": effects})
 
 
 def fleet_table(found: Watch, store: Store) -> Section:
@@ -218,36 +182,17 @@ def fleet_table(found: Watch, store: Store) -> Section:
     heads = ["arm", "sessions", "unfit", "last", "changes", "last change"]
     diagnosed = any(row["verdict"] for arm in found.arms for row in arm.done)
     heads += ["effects in the last session"] * diagnosed
-    values = {"rows": [_arm_row(arm, store) for arm in found.arms], "heads": heads, "diagnosed": diagnosed}
+    values = {"arms": found.arms, "store": store, "heads": heads, "diagnosed": diagnosed, "NAMES": NAMES}
     return Section("arms", "Arms", "watch_arms.html", values)
-
-
-def _arm_row(arm: ArmHistory, store: Store) -> dict[str, Any]:
-    good = len(arm.done)
-    named = {f"{effect_name(row['effect'])} ({row['joints']})" for row in arm.last_effects}
-    newest = arm.alarms[-1] if arm.alarms else None
-    changed = "none" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
-    if arm.hint is not None and newest is None:
-        changed = f"perhaps {NAMES[arm.hint.figure]} of {arm.hint.joint} since {arm.hint.since}"
-    return {
-        "arm": arm.arm,
-        "page": store.page(arm.arm).name,
-        "sessions": good,
-        "unfit": len(arm.sessions) - good,
-        "last": arm.sessions[-1]["date"][:10],
-        "alarms": len(arm.alarms),
-        "changed": changed,
-        "effects": ", ".join(sorted(named)) or "none",
-    }
 
 
 def fleet_effects(found: Watch, store: Store) -> Section | None:
     """Which arms share which effect, by the last session of each."""
-    shared: dict[str, list[dict[str, str]]] = defaultdict(list)
+    shared: dict[str, dict[str, str]] = defaultdict(dict)
     for arm in sorted(found.arms, key=lambda one: one.arm):
-        for effect, joints in {effect_name(row["effect"]): row["joints"] for row in arm.last_effects}.items():
-            shared[effect].append({"arm": arm.arm, "joints": joints, "page": store.page(arm.arm).name})
-    rows = [{"effect": effect, "arms": arms} for effect, arms in sorted(shared.items(), key=lambda one: -len(one[1]))]
-    values = {"rows": rows, "count": len(found.arms)}
+        for row in arm.last_effects:
+            shared[effect_name(row["effect"])][arm.arm] = row["joints"]
+    rows = sorted(shared.items(), key=lambda one: -len(one[1]))
+    values = {"rows": rows, "count": len(found.arms), "store": store}
     present = any(arm.effects for arm in found.arms)
     return Section("effects", "Which arms share which effect", "watch_effects.html", values) if present else None

@@ -106,7 +106,7 @@ def test_a_model_that_is_right_is_closed_once_it_was_checked(
     assert found.closed
     assert shown == [k + 1 for k in range(len(shares))]
     assert len(found.rounds) == len(shares) + 1
-    gaps = [one.gap.together for one in found.rounds if one.gap is not None]
+    gaps = [one.gap_upper for one in found.rounds if one.gap_upper is not None]
     assert gaps == sorted(gaps, reverse=True)
     assert found.after.upper <= MARGIN < found.before.together
     assert found.minutes == pytest.approx(len(found.rounds) * 6 * (8.0 - 1 / 125) / 60)
@@ -123,15 +123,18 @@ def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.Mo
         loop.close_gap(arm, MadeUpArm(arm), Anything(), most=1)
 
 
+JOINTS = ("joint_1", "joint_2")
+
+
 def test_few_runs_that_differ_make_nothing_sure() -> None:
     """The mean may be small; what counts is how far it may be off."""
     counts = np.full((4, 2), 100.0)
-    even = pool_runs(counts * 0.9, counts)
-    uneven = pool_runs(counts * np.array([[0.1], [0.1], [1.7], [1.7]]), counts)
+    even = pool_runs(counts * 0.9, counts, JOINTS)
+    uneven = pool_runs(counts * np.array([[0.1], [0.1], [1.7], [1.7]]), counts, JOINTS)
     assert even.together == pytest.approx(uneven.together) == pytest.approx(np.sqrt(0.9))
     assert even.upper == pytest.approx(even.together)
     assert uneven.upper > MARGIN
-    assert pool_runs(counts[:1], counts[:1]).upper == np.inf
+    assert pool_runs(counts[:1], counts[:1], JOINTS).upper == np.inf
 
 
 def test_the_gap_of_the_truth_is_the_noise(arm: ArmModel) -> None:

@@ -112,3 +112,14 @@ def test_figures_that_change_alike_are_the_torques_scale() -> None:
     assert scale[2] - scale[1] < 0.03
     assert gain_change(days({}, 8), days({"coulomb": 1.08}, 6)) is None
     assert gain_change(days({}, 8), days({}, 6)) is None
+
+
+def test_after_a_scale_that_changed_nothing_that_follows_it_is_a_hint() -> None:
+    rng, history = np.random.default_rng(4), {}
+    for name in ("gain", "rotor", "viscous", "coulomb"):
+        values = 1.0 + 0.3 * (np.arange(len(NAMES)) > 7) + 0.01 * rng.standard_normal(len(NAMES))
+        days = zip(values, NAMES, strict=True)
+        history["joint_2", name] = [Point(one, one - 0.02, one + 0.02, 0.01, day, day) for one, day in days]
+    alarms, hint = find_changes("arm", history, NAMES)
+    assert {alarm.joint for alarm in alarms if alarm.scale is not None} == {"joint_2"}
+    assert hint is None
