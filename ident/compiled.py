@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 import threading
@@ -90,13 +91,13 @@ class Kernel:
         version = f"{'.'.join(map(str, llvm.llvm_version_info))} {sys.version_info[:2]}"
         content = source.read_bytes() + repr((self.arguments, traits, version)).encode()
         file = f"{source.stem}.{self.python.__name__}-{hashlib.sha256(content).hexdigest()[:20]}.kernel"
-        for folder in _folders(source):
+        # Beside the module, or, where nobody may write there, in the user's cache.
+        folders = [one for one in (source.parent / "__pycache__", user_cache()) if one]
+        for folder in folders:
             if (kept := _read(folder / file)) is not None:
                 return kept
         name, code = _compile(self.python, self.arguments, self.helpers, llvm)
-        for folder in _folders(source):
-            if _write(folder / file, name, code):
-                break
+        any(_write(folder / file, name, code) for folder in folders)
         return name, code
 
 
@@ -164,12 +165,19 @@ def _compile(
     return name, machine.emit_object(module)
 
 
-def _folders(source: Path) -> tuple[Path, ...]:
-    """Where code is kept: beside the module, or, where nobody may write there, in the user's cache."""
+def user_cache() -> Path | None:
+    """The folder of what can be made anew; None where others may write: what lies there is run, or believed."""
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     # A container's user may have no home.
-    own = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
-    return (source.parent / "__pycache__", own)
+    folder = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
+    try:
+        if not os.path.lexists(folder):
+            folder.mkdir(mode=0o700, parents=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+    return folder if private else None
 
 
 def _read(path: Path) -> tuple[str, bytes] | None:

@@ -17,7 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
-from ident.outputs import STANDARD_OUTPUT, absolute, require_own_folder, require_plain, sha256_of, write_marker
+from ident.outputs import (
+    STANDARD_OUTPUT,
+    absolute,
+    require_own_folder,
+    require_plain,
+    sha256_of,
+    unwritable,
+    write_marker,
+)
 
 __all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "write_record"]
 
@@ -178,7 +186,7 @@ def _parents(target: Path) -> Iterator[None]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _refused(target, error) from None
+        raise (error if error.errno in FAULTS else unwritable(target, error)) from None
     try:
         yield
     except BaseException:
@@ -200,15 +208,8 @@ def _make_temporary(target: Path, folder: bool) -> Path:
         else:
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
     except OSError as error:
-        raise _refused(target, error) from None
+        raise (error if error.errno in FAULTS else unwritable(target, error)) from None
     return temporary
-
-
-def _refused(target: Path, error: OSError) -> Exception:
-    if error.errno in FAULTS:
-        return error
-    reason = error.strerror or str(error)
-    return InputError(target, f"can't be written ({reason})", "choose a folder that you may write to")
 
 
 def _short(target: Path) -> str:

@@ -68,7 +68,7 @@ def begin_folder(folder: Path, kind: str) -> None:
         if _read_marker(folder).get("kind") != kind:
             raise InputError(folder, f"the folder holds something else than a {kind} of armgap", ELSEWHERE)
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise unwritable(folder, error) from None
 
 
 def is_begun(folder: Path, kind: str) -> bool:
@@ -103,7 +103,7 @@ def require_own_folder(folder: Path, kind: str) -> None:
             raise InputError(folder, f"holds a {record.get('kind')}, not a {kind}", ELSEWHERE)
         _require_unchanged(folder, record["files"])
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise unwritable(folder, error) from None
 
 
 def _require_unchanged(folder: Path, files: Mapping[str, Any]) -> None:
@@ -130,7 +130,7 @@ def require_own_file(path: Path) -> None:
         if path.exists() and path.stat().st_size and not is_own_file(path):
             raise InputError(path, "is a file that armgap did not write", ELSEWHERE)
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise unwritable(path, error) from None
 
 
 def require_plain(path: Path) -> None:
@@ -143,7 +143,7 @@ def require_plain(path: Path) -> None:
         if _exists(path) and not stat.S_ISREG(path.lstat().st_mode):
             raise InputError(path, f"is {_kind_of(path)}, not a plain file", "choose another name for the file")
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise unwritable(path, error) from None
 
 
 def mark_file(path: Path) -> None:
@@ -199,11 +199,14 @@ def check_outputs(
     read = [Path(entry) for entry in inputs if entry is not None and _exists(Path(entry))]
     for option, path in places.items():
         for entry in read:
-            if _real(path) == _real(entry) or (option in whole and _real(entry).is_relative_to(_real(path))):
+            if path.resolve() == entry.resolve() or (
+                option in whole and entry.resolve().is_relative_to(path.resolve())
+            ):
                 raise InputError(f"{option} {path}", "is read by the same command", "choose another place")
         for other, second in places.items():
             if other != option and (
-                _real(path) == _real(second) or (other in whole and _real(path).is_relative_to(_real(second)))
+                path.resolve() == second.resolve()
+                or (other in whole and path.resolve().is_relative_to(second.resolve()))
             ):
                 raise InputError(f"{option} {path}", f"is also what {other} writes", "choose another place")
     for path in single.values():
@@ -232,7 +235,7 @@ def require_writable(path: Path) -> None:
         if len(os.fsencode(path.name)) > longest - 40:
             raise InputError(path, "its name is too long", "choose a shorter one")
     except (OSError, ValueError) as error:
-        raise _unwritable(path, error) from None
+        raise unwritable(path, error) from None
 
 
 def absolute(path: str | Path) -> Path:
@@ -270,16 +273,13 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _real(path: Path) -> Path:
-    return Path(os.path.realpath(path))
-
-
 def _kind_of(path: Path) -> str:
     mode = path.lstat().st_mode
     kinds = ((stat.S_ISLNK, "a link"), (stat.S_ISDIR, "a folder"), (stat.S_ISREG, "a file"))
     return next((name for test, name in kinds if test(mode)), "a device")
 
 
-def _unwritable(path: Path, error: Exception) -> InputError:
+def unwritable(path: Path, error: Exception) -> InputError:
+    """What the user is told where the system lets nothing be written."""
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return InputError(path, f"can't be written ({reason})", "choose a folder that you may write to")

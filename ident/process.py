@@ -37,15 +37,10 @@ def missing_extra(error: BaseException | None) -> InputError | None:
     while error is not None:
         package = (getattr(error, "name", None) or "").partition(".")[0] if isinstance(error, ImportError) else ""
         if package in EXTRA_OF:
-            extra = EXTRA_OF[package]
-            return InputError(
-                package, "this package is not installed", f'pip install "armgap[{extra}]", or armgap[all]'
-            )
+            remedy = f'pip install "armgap[{EXTRA_OF[package]}]", or armgap[all]'
+            return InputError(package, "this package is not installed", remedy)
         error = error.__cause__ or error.__context__
     return None
-
-
-# What a command owes its system: statuses, signals, and output that may fail without taking the work along.
 
 
 # Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,

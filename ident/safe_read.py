@@ -156,7 +156,9 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
         with np.load(path, allow_pickle=False) as archive:
             # Nobody's recording of floats is far larger than its file.
             require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
-            for name in archive.zip.namelist():
+            for name in (names := archive.zip.namelist()):
+                if names.count(name) > 1:
+                    raise ValueError(f"it holds {name!r} twice")
                 with archive.zip.open(name) as stream:
                     old = np.lib.format.read_magic(stream) == (1, 0)
                     read = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0

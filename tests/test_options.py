@@ -34,6 +34,15 @@ def test_every_command_is_tried(corpus: Path) -> None:
     assert len(found) > 100
 
 
+def test_seeds_and_minutes_beyond_reason_are_refused(corpus: Path) -> None:
+    """Law: a negative seed and an endless motion end in one line, whatever the command."""
+    beyond = {"seed": ("-1", "nan"), "seeds": ("-1", "nan"), "minutes": ("-1", "nan", "inf", "1e9")}
+    chosen = [one for one in trials(corpus) if one.value in beyond.get(one.option, ())]
+    assert len({one.command for one in chosen}) >= 6
+    outcomes = {f"{one.command} --{one.option}={one.value}": attempt(one) for one in chosen}
+    assert {name: found for name, found in outcomes.items() if found[0] != "refused"} == {}
+
+
 @pytest.mark.slow
 def test_hostile_values_are_refused_or_taken(corpus: Path) -> None:
     """Law: exit 0, 2 or 3, one line, no traceback, nothing of the user's touched."""

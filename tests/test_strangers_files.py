@@ -6,6 +6,7 @@ An audit hook of Python's own hears every file that is opened and every program 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -133,6 +134,10 @@ def test_hostile_names_are_text_all_the_way(
     assert not [*tmp_path.rglob("RUN"), *given.rglob("RUN"), *(tmp_path / "own").iterdir()]
 
 
+URDF = """<robot name="r"><link name="a"><collision><geometry><mesh filename="shape.obj"/></geometry></collision></link>
+<link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 REACHING = {
     "entity of a URDF": ("robot.urdf", '<!DOCTYPE r [<!ENTITY x SYSTEM "{secret}">]><robot name="&x;"/>'),
     "parameter entity of a URDF": ("robot.urdf", '<!DOCTYPE r [<!ENTITY % x SYSTEM "{secret}"> %x;]><robot name="r"/>'),
@@ -144,6 +149,8 @@ REACHING = {
         "robot.xacro",
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="$(eval open(\'{secret}\').read())"/>',
     ),
+    "materials of a URDF's mesh": ("robot.urdf", URDF),
+    "materials of a scene's mesh": ("scene.toml", '[[obstacle]]\nfile = "shape.obj"\nxyz_m = [0, 0, 0]\n'),
     "mesh of a scene": ("scene.toml", '[[obstacle]]\nfile = "{secret}"\nxyz_m = [0, 0, 0]\n'),
 }
 
@@ -158,10 +165,13 @@ def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path
     name, text = REACHING[way]
     path = tmp_path / "given" / name
     path.write_text(text.format(secret=secret))
-    use = load_surroundings if path.suffix == ".toml" else ArmModel.load
-    arguments = (path, 6) if path.suffix == ".toml" else (path,)
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    # Its reader is no Python: it would wait for the pipe for ever.
+    os.mkfifo(path.with_name("pipe"))
+    pipe = "pipe" if path.suffix == ".urdf" else f"../elsewhere/{SECRET}"
+    path.with_name("shape.obj").write_text(f"mtllib {pipe}\n{corners}")
     with guard.watching(), pytest.raises(InputError) as told:
-        use(*arguments)
+        load_surroundings(path, 6) if path.suffix == ".toml" else arm_shapes(ArmModel.load(path))
     assert guard.done == []
     assert str(secret) not in guard.read
     assert "mine" not in str(told.value)

@@ -75,8 +75,6 @@ ARRANGEMENT = read_group(__file__, "arrangement")
 
 # The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out.
 # And how its measured velocity goes with its positions' derivative.
-
-
 # Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.
 CUTOFF_HZ = 5.0
 # The filter's transient at both ends of a run, in periods of the cut-off.

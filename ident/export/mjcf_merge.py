@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import InputError
+from ident.errors import InputError, first_line
 from ident.export.bodies import moved
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf import inertial_attributes
@@ -29,6 +29,7 @@ from ident.laws.motion import Losses
 from ident.model.inertia import is_consistent
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
+from ident.safe_read import read_text
 
 # Poses at which the axes are compared; a handful fixes a rigid motion many times over.
 POSES = 12
@@ -190,7 +191,7 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     Raises:
         InputError: The file can't be read, is of another arm, or what hangs on a link weighs more than was identified.
     """
-    root, model = _open(source)
+    root, model = open_mjcf(source)
     arm, changes = identified.whole, identified.changes
     match = match_file(identified.nominal, model, source)
     links = np.array(arm.inertial_parameters).reshape(-1, 10)
@@ -225,16 +226,16 @@ def _child(root: ET.Element, tag: str) -> ET.Element:
     return found
 
 
-def _open(source: Path) -> tuple[ET.Element, mujoco.MjModel]:
+def open_mjcf(source: Path) -> tuple[ET.Element, mujoco.MjModel]:
+    """The elements of a file, and what MuJoCo makes of it; InputError for none that it loads by itself."""
+    parser, remedy = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)), "give a file that MuJoCo loads"
     try:
-        parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-        root = ET.parse(source, parser).getroot()
+        root = ET.fromstring(read_text(source, remedy), parser)
         if root.find(".//include") is not None:
             raise InputError(source, "it includes other files", "give the file in which the arm's bodies stand")
         return root, mujoco.MjModel.from_xml_path(str(source))
     except (OSError, ET.ParseError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(source, f"can't be read as MJCF ({reason})", "give a file that MuJoCo loads") from None
+        raise InputError(source, f"can't be read as MJCF ({first_line(error)})", remedy) from None
 
 
 def _write_links(

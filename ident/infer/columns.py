@@ -232,8 +232,6 @@ def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | Non
 # Columns without names: what their numbers say.
 # Time rises evenly. Velocity is the derivative of position. Torque or current follows what the robot's model needs
 # for that motion. Columns that belong together stand side by side, one a joint.
-
-
 # Steps of a clock differ from their median by less than this many medians, for nearly all samples.
 EVEN, NEARLY_ALL = 3.0, 0.99
 # Derivative and velocity are the same signal from this correlation on.

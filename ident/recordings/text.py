@@ -107,8 +107,6 @@ def _to_numbers(cells: pa.Array, decimal: str) -> tuple[Float[Array, " R"], Bool
 
 
 # CSV and other text tables: how one is written, by its first lines; then all cells at once, by Arrow, to numbers.
-
-
 SNIFF_BYTES = 1 << 16
 COMMENTS = ("#", "%")
 

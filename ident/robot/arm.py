@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, freeze, in_a_line
-from ident.errors import RobotError
+from ident.errors import RobotError, first_line
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.names import find_urdf, split_tip, with_mesh_paths
@@ -82,8 +82,8 @@ class ArmModel:
         try:
             model = pin.buildModelFromXML(urdf)
         except (ValueError, RuntimeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise RobotError(where, f"the URDF parser refused it ({reason})", "check it with check_urdf") from None
+            what = f"the URDF parser refused it ({first_line(error)})"
+            raise RobotError(where, what, "check it with check_urdf") from None
         _require_serial_arm(model, where, urdf)
         return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed, tip)
 
@@ -309,10 +309,6 @@ class ArmModel:
             raise RobotError(
                 where, f"{tag} geometry can't be read ({reason})", "mend or replace the mesh, or give boxes"
             ) from None
-
-    @cached_property
-    def _data(self) -> pin.Data:
-        return self.model.createData()
 
     @cached_property
     def _pool(self) -> pin.ModelPool:

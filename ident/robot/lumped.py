@@ -87,8 +87,8 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
     """Projects the arm at zero onto the plane across the J2 axis."""
     up = np.array([0.0, 0.0, 1.0])
     out = np.cross(axes[1], up)  # a positive turn about J2 leans an upright arm this way
-    upper = _across(poses[2].translation - poses[1].translation, axes[1])
-    fore = _across(poses[3].translation - poses[2].translation, axes[1])
+    across = np.eye(3) - np.outer(axes[1], axes[1])
+    upper, fore = (across @ (poses[k + 1].translation - poses[k].translation) for k in (1, 2))
     a2, a3 = float(np.linalg.norm(upper)), float(np.linalg.norm(fore))
     turn2 = float(np.arctan2(upper @ out, upper @ up))
     turn3 = float(np.arctan2(fore @ out, fore @ up)) - turn2
@@ -113,10 +113,6 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
         sign=(1 if axes[0][2] > 0 else -1, 1, same),
         offset=(0.0, turn2, float((turn3 + np.pi) % (2 * np.pi) - np.pi)),
     )
-
-
-def _across(vector: Array, axis: Array) -> Array:
-    return vector - axis * (axis @ vector)
 
 
 def _along_link(link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array) -> tuple[float, tuple[float, ...]]:
@@ -148,7 +144,8 @@ def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) 
     parts = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
     for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(zip(links, origins, limits, strict=False)):
         if i == 1:  # turn joint 2's zero within its own plane
-            rpy = tuple(_turned(rpy, p.offset[1]))
+            turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", p.offset[1])
+            rpy = tuple(pin.rpy.matrixToRpy(turned))
         lower, upper, velocity, effort = (repr(float(value)) for value in limit)
         ixx, iyy, izz = (repr(float(value)) for value in moments)
         turn = " ".join(repr(float(value)) for value in rpy)
@@ -160,8 +157,3 @@ def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) 
             f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
         )
     return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(arm.model.gravity.linear)
-
-
-def _turned(rpy: tuple[float, ...], angle: float) -> Array:
-    turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", angle)
-    return pin.rpy.matrixToRpy(turned)

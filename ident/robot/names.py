@@ -6,16 +6,20 @@ import difflib
 import importlib
 import importlib.metadata
 import importlib.util
+import os
+import re
 import shlex
 import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
 
-from ident.errors import RobotError, first_line
+from ident.errors import InputError, RobotError, first_line
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
+# The files in which an .obj's materials stand, which its reader opens, too.
+MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
 
 
 def find_mesh(name: str, source: Path | None) -> Path | None:
@@ -41,11 +45,24 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     return next((path for path in tried if path.is_file()), None)
 
 
+def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+    """Raises for a file that is no mesh, too large, or has its reader open what is no plain file beside it."""
+    if path.suffix.lower() not in READABLE:
+        raise error(where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
+    if (size := path.stat().st_size) > LARGEST:
+        raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
+    for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
+        material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
+        if material.exists() and not (material.is_file() and material.is_relative_to(path.parent.resolve())):
+            what = f"{place}names {os.fsdecode(name)!r}, no plain file beside it"
+            raise error(where, what, "take the line mtllib out: a shape needs no materials")
+
+
 def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str:
     """The URDF with the meshes of one tag, `collision` or `visual`, named by their paths; the other tag's are left out.
 
     Raises:
-        RobotError: A mesh is missing, of a kind that can't be read, or too large.
+        RobotError: A mesh is missing, or as `require_mesh`.
     """
     root = ET.fromstring(urdf)
     other = "visual" if tag == "collision" else "collision"
@@ -58,18 +75,12 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
             if path is None:
                 remedy = "put the mesh files beside the URDF, under their package's name"
                 raise RobotError(where, f"{place} is not there", remedy)
-            if path.suffix.lower() not in READABLE:
-                raise RobotError(where, f"{place} is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
-            size = path.stat().st_size
-            if size > LARGEST:
-                raise RobotError(where, f"{place} has {size / 1e6:.0f} MB", "give a simplified mesh for collisions")
+            require_mesh(path, where, f"{place} ", RobotError)
             mesh.set("filename", str(path))
     return ET.tostring(root, encoding="unicode")
 
 
 # Robots by name: those that armgap ships, all of example-robot-data, and robot_descriptions where it is installed.
-
-
 # The name a user types -> path below example-robot-data's robots folder. Any other URDF of the package goes by the
 # name of its file (`tiago_no_hand`).
 EXAMPLE_ROBOTS = {

@@ -184,15 +184,12 @@ def gripper_joints(root: ET.Element) -> list[str]:
     def moves(joint: ET.Element) -> bool:
         return joint.get("type") in MOVING
 
-    def after(joint: ET.Element) -> list[ET.Element]:
-        return children.get(link_of(joint, "child"), [])
-
     def below(joint: ET.Element) -> list[str]:
         names, coming = [], [joint]
         while coming:
             one = coming.pop()
             names += [one.get("name") or ""] if moves(one) else []
-            coming += reversed(after(one))
+            coming += reversed(children.get(link_of(one, "child"), []))
         return names
 
     def length(joint: ET.Element) -> int:
@@ -201,7 +198,7 @@ def gripper_joints(root: ET.Element) -> list[str]:
             one, so_far = coming.pop()
             so_far += moves(one)
             longest = max(longest, so_far)
-            coming += [(child, so_far) for child in after(one)]
+            coming += [(child, so_far) for child in children.get(link_of(one, "child"), [])]
         return longest
 
     child_links = {link_of(joint, "child") for joint in root.findall("joint")}

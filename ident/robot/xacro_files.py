@@ -21,7 +21,7 @@ from typing import Any
 
 from ident.errors import InputError, RobotError
 from ident.robot.xacro_expressions import HarmfulExpression, Lookup, evaluate, require_plain
-from ident.safe_read import read_text, read_xml, require_no_entities
+from ident.safe_read import DEEPEST, read_text, read_xml, require_no_entities
 
 SUFFIX = ".xacro"
 # Processor time in which the largest descriptions are expanded many times over [s].
@@ -192,6 +192,8 @@ class _Expansion:
 
     def parse(self, text: Any, name: str | None = None) -> Any:
         """The XML document of a file, as `xacro.parse`."""
+        if len(self.xacro.filestack) > DEEPEST:
+            raise HarmfulExpression(f"{name} is included by what it includes")
         try:
             text = self.read(str(name), LARGEST)
         except self.xacro.XacroException:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ident.arrays import Array, Float
-from ident.errors import RecordingError, RobotError
+from ident.errors import RecordingError, RobotError, first_line
 from ident.files import atomic_write
 from ident.recordings.load import require_readable_size
+from ident.recordings.parquet import open_parquet
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.trajectories.reference import RAMP_SHARE, TICK_S, GentleEnds, ReferenceMotion, sampled, ticks
@@ -94,10 +94,10 @@ def _read_one(path: Path, arm: ArmModel) -> ReferenceMotion:
 def _table(path: Path) -> pa.Table:
     require_readable_size(path)
     try:
-        return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
+        return open_parquet(path).read() if path.suffix == ".parquet" else pacsv.read_csv(path)
     except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8 is a ValueError
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(path, f"can't be read ({reason})", "give a .csv or .parquet file of commands") from None
+        what = f"can't be read ({first_line(error)})"
+        raise RecordingError(path, what, "give a .csv or .parquet file of commands") from None
 
 
 def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: ArmModel) -> None:

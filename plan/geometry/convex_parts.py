@@ -7,7 +7,6 @@ cut brings next to nothing. Every triangle is cut with it, so each lies inside a
 from __future__ import annotations
 
 import hashlib
-import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.compiled import user_cache
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.safe_read import read_arrays
@@ -49,11 +49,12 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> ConvexParts:
         triangles: Corners of each [m].
     """
     triangles = np.ascontiguousarray(triangles, dtype=float)
-    kept = _cache() / f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
-    found = _read(kept)
+    cache, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
+    found = None if cache is None else _read(cache / "parts" / name)
     if found is None:
         found = _cut(triangles)
-        _keep(kept, found)
+        if cache is not None:
+            _keep(cache / "parts" / name, found)
     return found
 
 
@@ -123,10 +124,6 @@ def _volume(triangles: Array) -> float | None:
     if np.linalg.norm(areas.sum(axis=0)) > CLOSED * np.linalg.norm(areas, axis=1).sum():
         return None
     return float(abs(np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0])).sum()) / 6.0) or None
-
-
-def _cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "armgap" / "parts"
 
 
 def _read(path: Path) -> ConvexParts | None:

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.robot.names import LARGEST, READABLE
+from ident.robot.names import require_mesh
 from plan.errors import SceneError
 from plan.geometry.solids import Solid, hull_points
 
@@ -34,10 +34,7 @@ def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid,
     """
     if not os.path.isfile(path):  # false of names that no file can have, too
         raise SceneError(path, "no such mesh file", "give the path of an STL, OBJ or DAE file, from the scene file on")
-    if path.suffix.lower() not in READABLE:
-        raise SceneError(path, "no mesh that can be read", f"give one of: {', '.join(READABLE)}")
-    if path.stat().st_size > LARGEST:
-        raise SceneError(path, f"the mesh file has {path.stat().st_size / 1e6:.0f} MB", "simplify the mesh")
+    require_mesh(path, path, "", SceneError)
     points, triangles = _load(path, scale)
     if len(triangles) == 0 or not np.isfinite(points).all():
         raise SceneError(path, "the mesh has no triangle, or a corner that is no number", "mend or replace the mesh")

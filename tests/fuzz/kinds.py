@@ -14,9 +14,10 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
 from ident.checks import inspect
-from ident.checks.report import TelemetryReport
+from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
+from ident.export.mjcf_merge import open_mjcf
 from ident.model.evaluation import load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.net_options import NAME as CHECKPOINT
@@ -47,6 +48,8 @@ BEYOND = 1e12
 # A control character of a name is shown by its code, \x1e say, which begins no figure.
 UNTOLD = re.compile(r"(?<!\\x)\d[eE]\+?(\d{2,})")
 LARGEST_TOLD = 20
+# No drive holds so many times what it is rated for.
+MOST_RATED = 20.0
 Read = Callable[[Path], object]
 
 
@@ -92,8 +95,13 @@ def check_report(report: TelemetryReport) -> None:
         told = [int(power) for power in UNTOLD.findall(issue.evidence)]
         must(max(told, default=0) <= LARGEST_TOLD, f"tells {issue.evidence!r}")
         must(len(issue.evidence.splitlines()) == 1, f"tells several lines: {issue.evidence!r}")
-    if report.is_fit:
+    if all(issue.issue in TOO_LITTLE for issue in report.fatal):  # of so short a run there is always too little
         check_session(report.session)
+        if report.arm is not None:
+            rated = report.arm.model.effortLimit
+            for run in report.session.runs:
+                must((np.median(np.abs(run.effort), axis=0) < MOST_RATED * rated).all(), "torque beyond any drive's")
+                must((np.ptp(run.effort, axis=0) > 0.0).any(), "no torque at all")
 
 
 def check_session(session: Session) -> None:
@@ -311,5 +319,6 @@ def records(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("question.json", folder / "question.json", question, check_question),
         Kind("commands.csv", folder / "commands.csv", lambda path: read_commands(path, arm), check_motions),
         Kind("plan.json", folder / "plan.json", lambda path: read_plan(path, arm), check_motions),
+        Kind("mjcf", folder / "arm.xml", open_mjcf, share=0.3),
         Kind("envelope", folder / "sealed" / ENVELOPE_NAME, sealed),
     ]

@@ -218,12 +218,31 @@ def change_table(data: bytes, rng: Rng) -> bytes:
         lambda: table.take(pa.array(rng.permutation(rows))),
     ]
     try:
-        table = columns[int(rng.integers(len(columns)))]()
-    except (pa.ArrowException, TypeError):  # numbers in a column of texts
+        chosen = int(rng.integers(len(columns) + 1))
+        table = columns[chosen]() if chosen < len(columns) else _change_meaning(table, rng)
+    except (pa.ArrowException, TypeError, ValueError):  # numbers in a column of texts
         table = columns[1]()
     sink = io.BytesIO()
     pq.write_table(table, sink)
     return sink.getvalue()
+
+
+def _change_meaning(table: pa.Table, rng: Rng) -> pa.Table:
+    """A table that is whole and means something else: another unit, a dead channel, one joint alone, a joint twice."""
+    names = table.column_names
+    kind, at = int(rng.integers(6)), int(rng.integers(len(names)))
+    if kind == 0:
+        return table.set_column(0, names[0], pa.array((np.asarray(table.column(0)) * 1e9).astype(np.int64)))
+    if kind == 1:
+        return table.select([name for name in names if name == names[0] or name.startswith("joint_3/")])
+    if kind == 2:
+        return table.append_column(names[at], table.column(at))
+    ending = names[at].rpartition("/")[2]
+    for k, name in enumerate(names):
+        if name.endswith(f"/{ending}") and (kind != 3 or k == at):
+            factor = [float(rng.choice([1e3, 1e9, -1.0])), 0.0, np.nan][kind - 3]
+            table = table.set_column(k, name, pa.array(np.asarray(table.column(k), dtype=float) * factor))
+    return table
 
 
 def change_matrix(data: bytes, rng: Rng) -> bytes:
@@ -361,6 +380,7 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),
     "xacro": (change_expression, change_expression, change_tag, change_tag, change_values, change_chain, nest, *BYTES),
+    "xml": (change_values, change_values, change_words, change_chain, nest, *BYTES),
     "srdf": (change_values, change_values, change_words, nest, *BYTES),
     "json": (change_json, change_json, change_json, change_json, nest, *BYTES),
     "safetensors": (change_header, change_header, change_header, *BYTES),

@@ -11,6 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from ident.compiled import user_cache
+
 SOURCE = """
 import numpy as np
 from ident.compiled import compiled
@@ -72,6 +74,23 @@ def test_a_kernel_does_what_its_function_does_and_is_kept(tmp_path: Path) -> Non
     assert done.stdout.split() == ["12.0", "16.0", "False"]
     kept.write_bytes(kept.read_bytes()[:-1])  # damaged: compiled again
     _check(_module(tmp_path))
+
+
+def test_no_code_is_kept_where_others_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: the cache is this user's alone: neither a folder of others, nor one open to them, nor a link."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache() == tmp_path / "armgap"
+    assert (tmp_path / "armgap").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "armgap").chmod(0o777)
+    assert user_cache() is None
+    monkeypatch.setattr("os.geteuid", lambda: 54321)
+    (tmp_path / "armgap").chmod(0o700)
+    assert user_cache() is None
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "links"))
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links/armgap").symlink_to(tmp_path / "armgap")
+    assert user_cache() is None
 
 
 def test_what_would_be_read_wrongly_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +74,32 @@ def test_nan_in_a_binary_table_is_fatal_and_named(run: Recording, tmp_path: Path
     assert "run.parquet, row 8, column b/position" in issue.evidence
 
 
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
+def test_an_interface_that_the_arm_lacks_is_left_out_with_a_note(suffix: str, run: Recording, tmp_path: Path) -> None:
+    """Law: a velocity channel without any number, as ros2_control logs it, is no fault of the rest."""
+    lacking, path = run.replace(velocity=np.full(run.position.shape, np.nan)), tmp_path / f"run{suffix}"
+    if suffix == ".npz":
+        channels = {**lacking.channels(), "time": run.time, "joints": np.array(run.joints)}
+        np.savez(path, **channels)
+    else:
+        write_recording(lacking, path)
+    read = load_recording(path)
+    assert read.velocity is None
+    assert [(issue.issue, issue.severity) for issue in read.issues] == [("missing_channel", "note")]
+    np.testing.assert_array_equal(read.effort, run.effort)
+
+
+def test_an_archive_with_an_array_twice_is_refused(run: Recording, tmp_path: Path) -> None:
+    """Law: of two arrays of one name, which a zip may hold, none is the right one."""
+    path = tmp_path / "run.npz"
+    np.savez(path, time=run.time, position=run.position, effort=run.effort, joints=["a", "b"])
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "a") as archive:
+        warnings.simplefilter("ignore")
+        archive.writestr("effort.npy", archive.read("effort.npy"))
+    with pytest.raises(RecordingError, match=r"holds 'effort.npy' twice"):
+        load_recording(path)
+
+
 @pytest.mark.parametrize("name", ["run.parquet", "run.npz"])
 @pytest.mark.parametrize("content", [b"", b"PAR1 no such thing", b"PK\x03\x04 no such thing"])
 def test_a_broken_file_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
@@ -90,6 +118,7 @@ def test_tables_that_make_no_recording_are_refused(run: Recording, tmp_path: Pat
     whole = {"time": run.time, "position": run.position, "effort": run.effort, "joints": np.array(["a", "b"])}
     for change, expected in (
         ({"joints": None}, "no array joints"),
+        ({"joints": np.array(["a", "a"])}, "names 'a' twice"),
         ({"time": run.time[:3]}, "equally long"),
         ({"effort": run.effort[:, :1]}, "has shape"),
         ({"joints": np.array(["a", "b"], dtype=object)}, "plain arrays"),

@@ -4,6 +4,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import lz4.frame
@@ -19,6 +20,8 @@ from ident.errors import InputError
 from ident.recordings import ros_messages
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
+from ident.robot.arm import ArmModel
+from ident.trajectories.files import read_commands
 from plan.geometry.clouds import read_points
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
@@ -31,6 +34,10 @@ def parquet(path: Path) -> Path:
     names = ("time", "a/position", "a/effort")
     pq.write_table(pa.table({name: pa.array(np.zeros(ROWS)) for name in names}), path / "run.parquet")
     return path / "run.parquet"
+
+
+def commands(path: Path) -> Path:
+    return parquet(path).rename(path / "commands.parquet")
 
 
 def data_set(path: Path) -> Path:
@@ -64,14 +71,16 @@ def pcd(path: Path) -> Path:
     return path / "scan.pcd"
 
 
-@pytest.mark.parametrize("write", [parquet, data_set, matlab, archive, ply, pcd])
+@pytest.mark.parametrize("write", [parquet, commands, data_set, matlab, archive, ply, pcd])
 def test_what_unpacks_out_of_proportion_is_refused(
     write: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Law: more than a hundred times the file and more than the limit is refused; the user's variable allows it."""
     monkeypatch.setenv("ARMGAP_MOST_UNPACKED_MB", "1")
     path = write(tmp_path)
-    read = read_points if path.suffix in (".ply", ".pcd") else load_session
+    read: Callable[[Path], object] = read_points if path.suffix in (".ply", ".pcd") else load_session
+    if path.stem == "commands":
+        read = partial(read_commands, arm=ArmModel.load("tm5-900"))
     with pytest.raises(InputError, match=r"unpack to .* or more; ARMGAP_MOST_UNPACKED_MB allows it"):
         read(path)
     if path.suffix == ".npz":
