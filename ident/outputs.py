@@ -199,14 +199,11 @@ def check_outputs(
     read = [Path(entry) for entry in inputs if entry is not None and _exists(Path(entry))]
     for option, path in places.items():
         for entry in read:
-            if path.resolve() == entry.resolve() or (
-                option in whole and entry.resolve().is_relative_to(path.resolve())
-            ):
+            if _real(path) == _real(entry) or (option in whole and _real(entry).is_relative_to(_real(path))):
                 raise InputError(f"{option} {path}", "is read by the same command", "choose another place")
         for other, second in places.items():
             if other != option and (
-                path.resolve() == second.resolve()
-                or (other in whole and path.resolve().is_relative_to(second.resolve()))
+                _real(path) == _real(second) or (other in whole and _real(path).is_relative_to(_real(second)))
             ):
                 raise InputError(f"{option} {path}", f"is also what {other} writes", "choose another place")
     for path in single.values():
@@ -271,6 +268,11 @@ def _exists(path: Path) -> bool:
         return os.path.lexists(path)
     except ValueError:  # a zero byte in the name
         return False
+
+
+def _real(path: Path) -> Path:
+    """Where a path leads; unlike its own way, without complaint about links that turn in a circle."""
+    return Path(os.path.realpath(path))
 
 
 def _kind_of(path: Path) -> str:

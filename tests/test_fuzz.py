@@ -64,49 +64,31 @@ def test_reading_reads_and_nothing_else(name: str, corpus: Path, guard: Guard) -
     kind.check(kind.read(kind.path))  # what is loaded lazily is loaded here
     with guard.watching():
         kind.read(kind.path)
-    homes = [
-        corpus.resolve(),
-        ROOT,
-        *(Path(entry).resolve() for entry in sys.path if entry),
-        Path(sys.prefix).resolve(),
-    ]
+    homes = [corpus.resolve(), ROOT, *(Path(one).resolve() for one in (*sys.path, sys.prefix) if one)]
     foreign = [one for one in guard.read if not any(Path(one).resolve().is_relative_to(home) for home in homes)]
     assert (guard.done, [one for one in foreign if not one.startswith(("/proc", "/sys"))]) == ([], [])
     # A user's own effects are Python; the pages of a store are made of our own templates.
     assert guard.compiled == [] or name == "catalogue" or name.startswith("store/")
 
 
-def put_pipe(path: Path) -> None:
-    os.mkfifo(path)
+# What may stand where a file should: by its name, how it is put there.
+OTHERS: dict[str, Callable[[Path], object]] = {
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "folder": Path.mkdir,
+    "holes": lambda path: (path.touch(), os.truncate(path, TERABYTE)),
+    "link to itself": lambda path: path.symlink_to(path),
+}
 
 
-def put_device(path: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
-def put_folder(path: Path) -> None:
-    path.mkdir()
-
-
-def put_holes(path: Path) -> None:
-    with path.open("wb") as stream:
-        stream.truncate(TERABYTE)
-
-
-def put_link_to_itself(path: Path) -> None:
-    path.symlink_to(path)
-
-
-@pytest.mark.parametrize("put", [put_pipe, put_device, put_folder, put_holes, put_link_to_itself])
+@pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in PASSED_OVER])
-def test_what_is_no_plain_file_is_told(
-    name: str, put: Callable[[Path], None], corpus: Path, tmp_path: Path, alarm: None
-) -> None:
+def test_what_is_no_plain_file_is_told(name: str, other: str, corpus: Path, tmp_path: Path, alarm: None) -> None:
     """Law: no reader waits for a pipe, reads a device or fills the memory from a file with holes."""
     folder = Path(shutil.copytree(corpus, tmp_path / "corpus"))
     kind = kind_of(name, folder)
     kind.path.unlink()
-    put(kind.path)
+    OTHERS[other](kind.path)
     with pytest.raises(InputError) as told:
         kind.read(kind.path)
     assert len(str(told.value).splitlines()) == 1

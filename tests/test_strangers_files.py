@@ -108,12 +108,7 @@ USES: dict[str, Callable[[Folder, Folder], None]] = {
 
 def foreign(guard: Guard, *homes: Path) -> list[str]:
     """What was read that is neither given nor installed, and no figure of the system's own."""
-    own = [
-        ROOT,
-        Path(sys.prefix).resolve(),
-        Path(sys.base_prefix).resolve(),
-        *(Path(one).resolve() for one in sys.path if one),
-    ]
+    own = [ROOT, *(Path(one).resolve() for one in (*sys.path, sys.prefix, sys.base_prefix) if one)]
     resolved = {one: Path(one).resolve() for one in guard.read if not one.startswith(("/proc", "/sys"))}
     return [one for one, path in resolved.items() if not any(path.is_relative_to(home) for home in (*own, *homes))]
 

@@ -206,9 +206,8 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     compiler, here = _child(root, "compiler"), Path(source).parent
     folders = {key: compiler.get(key, compiler.get("assetdir", "")) for key in ("meshdir", "texturedir")}
     _point_to_meshes(compiler, folders, here, (placed or out).parent)
-    text = ET.tostring(root, encoding="unicode") + "\n"
     with atomic_write(out) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
     left_out = [f"{one.effect}: {LEFT_OUT[left]}" for one in changes if (left := one.part("mjcf")) in LEFT_OUT]
     whole = arm.with_inertial_parameters(links.ravel()).with_gravity(identified.gravity)
     _point_to_meshes(compiler, folders, here, None)

@@ -32,19 +32,7 @@ from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
 from plan.planners import Budget, Ledger
-from tests.fuzz.samples import (
-    CATALOGUE,
-    CUBE,
-    LIMITS,
-    LINKS,
-    SCENE,
-    SESSION_TOML,
-    VIAS,
-    WORLD,
-    XACRO,
-    obj,
-    stl,
-)
+from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of

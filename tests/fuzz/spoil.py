@@ -23,55 +23,24 @@ TEXTS = ["\x00", "\x1b[31m", '"""', "$(touch RUN)", "[x]", "é\u202e", "a" * 500
 EXPRESSION = re.compile(rb"\$\{[^}]*\}|\$\([^)]*\)")
 # Nobody's description needs any of these; `touch RUN` and the files that are named show what was done.
 EXPRESSIONS = ["__import__('os').system('touch RUN')", "[x for x in ().__class__.__bases__[0].__subclasses__()]"]
-EXPRESSIONS += [
-    "open('/etc/passwd').read()",
-    "load_yaml('/etc/passwd')",
-    "load_yaml('links.xacro')",
-    "9**9**9",
-    "2**-0.5",
-]
-EXPRESSIONS += [
-    "'a' * 10**9",
-    "[0] * 10**10",
-    "list(range(10**10))",
-    "sum(range(10**10))",
-    "1 << 10**10",
-    "1 / 0",
-    "nan",
-]
-EXPRESSIONS += [
-    "'{0.__class__}'.format(1)",
-    "xacro.load_yaml('x')",
-    "(lambda f: f(f))(lambda f: f(f))",
-    "half.half",
-    "(",
-]
-EXPRESSIONS += [
-    "eval('1')",
-    "getattr(1, 'real')",
-    "'%s' % 1",
-    "reach if reach else half",
-    "not_there",
-    "1e308 * 10",
-    "inf",
-]
+EXPRESSIONS += ["open('/etc/passwd').read()", "load_yaml('/etc/passwd')", "load_yaml('links.xacro')", "9**9**9"]
+EXPRESSIONS += ["2**-0.5", "'a' * 10**9", "[0] * 10**10", "list(range(10**10))", "sum(range(10**10))", "1 << 10**10"]
+EXPRESSIONS += ["1 / 0", "nan", "'{0.__class__}'.format(1)", "xacro.load_yaml('x')"]
+EXPRESSIONS += ["(lambda f: f(f))(lambda f: f(f))", "half.half", "(", "eval('1')", "getattr(1, 'real')", "'%s' % 1"]
+EXPRESSIONS += ["reach if reach else half", "not_there", "1e308 * 10", "inf"]
 EXPRESSIONS += ["(" * 500 + ")" * 500, "-" * 5000 + "1", "'x' * 5000", "abs(-reach)", "masses['none']", "f'{reach}'"]
 EXPRESSIONS += [text[2:-1].removeprefix("eval ") for text in HARMFUL.values()]
-TAGS = [
-    '<xacro:include filename="/etc/passwd"/>',
-    '<xacro:include filename="../../*.xml"/>',
-    '<xacro:nothing name="a"/>',
-]
-TAGS += ['<xacro:include filename="arm.xacro"/>', '<xacro:include filename="links.xacro" ns="a"/>', "<xacro:segment/>"]
+TAGS = ['<xacro:include filename="/etc/passwd"/>', '<xacro:include filename="../../*.xml"/>']
+TAGS += ['<xacro:nothing name="a"/>', '<xacro:include filename="arm.xacro"/>']
+TAGS += ['<xacro:include filename="links.xacro" ns="a"/>', "<xacro:segment/>"]
 TAGS += ['<xacro:include filename="$(find nowhere)/a.xacro"/>', '<xacro:include filename="/dev/zero.xacro"/>']
 TAGS += ['<xacro:macro name="again"><xacro:again/></xacro:macro><xacro:again/>', '<xacro:insert_block name="a"/>']
-TAGS += [
-    '<xacro:macro name="t" params="*"><xacro:t/><xacro:t/></xacro:macro><xacro:t/>',
-    '<xacro:call macro="segment"/>',
-]
-TAGS += ['<xacro:property name="p" value="${p}${p}"/><link name="${p}"/>', '<xacro:property name="pi" value="3"/>']
+TAGS += ['<xacro:macro name="t" params="*"><xacro:t/><xacro:t/></xacro:macro><xacro:t/>']
+TAGS += ['<xacro:call macro="segment"/>', '<xacro:property name="p" value="${p}${p}"/><link name="${p}"/>']
+TAGS += ['<xacro:property name="pi" value="3"/>']
 TAGS += ['<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>']
-TAGS += ['<xacro:property name="reach" value="$(env HOME)"/>', '<xacro:element xacro:name="${reach}"/>', "<xacro:if/>"]
+TAGS += ['<xacro:property name="reach" value="$(env HOME)"/>', '<xacro:element xacro:name="${reach}"/>']
+TAGS += ["<xacro:if/>"]
 TAGS += [
     '<xacro:property name="g0" value="aa"/>'
     + "".join(f'<xacro:property name="g{k + 1}" value="{f"${{g{k}}}" * 9}"/>' for k in range(12))

@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -136,9 +135,12 @@ def test_bytes_that_are_not_utf8_are_shown_as_bytes() -> None:
     assert visible("joint_1 ± 0.1 [N m], Gelenk ü, 関節") == "joint_1 ± 0.1 [N m], Gelenk ü, 関節"
 
 
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signals) -> None:
-    line = command(tmp_path, "--wait", "20")
+def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signals, turned: bool) -> None:
+    """Law: also where a library turns it into an error of its own."""
+    work = "try:\n        time.sleep(wait)\n    except BaseException:\n        raise RuntimeError"
+    line = command(tmp_path, "--wait", "20", app=APP.replace("time.sleep(wait)", work) if turned else APP)
 
     def unignored() -> None:  # as from a terminal: tests may run under `nohup`
         signal.signal(number, signal.SIG_DFL)
@@ -193,20 +195,6 @@ def test_next_to_nothing_is_loaded_before_a_signal_is_heard(package: str) -> Non
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert len({name for name in ended.stdout.split() if name.split(".")[0] in ("ident", "plan")}) <= 7
     assert not {"typing", "logging", "numpy", "typer"} & set(ended.stdout.split())
-
-
-def test_a_signal_that_a_library_turns_into_its_own_error(tmp_path: Path) -> None:
-    app = APP.replace(
-        "time.sleep(wait)",
-        "\n    try:\n        time.sleep(wait)\n    except BaseException:\n        raise RuntimeError",
-    )
-    process = subprocess.Popen(command(tmp_path, "--wait", "20", app=app), stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    process.stderr.readline()
-    time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    assert process.stderr.read() == "ident: stopped\n"
-    assert process.wait() == 130
 
 
 def test_a_library_that_does_not_fit_in_memory_is_told_in_one_line(tmp_path: Path) -> None:

@@ -78,12 +78,8 @@ for factor in (1.1e9, 1.1e6, 1e3, 4.0, 3.0, 0.25):
     slow = both(every(partial(times, factor=factor)), without_velocity)
     REFUSED[f"time base {factor:g} without velocity"] = (slow, "wrong_time_base", None, "")
 for speed in (DEG, 1.0, None):
-    REFUSED[f"degrees, velocity {speed}"] = (
-        every(partial(degrees, velocity=speed)),
-        "units_degrees",
-        ALL,
-        "angle_unit",
-    )
+    turned = every(partial(degrees, velocity=speed))
+    REFUSED[f"degrees, velocity {speed}"] = (turned, "units_degrees", ALL, "angle_unit")
 
 
 @pytest.mark.parametrize("fault", REFUSED)
@@ -135,12 +131,7 @@ TOLD: dict[str, tuple[Fault, dict[str, str], tuple[str, ...] | None, int]] = {
     ),
     "frozen torque": (frozen("effort", 1), {"stuck_channel": "warning", "time_gap": "note"}, None, 121),
     "wild sample": (column("position", 3, wild, 1), {"garbage_cells": "note"}, ALL[3:4], 1),
-    "cut-off torque": (
-        column("effort", 0, lambda tau: np.clip(tau, -15.0, 15.0)),
-        {"clipped_effort": "warning"},
-        ALL[:1],
-        0,
-    ),
+    "cut torque": (column("effort", 0, lambda tau: np.clip(tau, -15, 15)), {"clipped_effort": "warning"}, ALL[:1], 0),
     "joint at rest": (
         both(column("position", 5, np.ones_like), column("velocity", 5, np.zeros_like)),
         {"insufficient_excitation": "warning"},
