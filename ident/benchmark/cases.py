@@ -115,9 +115,6 @@ def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> flo
     return float(np.mean((evidence.argmax(axis=1) == 0) & (evidence.max(axis=1) > np.log(k))))
 
 
-# First step of a case: draw what is wrong, where, how much and in which motion; simulate; seal the answer.
-
-
 FULL_MIX: dict[str, float] = {
     "single": 252,
     "healthy": 60,
@@ -176,12 +173,11 @@ def parse_mix(text: str) -> dict[str, float]:
 
 def apportion(cases: int, mix: Mapping[str, float]) -> dict[str, int]:
     """Numbers of each kind that add up to all cases: largest remainders."""
-    kinds = [kind for kind, share in mix.items() if share > 0.0]
-    exact = np.array([mix[kind] for kind in kinds]) * cases / sum(mix.values())
+    wanted = {kind: share for kind, share in mix.items() if share > 0.0}
+    exact = np.array(list(wanted.values())) * cases / sum(mix.values())
     counts = np.floor(exact).astype(int)
-    for k in np.argsort(-(exact - counts), kind="stable")[: cases - int(counts.sum())]:
-        counts[k] += 1
-    return dict(zip(kinds, map(int, counts), strict=True))
+    counts[np.argsort(counts - exact, kind="stable")[: cases - int(counts.sum())]] += 1
+    return dict(zip(wanted, map(int, counts), strict=True))
 
 
 def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, ...]:
@@ -272,7 +268,7 @@ MADE_NAME = "made.json"
 
 @dataclass(frozen=True)
 class MakeTask:
-    """What the simulating process is told."""
+    """What the simulating process is given."""
 
     slot: Slot  # the case's place
     number: int  # and its number

@@ -34,7 +34,7 @@ MOST_ALONE, MOST_BY_BIC = 24, 3
 
 @dataclass(frozen=True)
 class ExamineTask:
-    """What the diagnosing process is told."""
+    """What the diagnosing process is given."""
 
     session: Path  # folder of the recordings
     robot: str  # URDF path or name
@@ -63,18 +63,22 @@ def examine(task: ExamineTask) -> str:
             record["rivals"] = {"bic_forward": chosen}
     except Exception as error:
         record["error"] = f"{type(error).__name__}: {error}"
-    with atomic_write(task.result) as part:
-        part.write_text(json.dumps(finite(record), default=float) + "\n", encoding="utf-8")
+    write_result(task.result, record)
     return task.session.name
 
 
-def finite(value: Any) -> Any:
-    """A record as JSON allows it: what is no number becomes null."""
-    if isinstance(value, dict):
-        return {key: finite(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def write_result(path: Path, record: dict[str, Any]) -> None:
+    """Writes a record as JSON allows it: what is no number becomes null."""
+
+    def finite(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: finite(one) for key, one in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [finite(one) for one in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    with atomic_write(path) as part:
+        part.write_text(json.dumps(finite(record), default=float) + "\n", encoding="utf-8")
 
 
 def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ident.benchmark.scoring import Score
-from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, Stratum
+from ident.benchmark.scoring import Outcome
+from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_pages import write_diagnosis_report
@@ -46,6 +46,7 @@ MEANS = {
 }
 BASELINES = {"bic_forward": "forward selection by BIC"}
 COMPARED = ("strict", "joint", "false_alarm", "false_alarm_decoy", "refusal")
+OF_SIZES = ("strict", "class_aware", "joint", "unnamed")
 OF_WORLDS = ("strict", "class_aware", "joint", "companion", "false_alarm", "told_gap")
 LEADS = {
     "scores": "Effects were drawn by chance and hidden in sessions of a simulated arm of other code and other laws; "
@@ -77,85 +78,97 @@ def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, 
         Path of the page.
     """
     for one in report.confidently_wrong:
-        record = diagnoses.get(one.name)
-        if record is not None:
-            write_diagnosis_report(out / WRONG_FOLDER / f"{one.name}.html", record)
-    subtitle = f"{report.robot} · {plural(len(report.outcomes), 'case')} · seed {report.seed}"
+        if (diagnosed := diagnoses.get(one.name)) is not None:
+            write_diagnosis_report(out / WRONG_FOLDER / f"{one.name}.html", diagnosed)
+    record = report.to_dict()
+    subtitle = f"{report.robot} · {plural(record['cases'], 'case')} · seed {report.seed}"
     sections = [
-        *_tables(report),
+        *_tables(record),
+        _wrong(report.confidently_wrong),
         Section("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
         facts_section(report.run),
     ]
-    sections.insert(3, confusion_section(report.confusion))
+    sections.insert(3, confusion_section(record["confusion"]))
     return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", sections, subtitle)
 
 
-def _tables(report: BlindReport) -> Iterator[Section | None]:
+def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
     """The tables of a check, the scores first."""
-    scores, share_of = report.scores, _percents
-    visible, healthy = scores["class_aware"], scores["false_alarm"]
+    scores, counts = record["scores"], record["counts"]
     headline = (
-        f"{percent(visible.value)} of {plural(visible.count, 'visible effect')} found; "
-        f"{percent(healthy.value)} of {plural(healthy.count, 'healthy session')} with a false alarm."
+        f"{percent(scores['class_aware'])} of {plural(counts['class_aware'], 'visible effect')} found; "
+        f"{percent(scores['false_alarm'])} of {plural(counts['false_alarm'], 'healthy session')} with a false alarm."
     )
-    failed = sum(one.verdict == "failed" for one in report.outcomes)
+    failed = record["failed"]
     alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
-    rows: list[list[Any]] = [_cells(text, scores[name]) for name, text in SHARES.items()]
-    rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
+    whole = {
+        name: {
+            "value": value,
+            **dict(zip(("low", "high"), record["intervals"][name], strict=True)),
+            "count": counts[name],
+        }
+        for name, value in scores.items()
+        if name in counts
+    }
+    rows = [_cells(text, whole[name]) for name, text in SHARES.items()]
+    rows += [_cells(text, whole[name], fixed) for name, text in MEANS.items()]
     yield _table("scores", "Scores", "score|value|interval|of", rows, headline, alarm)
 
     rows = [
-        [cell, own["strict"].count, *share_of(own, "strict", "class_aware", "joint", "unnamed")]
-        + [fixed(own[name].value) for name in ("mean_class_size", "extra_names")]
-        for cell, own in report.strata.items()
+        [cell, own["strict"]["count"], *(percent(own[name]["value"]) for name in OF_SIZES)]
+        + [fixed(own[name]["value"]) for name in ("mean_class_size", "extra_names")]
+        for cell, own in record["strata"].items()
     ]
     columns = "size, motion|cases|named|classed|joint|no name|class size|names too many"
     yield _table("sizes", "Small and large, rich and poor motion", columns, rows)
 
-    worst = report.worst
-    alarm = f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named." if worst else ""
+    alarm, axes = "", {**NUMBERS, **WORDS}
+    if worst := record["worst_stratum"]:
+        axis, _, place = worst["world"].partition(" ")
+        alarm = f"Worst: {axes[axis]} {place}, {percent(worst['strict'])} named."
     rows = [
-        [_axis(one), _place(one), len(one.cases), *share_of(own, *OF_WORLDS)]
-        for strata in report.worlds.values()
-        for one, own in strata
+        [axes[axis], _place(one), one["cases"], *(percent(one[name]) for name in OF_WORLDS)]
+        for axis, strata in record["worlds"].items()
+        for one in strata
     ]
     columns = "property|from, to|cases|named|classed|joint|false beside|false alarms|told a gap"
     yield _table("worlds", "In which worlds does it hold?", columns, rows, alarm=alarm)
 
-    methods = {"this diagnosis": scores} if report.baselines else {}
-    methods |= {BASELINES.get(name, name): own for name, own in report.baselines.items()}
-    rows = [[name, *share_of(own, *COMPARED), fixed(own["set_f1"].value)] for name, own in methods.items()]
+    methods = {"this diagnosis": scores} if record["baselines"] else {}
+    methods |= {BASELINES.get(name, name): own for name, own in record["baselines"].items()}
+    rows = [[name, *(percent(own[score]) for score in COMPARED), fixed(own["set_f1"])] for name, own in methods.items()]
     columns = "method|named|joint|false alarms|of decoys|refused|F1 of sets"
     yield _table("baselines", "Beside a plain method", columns, rows)
 
-    rows = [_cells(fixed(one.said), one.right) for one in report.calibration]
+    rows = [_cells(fixed(one["said"]), one["right"]) for one in record["calibration"]]
     title = "Is a probability of 0.9 right nine times in ten?"
     yield _table("calibration", title, "probability|right|interval|of", rows)
 
     rows = []
-    for name, score in report.coverage.items():
+    for name, score in record["coverage"].items():
         effect, parameter = name.split(".", 1)
         words, unit = parameter_name(parameter)
         rows.append([effect_name(effect), *_cells(f"{words} [{unit}]" if unit else words, score)])
     yield _table("coverage", "Are the intervals honest?", "effect|#parameter|inside|interval|of", rows)
 
     rows = [
-        [effect_name(effect), one["cases"]]
-        + [fixed(one["median"][model]) for model in ("edited", "tuned", "unedited")]
-        + [percent(one["within"]["value"])]
-        for effect, one in report.edits.items()
+        [effect_name(effect), one["cases"], *map(fixed, one["median"].values()), percent(one["within"]["value"])]
+        for effect, one in record.get("edits", {}).items()
     ]
     columns = "effect|cases|cause taken out|tuned, nothing named|cause left in|passed"
     yield _table("edits", "Take the cause out again: is the arm left?", columns, rows)
 
+
+def _wrong(cases: Sequence[Outcome]) -> Section | None:
+    """Cases with a confident name that is not true, each with a link to its diagnosis."""
     rows = []
-    for one in report.confidently_wrong:
+    for one in cases:
         named = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
         true = [f"{effect_name(e)} at {j}" if j else effect_name(e) for e, j in one.truth]
         size = f"{one.amplitude:g}x, {'rich' if one.rich else 'poor'}" if one.truth else one.kind
         link = (f"{WRONG_FOLDER}/{one.name}.html", one.name)
         rows.append([link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(named)])
-    yield _table("wrong", "Wrong, and sure of it", "case|#kind|#true|#told", rows)
+    return _table("wrong", "Wrong, and sure of it", "case|#kind|#true|#told", rows)
 
 
 def _table(
@@ -175,23 +188,18 @@ def _table(
     return Section(anchor, title, "blind_table.html", values) if rows else None
 
 
-def _cells(text: str, score: Score, written: Callable[[float | None], str] = percent) -> list[str]:
+def _cells(text: str, score: Mapping[str, Any], written: Callable[[float | None], str] = percent) -> list[str]:
     """A row of a score: its words, value, interval and number of cases."""
-    span = DASH if score.low is None else f"{written(score.low)} to {written(score.high)}"
-    return [text, written(score.value), span, str(score.count)]
+    span = DASH if score["low"] is None else f"{written(score['low'])} to {written(score['high'])}"
+    return [text, written(score["value"]), span, str(score["count"])]
 
 
-def _percents(scores: Mapping[str, Score], *names: str) -> list[str]:
-    return [percent(scores[name].value) for name in names]
-
-
-def _axis(one: Stratum) -> str:
-    return {**NUMBERS, **WORDS}[one.axis]
-
-
-def _place(one: Stratum) -> str:
-    low, high = (f"{value:.0f}" if value >= 100.0 else f"{value:.2g}" for value in (one.low, one.high))
-    return one.value or (low if low == high else f"{low} to {high}")
+def _place(stratum: Mapping[str, Any]) -> str:
+    """A stratum's word, or its bounds."""
+    if "value" in stratum:
+        return str(stratum["value"])
+    low, high = (f"{end:.0f}" if end >= 100.0 else f"{end:.2g}" for end in (stratum["low"], stratum["high"]))
+    return low if low == high else f"{low} to {high}"
 
 
 def write(console: Console, report: BlindReport) -> None:

@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.benchmark.cases import FULL_MIX, MADE_NAME, MakeTask, make, plan_slots
-from ident.benchmark.examining import ExamineTask, examine, finite
+from ident.benchmark.examining import ExamineTask, examine, write_result
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
@@ -55,7 +55,7 @@ MOST_RUNS, LONGEST_RUN_S = 5, 12.0
 
 @dataclass(frozen=True)
 class EditTask:
-    """What the editing process is told."""
+    """What the editing process is given."""
 
     made: MakeTask  # how the case was made
     attempt: int  # at which draw it was possible
@@ -69,15 +69,13 @@ def edit(task: EditTask) -> str:
 
     What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
     """
-    answer = open_envelope(task.made.sealed, task.made.key)
-    result = read_json(task.result, "remove it, or choose another --out")
+    answer, result = open_envelope(task.made.sealed, task.made.key), _read(task.result)
     options, _ = task.made.drawn(task.attempt)
     try:
         record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
     except InputError as error:
         record = {"why": str(error)}
-    with atomic_write(task.edited) as part:
-        part.write_text(json.dumps(finite({"stamp": task.stamp, **record}), default=float) + "\n", encoding="utf-8")
+    write_result(task.edited, {"stamp": task.stamp, **record})
     return task.made.slot.name
 
 
@@ -111,11 +109,9 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
     rms = {name: rms_left(model, held_out) for name, model in models.items()}
     joints = sorted({joint for one in answer.effects for joint in shown_joints(one, answer)})
     at = [arm.joint_names.index(joint) for joint in joints]
-    return {
-        "joints": joints,
-        "rms_Nm": {name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()},
-        "ratio": {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()},
-    }
+    named = {name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()}
+    ratio = {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()}
+    return {"joints": joints, "rms_Nm": named, "ratio": ratio}
 
 
 def edited_arm(record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()) -> IdentifiedArm:
@@ -149,9 +145,6 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     runs, duration = min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
     other = replace(plain, seed=seed, runs=runs, duration=duration)
     return simulate(plain, "twin").session, simulate(other, "other").session
-
-
-# The check as a whole: make all cases, print their seals, diagnose, open, score. Goes on where it was stopped.
 
 
 Say = Callable[[str], None]
@@ -189,11 +182,11 @@ def run_blind(
     """
     seed, out, stamp = begin_check(options, options.settings), options.out.resolve(), code_stamp()
     base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
-    worlds = find_worlds(options.worlds) if options.worlds else ()
-    tasks = {}
-    for number, slot in enumerate(plan_slots(options.cases, options.mix, seed)):
-        folders = out / "sessions" / slot.name, out / "sealed" / slot.name
-        tasks[slot.name] = MakeTask(slot, number, seed, base, *folders, stamp, worlds, options.oracle)
+    common = stamp, find_worlds(options.worlds) if options.worlds else (), options.oracle
+    tasks = {
+        slot.name: MakeTask(slot, number, seed, base, out / "sessions" / slot.name, out / "sealed" / slot.name, *common)
+        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
+    }
     step = partial(_step, options, progress)
     made = step("simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()})
     for name, record in made.items():
@@ -203,18 +196,15 @@ def run_blind(
         # Those of an earlier version, or of another seal, are had anew.
         record, stamped = made[name], f"{stamp} {made[name]['sha256']}"
         path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
-        excluded = tuple(record["excluded"])
-        diagnoses[name] = path, ExamineTask(task.session, record["robot"], excluded, path, stamped)
+        diagnoses[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped)
         if options.edit and task.slot.kind == "single":
             edits[name] = edited, EditTask(task, int(record["attempt"]), path, edited, stamped)
     results = step("diagnosing", examine, diagnoses)
     ratios = step("editing", edit, edits)
     outcomes = []
     for name, task in tasks.items():
-        answer = open_envelope(task.sealed, task.key)
-        outcome = score_case(task.slot, answer, results[name], made[name]["starts"])
-        ratio = ratios.get(name, {}).get("ratio")
-        outcomes.append(replace(outcome, oracle=made[name].get("oracle"), edit=ratio))
+        outcome = score_case(task.slot, open_envelope(task.sealed, task.key), results[name], made[name]["starts"])
+        outcomes.append(replace(outcome, oracle=made[name].get("oracle"), edit=ratios.get(name, {}).get("ratio")))
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
@@ -266,7 +256,13 @@ def _step(
     tasks: Mapping[str, tuple[Path, T]],
 ) -> dict[str, dict[str, Any]]:
     """What a step wrote of each case; what is there already is not done again."""
-    waiting = [task for path, task in tasks.values() if not _is_done(path, task.stamp)]
+
+    def is_done(path: Path, stamp: str) -> bool:
+        """Whether a file of this version is there. A diagnosis that failed is tried again."""
+        record = _read(path) if path.is_file() else {"error": "not begun"}
+        return record.get("stamp") == stamp and "error" not in record
+
+    waiting = [task for path, task in tasks.values() if not is_done(path, task.stamp)]
     finished: set[str] = set()
 
     def count(case: str) -> None:
@@ -284,14 +280,6 @@ def code_stamp() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _is_done(path: Path, stamp: str) -> bool:
-    """Whether a file of this version is there. A diagnosis that failed is tried again."""
-    if not path.is_file():
-        return False
-    record = _read(path)
-    return record.get("stamp") == stamp and "error" not in record
 
 
 def _read(path: Path) -> dict[str, Any]:

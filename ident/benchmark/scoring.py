@@ -1,4 +1,7 @@
-"""Third step of a case: what was said against what was true; scores with intervals."""
+"""Third step of a case: what was reported against what was true; scores with intervals.
+
+Source: Wilson 1927 (shares); Hanley and McNeil 1982 (area under the curve).
+"""
 
 from __future__ import annotations
 
@@ -29,10 +32,7 @@ class Score:
 
 
 def share(hits: Iterable[bool]) -> Score:
-    """Share of hits with Wilson's interval.
-
-    Source: Wilson 1927.
-    """
+    """Share of hits with Wilson's interval."""
     found = [bool(one) for one in hits]
     n = len(found)
     if n == 0:
@@ -49,14 +49,16 @@ def mean(values: Sequence[float]) -> Score:
         return Score()
     x = np.asarray(values, dtype=float)
     draws = x[np.random.default_rng(0).integers(len(x), size=(RESAMPLES, len(x)))].mean(axis=1)
-    return Score(float(x.mean()), float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)), len(x))
+    return Score(float(x.mean()), *_ends(draws), len(x))
+
+
+def _ends(draws: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    """Percentile interval of a bootstrap."""
+    return float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975))
 
 
 def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
-    """Probability that a positive case scores above a negative one, ties counting half; interval by Hanley and McNeil.
-
-    Source: Hanley and McNeil 1982.
-    """
+    """Probability that a positive case scores above a negative one, ties counting half."""
     n, m = len(positive), len(negative)
     if not n or not m:
         return Score()
@@ -90,20 +92,14 @@ def calibration_curve(said: Sequence[float], right: Sequence[bool], bins: int = 
 
 def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
     """Expected calibration error: mean distance of probability and share right, weighted by the number of names."""
-    if len(said) == 0:
+    n = len(said)
+    if n == 0:
         return Score()
-    p, hit = np.asarray(said, dtype=float), np.asarray(right, dtype=bool)
-
-    def distance(p: np.ndarray, hit: np.ndarray) -> float:
-        which = np.minimum((p * BINS).astype(int), BINS - 1)
-        return sum(abs(float(p[which == k].sum() - hit[which == k].sum())) for k in np.unique(which)) / len(p)
-
-    draws = np.random.default_rng(0).integers(len(p), size=(RESAMPLES // 10, len(p)))
-    errors = [distance(p[rows], hit[rows]) for rows in draws]
-    return Score(distance(p, hit), float(np.quantile(errors, 0.025)), float(np.quantile(errors, 0.975)), len(p))
-
-
-# Third step of a case: what was said against what was true.
+    p = np.asarray(said, dtype=float)
+    which, over = np.minimum((p * BINS).astype(int), BINS - 1), p - np.asarray(right, dtype=bool)
+    draws = np.random.default_rng(0).integers(n, size=(RESAMPLES // 10, n))
+    value, *errors = (float(np.abs(np.bincount(which[rows], over[rows])).sum() / n) for rows in (np.arange(n), *draws))
+    return Score(value, *_ends(errors), n)
 
 
 REFUSING = ("none_of_catalogue", "partial")
@@ -205,7 +201,7 @@ class Outcome:
     def to_row(self) -> dict[str, Any]:
         """Numbers and words of the case and of its world, for a table with a row a case."""
         flat = {
-            key: value for key, value in vars(self).items() if value is None or isinstance(value, str | float | int)
+            key: value for key, value in vars(self).items() if value is None or isinstance(value, str | int | float)
         }
         return {**flat, **{f"world.{key}": value for key, value in self.world.items()}}
 
@@ -219,7 +215,6 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
         result: What the diagnosing process wrote.
         starts: Session time at which each run starts [s].
     """
-    truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
     # Visible amplitude [noise floors]: of single effects as it was asked for, of others as measured.
     seen = [float(f"{max(_shares(one, answer).values(), default=0.0):.2g}") for one in answer.effects]
     case = Outcome(
@@ -227,7 +222,7 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
         kind=slot.kind,
         amplitude=slot.amplitude if slot.kind == "single" else max(seen, default=0.0),
         rich=slot.rich,
-        truth=truth,
+        truth=tuple((one.effect, _joint_of(one)) for one in answer.effects),
         verdict="failed",
         error=result.get("error", ""),
         robot=answer.robot,
@@ -240,19 +235,20 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
     free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
     excused = [match is None and f["effect"] in free for match, f in zip(matches, findings, strict=True)]
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
-    first = counted[0] if counted else None
     only = answer.effects[0] if len(answer.effects) == 1 else None
+    if counted:
+        first = counted[0]
+        case = replace(case, class_size=len(first["class"]))
+        if only:
+            strict, classed = first["effect"] == only.effect, only.effect in first["class"]
+            case = replace(case, strict=strict, class_aware=classed, joint=_is_at(only, first, answer))
     return replace(
         case,
         verdict=record["verdict"],
         named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
-        strict=bool(first and only and first["effect"] == only.effect),
-        class_aware=bool(first and only and only.effect in first["class"]),
-        joint=bool(first and only and _is_at(only, first, answer)),
-        class_size=len(first["class"]) if first else None,
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
-        set_f1=_f1(len(counted), matches, len(truth)) if truth else None,
-        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
+        set_f1=_f1(len(counted), matches, len(answer.effects)) if answer.effects else None,
+        shrink_share=_shrink_share(case.truth, result.get("heldout"), record["joints"], answer),
         coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
@@ -282,30 +278,29 @@ def _joint_of(effect: TrueEffect) -> str:
     return "" if whole or not effect.joints else effect.joints[0]
 
 
-def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+def _may_stand_at(effect: TrueEffect, answer: Answer) -> list[str]:
     """Joints at which a name for an effect may stand: its own, or those where it shows; either of a coupled pair."""
     joint = _joint_of(effect)
     if not joint:
         return shown_joints(effect, answer)
-    partner = KNOWN[effect.effect].partner if effect.effect in KNOWN else ""
-    other = effect.parameters.get(partner)
+    other = effect.parameters.get(KNOWN[effect.effect].partner if effect.effect in KNOWN else "")
     return [joint, str(other)] if other else [joint]
 
 
 def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     """Joints at which an effect is visible."""
-    if not effect.visible_Nm:
-        return list(answer.noise_floor_Nm)
     seen = _shares(effect, answer)
-    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * max(seen.values())]
+    least = SHOWN_SHARE * max(seen.values(), default=0.0)
+    return [joint for joint, value in seen.items() if value >= least] or list(answer.noise_floor_Nm)
 
 
 def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    """Whether a name is that of a true effect, at a joint where it may stand."""
     return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
 
 
 def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
-    return any(joint in finding["joints"] for joint in true_joints(true, answer))
+    return any(joint in finding["joints"] for joint in _may_stand_at(true, answer))
 
 
 def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
@@ -317,51 +312,43 @@ def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> b
     hidden = any(one.get("tuned_away_Nm") for one in record["gap"].values())
     size = "tuned_away_Nm" if hidden else "rms_Nm"
     gap = {j: one[size] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
-    told = [max(gap, key=lambda j: gap[j])] if gap else []
+    where = [max(gap, key=lambda j: gap[j])] if gap else []
     if record["findings"]:
-        told += record["findings"][0]["joints"]
+        where += record["findings"][0]["joints"]
     elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
-        told = record["nearest"]["joints"]
-    return any(joint in told for joint in true_joints(true, answer))
+        where = record["nearest"]["joints"]
+    return _is_at(true, {"joints": where}, answer)
 
 
 def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:
     """Harmonic mean of precision and recall; a cause that is named at both of its joints is found once."""
     found = len({id(match) for match in matches if match is not None})
-    precise = sum(match is not None for match in matches)
-    if not named or not true or not found:
+    if not named or not found:
         return 0.0
-    precision, recall = precise / named, found / true
+    precision, recall = sum(match is not None for match in matches) / named, found / true
     return 2.0 * precision * recall / (precision + recall)
 
 
 def _shrink_share(
-    truth: Sequence[tuple[str, str]],
-    heldout: Mapping[str, Any] | None,
-    joints: Sequence[str],
-    answer: Answer,
+    truth: Sequence[tuple[str, str]], heldout: Mapping[str, Any] | None, joints: Sequence[str], answer: Answer
 ) -> float | None:
     """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
-    if heldout is None or len(truth) != 1:
+    alone = heldout["alone"].get(":".join(truth[0])) if heldout and len(truth) == 1 else None
+    if heldout is None or alone is None:
         return None
-    alone = heldout["alone"].get(":".join(truth[0]))
-    if alone is None:
-        return None
-    floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
-    view = heldout[alone["view"]]
-    before = np.square(np.array(view["none"]) / floor)
-    told = float(np.sum(before - np.square(np.array(alone["rms"]) / floor)))
-    found = float(np.sum(before - np.square(np.array(view["named"]) / floor)))
-    return float(np.clip(found / told, 0.0, 1.0)) if told > 0.0 else None
+    floor, view = np.array([answer.noise_floor_Nm[joint] for joint in joints]), heldout[alone["view"]]
+    before, oracle, ours = (np.square(np.array(rms) / floor) for rms in (view["none"], alone["rms"], view["named"]))
+    most = float(np.sum(before - oracle))
+    return float(np.clip(np.sum(before - ours) / most, 0.0, 1.0)) if most > 0.0 else None
 
 
 def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
     """Parameters that both report by the same name."""
-    told = finding["parameters"]
+    given = {name: [one[key] for key in ("value", "low", "high")] for name, one in finding["parameters"].items()}
     return [
-        Coverage(true.effect, name, value, *(float(told[name][key]) for key in ("value", "low", "high")))
+        Coverage(true.effect, name, value, *map(float, given[name]))
         for name, value in comparable(true, starts).items()
-        if name in told and None not in (told[name][key] for key in ("value", "low", "high"))
+        if name in given and None not in given[name]
     ]
 
 

@@ -10,16 +10,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from statistics import median
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ident.benchmark.scoring import Bin, Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
 from ident.results import Result
 
-# Properties by which scores are told, and their names for a person. A number that spans decades is cut at these.
+# Properties by which scores are given, and their names for a person. A number that spans decades is cut at these.
 DECADES = ("encoder_noise_rad",)
 NUMBERS = {
     "encoder_noise_rad": "encoder noise and rounding [rad]",
@@ -46,22 +45,6 @@ WORDS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Stratum:
-    """Cases whose worlds are alike in one property: between bounds of a number, or in a word (empty for a number)."""
-
-    axis: str
-    cases: Sequence[Outcome]
-    low: float = 0.0
-    high: float = 0.0
-    value: str = ""
-
-    @property
-    def label(self) -> str:
-        """For a person."""
-        return f"{self.axis} {self.value}" if self.value else f"{self.axis} {self.low:.3g} to {self.high:.3g}"
-
-
 def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
     """What cases are sorted by."""
     counts = 2.0 ** world["encoder_bits"] * (100.0 if world["encoder_at"] == "motor" else 1.0)
@@ -70,27 +53,16 @@ def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
     return {name: {**world, **own}[name] for name in (*NUMBERS, *WORDS)}
 
 
-def stratify(outcomes: Sequence[Outcome]) -> dict[str, list[Stratum]]:
-    """Strata of every property in which the worlds differ."""
-    placed = [(world_axes(one.world), one) for one in outcomes if one.world]
-    differing = [axis for axis in (*NUMBERS, *WORDS) if len({place[axis] for place, _ in placed}) > 1]
-    return {axis: _cut(axis, [(place[axis], one) for place, one in placed]) for axis in differing}
-
-
-def _cut(axis: str, placed: Sequence[tuple[Any, Outcome]]) -> list[Stratum]:
+def places_on(axis: str, values: Sequence[Any]) -> list[dict[str, Any]]:
+    """For each value of a property the stratum that it lies in: a word, or the bounds of a number."""
     if axis in WORDS:
-        words = sorted({str(value) for value, _ in placed})
-        return [Stratum(axis, [one for value, one in placed if value == word], value=word) for word in words]
-    values = np.array([float(value) for value, _ in placed])
-    edges = np.unique(np.quantile(values, [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]))
+        return [{"value": str(value)} for value in values]
+    x = np.array(values, dtype=float)
+    edges = np.unique(np.quantile(x, [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]))
     if axis in DECADES:
-        edges = 10.0 ** np.arange(np.floor(np.log10(values.min())), np.ceil(np.log10(values.max() * (1.0 + 1e-9))) + 1)
-    at = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    strata = [
-        Stratum(axis, [one for (_, one), k in zip(placed, at, strict=True) if k == i], float(low), float(high))
-        for i, (low, high) in enumerate(pairwise(edges))
-    ]
-    return [one for one in strata if one.cases]
+        edges = 10.0 ** np.arange(np.floor(np.log10(x.min())), np.ceil(np.log10(x.max() * (1.0 + 1e-9))) + 1)
+    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    return [{"low": float(edges[k]), "high": float(edges[k + 1])} for k in at]
 
 
 T = TypeVar("T")
@@ -224,34 +196,46 @@ class BlindReport(Result):
         """
         lacking = [one.refusal_score for one in self.outcomes if REFUSABLE(one)]
         holding = [one.refusal_score for one in self.outcomes if SINGLE(one) and one.amplitude >= 1.0]
+        edited = any(SINGLE(one) and one.edit is not None for one in self.outcomes)
         return {
             **measure(self.outcomes, HEADLINE),
             "auroc": auroc(*([score for score in some if score is not None] for some in (lacking, holding))),
             "calibration_error": calibration_error(*judged(self.outcomes)),
             "interval_coverage": share(cover.inside for one in self.outcomes for cover in one.coverage),
-            **(measure(filter(is_visible, self.outcomes), PASSED) if self.edits else {}),
+            **(measure(filter(is_visible, self.outcomes), PASSED) if edited else {}),
         }
 
     @cached_property
-    def strata(self) -> dict[str, dict[str, Score]]:
-        """Names of single effects by size and motion, and how often none was given."""
-        cells = group_by(filter(SINGLE, self.outcomes), lambda one: (not one.rich, one.amplitude))
-        return {f"{size:g}x {'poor' if poor else 'rich'}": measure(own, NAMES) for (poor, size), own in cells.items()}
+    def worlds(self) -> dict[str, list[dict[str, Any]]]:
+        """By each property in which the worlds of the cases differ, a row a stratum: its word or bounds, its scores."""
+        found: dict[str, list[dict[str, Any]]] = {}
+        placed = [(world_axes(one.world), one) for one in self.outcomes if one.world]
+        for axis in (*NUMBERS, *WORDS):
+            values = [place[axis] for place, _ in placed]
+            if len(set(values)) < 2:
+                continue
+            strata = group_by(
+                zip(places_on(axis, values), (one for _, one in placed), strict=True), lambda pair: (*pair[0].values(),)
+            )
+            found[axis] = []
+            for rows in strata.values():
+                cases = [one for _, one in rows]
+                scores = {**measure(cases, OF_WORLDS), "calibration_error": calibration_error(*judged(cases))}
+                columns = in_columns(scores)
+                found[axis].append({**rows[0][0], "cases": len(cases), **columns.pop("scores"), **columns})
+        return found
 
-    @cached_property
-    def worlds(self) -> dict[str, list[tuple[Stratum, dict[str, Score]]]]:
-        """Scores by the properties in which the worlds of the cases differ."""
-
-        def scores(cases: Sequence[Outcome]) -> dict[str, Score]:
-            return {**measure(cases, OF_WORLDS), "calibration_error": calibration_error(*judged(cases))}
-
-        return {axis: [(one, scores(one.cases)) for one in some] for axis, some in stratify(self.outcomes).items()}
-
-    @cached_property
-    def worst(self) -> tuple[Stratum, dict[str, Score]] | None:
+    @property
+    def worst(self) -> dict[str, Any] | None:
         """The stratum of worlds in which fewest visible effects are named, of those with cases enough."""
-        enough = [pair for strata in self.worlds.values() for pair in strata if pair[1]["strict"].count >= LEAST_CASES]
-        return min(enough, key=lambda pair: pair[1]["strict"].value or 0.0, default=None)
+        rows = [(axis, row) for axis, strata in self.worlds.items() for row in strata]
+        enough = [pair for pair in rows if pair[1]["counts"]["strict"] >= LEAST_CASES]
+        if not enough:
+            return None
+        axis, row = min(enough, key=lambda pair: pair[1]["strict"] or 0.0)
+        span = row["value"] if "value" in row else f"{row['low']:.3g} to {row['high']:.3g}"
+        about = {"strict": row["strict"], "cases": row["counts"]["strict"], "interval": row["intervals"]["strict"]}
+        return {"world": f"{axis} {span}", **about}
 
     @cached_property
     def efficiency(self) -> dict[str, Score]:
@@ -265,59 +249,46 @@ class BlindReport(Result):
             found[f"{size:g}"] = Score(value, low, high, len(cases))
         return found
 
-    @cached_property
-    def edits(self) -> dict[str, dict[str, Any]]:
-        """Edit tests by effect, whatever the size and the motion: how many, median ratios, and the share passed."""
-        asked = [one for one in self.outcomes if SINGLE(one) and one.edit is not None]
-        found = {}
-        for effect, own in group_by(asked, lambda one: one.truth[0][0]).items():
-            models = ("edited", "tuned", "unedited")
-            medians = {model: median(one.edit[model] for one in own if one.edit) for model in models}
-            found[effect] = {"cases": len(own), "median": medians, "within": vars(measure(own, PASSED)["edit"])}
-        return found
-
-    @cached_property
-    def reliability(self) -> dict[str, Score]:
-        """Of each effect, how often its name is true where it is given."""
-        names = group_by((name for one in self.outcomes for name in one.judged), lambda name: name[0])
-        return {effect: share(right for _, _, right in own) for effect, own in names.items()}
-
-    @cached_property
-    def confusion(self) -> dict[str, dict[str, int]]:
-        """For each true single effect, what was named first; a verdict where nothing was."""
-        single = group_by(filter(SINGLE, self.outcomes), lambda one: one.truth[0][0])
-        return {e: dict(Counter(o.named[0][0] if o.named else o.verdict for o in own)) for e, own in single.items()}
-
-    @cached_property
-    def calibration(self) -> tuple[Bin, ...]:
-        """The curve behind the calibration error."""
-        return calibration_curve(*judged(self.outcomes))
-
-    @cached_property
-    def coverage(self) -> dict[str, Score]:
-        """Coverage of the intervals of each parameter, as effect.parameter."""
-        covers = [cover for one in self.outcomes for cover in one.coverage]
-        groups = group_by(covers, lambda cover: f"{cover.effect}.{cover.parameter}")
-        return {name: share(cover.inside for cover in own) for name, own in groups.items()}
-
-    @cached_property
-    def baselines(self) -> dict[str, dict[str, Score]]:
-        """Scores of the plain methods on the same evidence."""
-        methods = sorted({method for one in self.outcomes for method in one.rivals})
-        return {method: measure(self.outcomes, rules_of(method)) for method in methods}
-
     @property
     def confidently_wrong(self) -> list[Outcome]:
         """Cases with a confident name that is not true."""
         return [one for one in self.outcomes if one.confidently_wrong]
 
+    def _by_cause(self) -> dict[str, Any]:
+        """Of single effects by size and motion, and by the true effect; of names by the effect that they name."""
+        singles = list(filter(SINGLE, self.outcomes))
+        cells = group_by(singles, lambda one: (not one.rich, one.amplitude))
+        by_truth = group_by(singles, lambda one: one.truth[0][0])
+        names = group_by((name for one in self.outcomes for name in one.judged), lambda name: name[0])
+        covers = group_by(
+            (cover for one in self.outcomes for cover in one.coverage), lambda one: f"{one.effect}.{one.parameter}"
+        )
+        edits = {}
+        for effect, cases in by_truth.items():
+            own = [one for one in cases if one.edit is not None]
+            if own:
+                models = ("edited", "tuned", "unedited")
+                medians = {model: median(one.edit[model] for one in own if one.edit) for model in models}
+                edits[effect] = {"cases": len(own), "median": medians, "within": vars(measure(own, PASSED)["edit"])}
+        return {
+            "strata": {
+                f"{size:g}x {'poor' if poor else 'rich'}": _full(measure(own, NAMES))
+                for (poor, size), own in cells.items()
+            },
+            "confusion": {
+                effect: dict(Counter(one.named[0][0] if one.named else one.verdict for one in own))
+                for effect, own in by_truth.items()
+            },
+            "coverage": _full({name: share(cover.inside for cover in own) for name, own in covers.items()}),
+            "reliability": _full({effect: share(right for _, _, right in own) for effect, own in names.items()}),
+            **({"edits": edits} if edits else {}),
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """`ident.blind/1`."""
-        worst: dict[str, Any] | None = None
-        if self.worst is not None:
-            strict = self.worst[1]["strict"]
-            worst = {"world": self.worst[0].label, "strict": strict.value, "cases": strict.count}
-            worst["interval"] = [strict.low, strict.high]
+        methods = sorted({method for one in self.outcomes for method in one.rivals})
+        columns = in_columns(self.scores)
+        columns["scores"]["efficiency"] = in_columns(self.efficiency)["scores"]
         return {
             "schema": "ident.blind/1",
             "robot": self.robot,
@@ -326,18 +297,15 @@ class BlindReport(Result):
             "failed": sum(one.verdict == "failed" for one in self.outcomes),
             "seals": self.seals,
             "provenance": self.provenance.to_dict(),
-            **in_columns(self.scores),
-            "scores": {**_values(self.scores), "efficiency": _values(self.efficiency)},
-            "strata": {cell: _full(scores) for cell, scores in self.strata.items()},
-            "confusion": self.confusion,
-            "calibration": [{**vars(one), "right": vars(one.right)} for one in self.calibration],
-            "coverage": _full(self.coverage),
-            "worlds": {axis: [_stratum(*pair) for pair in strata] for axis, strata in self.worlds.items()},
-            "worst_stratum": worst,
+            **columns,
+            **self._by_cause(),
+            "calibration": [
+                {**vars(one), "right": vars(one.right)} for one in calibration_curve(*judged(self.outcomes))
+            ],
+            "worlds": self.worlds,
+            "worst_stratum": self.worst,
             "efficiency": _full(self.efficiency),
-            "reliability": _full(self.reliability),
-            **({"edits": self.edits} if self.edits else {}),
-            "baselines": {method: _values(scores) for method, scores in self.baselines.items()},
+            "baselines": {m: in_columns(measure(self.outcomes, rules_of(m)))["scores"] for m in methods},
             "confidently_wrong": [one.name for one in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
             "outcomes": [one.to_dict() for one in self.outcomes],
@@ -347,19 +315,9 @@ class BlindReport(Result):
 
 def in_columns(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
     """Values, intervals and counts of scores, each by their names."""
+    values = {name: score.value for name, score in scores.items()}
     intervals = {name: [score.low, score.high] for name, score in scores.items()}
-    counts = {name: score.count for name, score in scores.items()}
-    return {"scores": _values(scores), "intervals": intervals, "counts": counts}
-
-
-def _stratum(stratum: Stratum, scores: Mapping[str, Score]) -> dict[str, Any]:
-    ends = {"value": stratum.value} if stratum.value else {"low": stratum.low, "high": stratum.high}
-    columns = in_columns(scores)
-    return {**ends, "cases": len(stratum.cases), **columns.pop("scores"), **columns}
-
-
-def _values(scores: Mapping[str, Score]) -> dict[str, float | None]:
-    return {name: score.value for name, score in scores.items()}
+    return {"scores": values, "intervals": intervals, "counts": {name: one.count for name, one in scores.items()}}
 
 
 def _full(scores: Mapping[str, Score]) -> dict[str, dict[str, float | int | None]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
@@ -25,17 +25,10 @@ from ident.simulation.laws import (
     rigid_drive,
     scale_friction,
 )
-from ident.simulation.outside import OUTSIDE
-from ident.simulation.sensing import Sensing
+from ident.simulation.sensing import ReadOnly, Sensing
 
-STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-Point = tuple[float, float, float]
-
-
-def as_point(values: Sequence[float] | Array) -> Point:
-    """Three coordinates [m]."""
-    x, y, z = values
-    return float(x), float(y), float(z)
+Point = Sequence[float] | Array
+"""Three coordinates [m]."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,7 @@ class Slosh:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class Bodies(ReadOnly):
     """How the real links differ from the URDF's; the n joints' arrays are read-only."""
 
     mass_scale: Float[Array, " n"]  # factor on each link's mass and inertia
@@ -67,24 +60,10 @@ class Bodies:
     com_shift: Float[Array, "n 3"]  # shift of the centres of mass [m]
     geometry_shift: Float[Array, "n 3"]  # shift of the joint frames in their parents [m]
     joint_inertia: Float[Array, " n"]  # that the joint itself adds (its rotor, where it is rigid) [kg m²]
-    gravity: Float[Array, " 3"]  # in the base frame [m/s²]
+    gravity: Float[Array, " 3"]  # in the base's frame [m/s²]
     added: tuple[AddedBody, ...] = ()  # bodies fixed to links
     slosh: Slosh | None = None  # a swinging load
     tied: tuple[tuple[str, str, float, float], ...] = ()  # rotors of two joints: joint, other, ratio, inertia [kg m²]
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, freeze(value))
-
-    def replace(self, **changes: Any) -> Bodies:
-        return replace(self, **changes)
-
-
-def nominal_bodies(n: int) -> Bodies:
-    """The links exactly as the URDF says."""
-    one, zero = np.ones(n), np.zeros(n)
-    return Bodies(one, one, np.zeros((n, 3)), np.zeros((n, 3)), zero, np.array(STANDARD_GRAVITY))
 
 
 def build_model(
@@ -103,10 +82,8 @@ def build_model(
     Returns:
         mujoco.MjModel, the n joints first, then those of a swinging load.
     """
-    spec = mujoco.MjSpec.from_string(without_geometry(urdf))
     # Fixed links (tool mounts, cameras) become part of the link that carries them; the perturbations then act on all.
-    fixed = spec.compile()
-    spec = _as_chain(fixed, joints, bodies)
+    spec = _as_chain(mujoco.MjSpec.from_string(without_geometry(urdf)).compile(), joints, bodies)
     for body in bodies.added:
         _add_body(spec.body(joints[links.index(body.link)]), body)
     if bodies.slosh is not None:
@@ -117,7 +94,15 @@ def build_model(
         tendon.wrap_joint(other, ratio)
         tendon.armature = inertia
     model = spec.compile()
-    _set_options(model, bodies, step, first_order)
+    model.opt.timestep = step
+    model.opt.gravity[:] = bodies.gravity
+    # Fourth order where it can be: a first-order step shifts velocity by half a step against position. Where springs
+    # join two bodies, the symplectic first-order step is the one that neither feeds nor damps their oscillation.
+    kinds, off = mujoco.mjtIntegrator, mujoco.mjtDisableBit
+    model.opt.integrator = kinds.mjINT_EULER if first_order else kinds.mjINT_RK4
+    # No constraint is left to solve: motions stay within limits, friction and drives are the plant's own.
+    for bit in (off.mjDSBL_CONSTRAINT, off.mjDSBL_SENSOR, off.mjDSBL_ACTUATION, off.mjDSBL_AUTORESET):
+        model.opt.disableflags |= int(bit)
     return model
 
 
@@ -194,26 +179,9 @@ def _add_slosh(spec: Any, link: str, slosh: Slosh) -> None:
     liquid.explicitinertial = True
 
 
-def _set_options(model: Any, bodies: Bodies, step: float, first_order: bool) -> None:
-    model.opt.timestep = step
-    model.opt.gravity[:] = bodies.gravity
-    # Fourth order where it can be: a first-order step shifts velocity by half a step against position. Where springs
-    # join two bodies, the symplectic first-order step is the one that neither feeds nor damps their oscillation.
-    kinds = mujoco.mjtIntegrator
-    model.opt.integrator = kinds.mjINT_EULER if first_order else kinds.mjINT_RK4
-    off = mujoco.mjtDisableBit
-    # No constraint is left to solve: motions stay within limits, friction and drives are the plant's own.
-    for bit in (off.mjDSBL_CONSTRAINT, off.mjDSBL_SENSOR, off.mjDSBL_ACTUATION, off.mjDSBL_AUTORESET):
-        model.opt.disableflags |= int(bit)
-
-
-# The arm as it really is: hidden inertias, friction, drives and sensors, drawn for one individual arm.
-# Decoys are differences from the data sheet that are no effect of the catalogue and must not be named as one.
-
-
 @dataclass(frozen=True, eq=False)
 class Hardware:
-    """One individual arm with all that the URDF does not say."""
+    """One individual arm with all that the URDF does not say: inertias, friction, drives and sensors."""
 
     arm: ArmModel  # the nominal model, known to everybody
     bodies: Bodies  # its real links
@@ -262,18 +230,15 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         inertia_error: Standard deviation of the relative error of masses and inertias.
     """
     n, scale = arm.n, rated_torque(arm)
-    relative = scale / 157.0
+    relative, none = scale / 157.0, np.zeros((n, 3))
     own = rng.standard_normal((3, n))
     coulomb = 12.0 * relative**1.15 * np.exp(0.25 * own[0])
     viscous = 10.0 * relative**1.35 * np.exp(0.25 * own[1])
     rotor = 1.0 * relative**1.55 * np.exp(0.15 * own[2])
     size = np.linalg.norm([arm.model.inertias[i].lever for i in range(1, n + 1)], axis=1)
-    bodies = nominal_bodies(n).replace(
-        mass_scale=1.0 + inertia_error * rng.standard_normal(n),
-        inertia_scale=1.0 + inertia_error * rng.standard_normal(n),
-        com_shift=inertia_error * size[:, None] * rng.standard_normal((n, 3)),
-        gravity=np.array(arm.model.gravity.linear),
-    )
+    mass, inertia = (1.0 + inertia_error * rng.standard_normal(n) for _ in range(2))
+    shift = inertia_error * size[:, None] * rng.standard_normal((n, 3))
+    bodies = Bodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
     # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have.
     ratio = np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
@@ -284,46 +249,19 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         friction=plain_friction(coulomb, viscous, rotor),
         drive=drive,
         heat=heat_law(rated_loss),
-        outside=make_law(OUTSIDE, n),
+        outside=make_law("outside", n),
         contact=no_contact(),
         sensing=Sensing.typical(scale, ratio),
     )
 
 
-def _inertia(hardware: Hardware, rng: np.random.Generator) -> Hardware:
-    """Masses and inertias of all links off by up to ten per cent, up or down alike."""
-    n, bodies = hardware.n, hardware.bodies
-    scales = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
-    mass, inertia = bodies.mass_scale * scales[0], bodies.inertia_scale * scales[1]
-    return hardware.replace(bodies=bodies.replace(mass_scale=mass, inertia_scale=inertia))
-
-
-def _geometry(hardware: Hardware, rng: np.random.Generator) -> Hardware:
-    """Joint frames up to a millimetre from where the URDF puts them."""
-    shift = hardware.bodies.geometry_shift + rng.uniform(-1e-3, 1e-3, (hardware.n, 3))
-    return hardware.replace(bodies=hardware.bodies.replace(geometry_shift=shift))
-
-
-def _friction(hardware: Hardware, rng: np.random.Generator) -> Hardware:
-    """Friction half or twice of what an arm of this size has: start values from a data sheet are wrong."""
-    factor = np.exp(rng.uniform(-np.log(2.0), np.log(2.0), (2, hardware.n)))
-    return hardware.replace(friction=scale_friction(hardware.friction, *factor))
-
-
-def _controller(hardware: Hardware, rng: np.random.Generator) -> Hardware:
-    """A controller of half to one and a half times the bandwidth, with another damping."""
-    return hardware.replace(
-        bandwidth=hardware.bandwidth * float(rng.uniform(0.5, 1.5)),
-        damping_ratio=float(rng.uniform(0.6, 1.1)),
-    )
-
-
-DECOYS: dict[str, Callable[[Hardware, np.random.Generator], Hardware]] = {
-    "inertia": _inertia,
-    "geometry": _geometry,
-    "friction": _friction,
-    "controller": _controller,
+DECOYS = {
+    "inertia": "masses and inertias of all links off by up to ten per cent, up or down alike",
+    "geometry": "joint frames up to a millimetre from where the URDF puts them",
+    "friction": "friction half or twice of what an arm of this size has: start values from a data sheet are wrong",
+    "controller": "a controller of half to one and a half times the bandwidth, with another damping",
 }
+"""Differences from the data sheet that are no effect of the catalogue and must not be named as one."""
 
 
 def add_decoy(hardware: Hardware, name: str, rng: np.random.Generator) -> Hardware:
@@ -332,6 +270,20 @@ def add_decoy(hardware: Hardware, name: str, rng: np.random.Generator) -> Hardwa
     Raises:
         InputError: No such decoy.
     """
-    if name not in DECOYS:
-        raise InputError("--decoy", f"unknown decoy {name!r}", f"choose from: {', '.join(DECOYS)}")
-    return DECOYS[name](hardware, rng)
+    n, bodies = hardware.n, hardware.bodies
+    if name == "inertia":
+        scales = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
+        bodies = bodies.replace(
+            mass_scale=bodies.mass_scale * scales[0], inertia_scale=bodies.inertia_scale * scales[1]
+        )
+        return hardware.replace(bodies=bodies)
+    if name == "geometry":
+        shift = bodies.geometry_shift + rng.uniform(-1e-3, 1e-3, (n, 3))
+        return hardware.replace(bodies=bodies.replace(geometry_shift=shift))
+    if name == "friction":
+        factor = np.exp(rng.uniform(-np.log(2.0), np.log(2.0), (2, n)))
+        return hardware.replace(friction=scale_friction(hardware.friction, *factor))
+    if name == "controller":
+        bandwidth = hardware.bandwidth * float(rng.uniform(0.5, 1.5))
+        return hardware.replace(bandwidth=bandwidth, damping_ratio=float(rng.uniform(0.6, 1.1)))
+    raise InputError("--decoy", f"unknown decoy {name!r}", f"choose from: {', '.join(DECOYS)}")

@@ -1,7 +1,6 @@
 """The plant's laws as tables, a record a joint, and what they do: friction, heat, gears, and a push from outside.
 
-A law is declared once, as its columns with the value that a joint has of each without an effect; compiled code takes
-one table.
+A law is declared once, in `laws.toml`, as its columns; compiled code takes one table.
 
 Dry friction is bristles that stick, not a function of velocity. Every sliding contact is a LuGre bristle of deflection
 z,
@@ -23,7 +22,8 @@ temperature); Spong 1987 (two bodies and a spring); Hunt and Crossley 1975 (cont
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,19 +36,24 @@ Law = np.recarray[Any, Any]
 """n records; `law.viscous` is a column of shape (n,)."""
 
 
-def make_law(columns: Mapping[str, float | int | bool], n: int, **values: Any) -> Law:
+COLUMNS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+"""By law every column with its usual value."""
+
+
+def make_law(law: str, n: int, **values: Any) -> Law:
     """A law of n joints.
 
     Args:
-        columns: Every column with its usual value, whose type is the column's.
+        law: Its name in `laws.toml`.
         n: Number of joints.
         **values: Columns of shape (n,), or a value for all joints, in place of the usual.
     """
+    columns = COLUMNS[law]
     kinds = np.dtype([(name, type(value)) for name, value in columns.items()], align=True)
-    law = np.zeros(n, dtype=kinds).view(np.recarray)
+    records = np.zeros(n, dtype=kinds).view(np.recarray)
     for name, value in {**columns, **values}.items():
-        law[name] = value
-    return law
+        records[name] = value
+    return records
 
 
 def change_law(law: Law, joint: int | None = None, **values: Any) -> Law:
@@ -63,38 +68,6 @@ def change_law(law: Law, joint: int | None = None, **values: Any) -> Law:
 STIFF_PRESLIDING = 5e-5
 
 
-# Of each joint, units referred to the joint.
-FRICTION: dict[str, float | int] = {
-    "coulomb": 0.0,  # dry friction while sliding [N m]
-    "viscous": 0.0,  # drag [N m s/rad]
-    "bristle_stiffness": 0.0,  # σ0 of the ordinary contact [N m/rad]
-    "bristle_damping": 0.0,  # σ1 of the ordinary contact at rest [N m s/rad]
-    "stribeck": 0.0,  # excess at rest [N m], its velocity [rad/s], its shape
-    "stribeck_velocity": 0.05,
-    "stribeck_exponent": 1.3,
-    "eyring": 0.0,  # shear-thinning drag A asinh(v / v_E): A [N m], v_E [rad/s]
-    "eyring_velocity": 0.1,
-    "load": 0.0,  # mesh friction per transmitted torque
-    "load_floor": 1e-6,  # torque below which the mesh does not feel it [N m]
-    "load_drive": 0.15,  # how much more a driving mesh rubs than a driven one
-    "seat": 0.0,  # eccentric bearing seat: relative change of the level, lobes a turn, angle [rad]
-    "seat_order": 1.0,
-    "seat_phase": 0.0,
-    "coulomb_skew": 0.0,  # difference between forward and backward motion [N m], [N m s/rad]
-    "viscous_skew": 0.0,
-    "soft": 0.0,  # a second, soft contact (presliding hysteresis): level [N m], stiffness [N m/rad]
-    "soft_stiffness": 1.0,
-    "thermal_viscous": 0.0,  # decay of viscosity and dry friction per kelvin [1/K]
-    "thermal_coulomb": 0.0,
-    "couple_to": -1,  # the other joint that also turns this joint's motor, and its ratio
-    "couple_ratio": 0.0,
-    "couple_coulomb": 0.0,  # friction in the motor's combined motion [N m], [N m s/rad]
-    "couple_viscous": 0.0,
-    "skid": 0.0,  # dry friction that grows with |acceleration| [N m], its scale [rad/s²] (outside the catalogue)
-    "skid_scale": 1.0,
-}
-
-
 def plain_friction(coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]) -> Law:
     """Friction of a healthy joint: Coulomb that sticks, and viscous drag; none of either where they are zero.
 
@@ -105,7 +78,7 @@ def plain_friction(coulomb: Float[Array, " n"], viscous: Float[Array, " n"], ine
     """
     stiffness = coulomb / STIFF_PRESLIDING
     return make_law(
-        FRICTION,
+        "friction",
         len(coulomb),
         coulomb=coulomb,
         viscous=viscous,
@@ -183,16 +156,6 @@ def viscous_drag(joint: Any, v: float, warm: float) -> float:
 AMBIENT_DEGC = 24.0
 
 
-# Thermal network of each joint.
-HEAT = {
-    "lubricant": 0.0,  # heat capacities C_1, C_2 [J/K]
-    "housing": 0.0,
-    "inner": 0.0,  # conductances G_1, G_2 [W/K]
-    "outer": 0.0,
-    "copper": 0.0,  # motor's copper loss per torque squared that reaches the gear [W/(N m)²]
-}
-
-
 def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> Law:
     """A network whose lubricant settles at a rise above ambient under a rated loss.
 
@@ -204,7 +167,7 @@ def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: 
     inner = rated_loss / (0.75 * rise)
     outer = rated_loss / (0.25 * rise)
     capacities = {"lubricant": time_constant * inner, "housing": 10.0 * time_constant * outer}
-    return make_law(HEAT, len(rated_loss), **capacities, inner=inner, outer=outer)
+    return make_law("heat", len(rated_loss), **capacities, inner=inner, outer=outer)
 
 
 @njit(cache=True)
@@ -227,27 +190,9 @@ def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array,
     return cooled
 
 
-# The drive train of each joint, referred to the link side.
-DRIVE: dict[str, float | bool] = {
-    "elastic": False,  # whether motor and link are two bodies; else they move as one
-    "rotor_inertia": 0.0,  # motor and gear inertia times the gear ratio squared [kg m²]
-    "stiffness": 1e4,  # spring between the two [N m/rad], [N m s/rad]
-    "damping": 1.0,
-    "gap": 0.0,  # full width of the free play in the spring [rad]
-    "ripple": 0.0,  # tooth ripple [N m], cycles a joint turn, angle [rad]
-    "ripple_order": 200.0,
-    "ripple_phase": 0.0,
-    "ripple_load": 0.0,  # growth of the ripple with the transmitted torque, relative, at rated torque
-    "hose_stiffness": 0.0,  # dress pack: stiffness at rest [N m/rad], rest angle [rad]
-    "hose_rest": 0.0,
-    "hose_span": 1.5,  # deflection beyond which it stiffens [rad]
-    "effort_limit": 0.0,  # rated peak torque [N m]
-}
-
-
 def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " n"]) -> Law:
     """A healthy drive: rigid, without play, ripple or dress pack."""
-    return make_law(DRIVE, len(rotor_inertia), rotor_inertia=rotor_inertia, effort_limit=effort_limit)
+    return make_law("drive", len(rotor_inertia), rotor_inertia=rotor_inertia, effort_limit=effort_limit)
 
 
 @njit(cache=True)

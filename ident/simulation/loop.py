@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 
 from ident.arrays import Array
 from ident.simulation.laws import (
+    COLUMNS,
     Contact,
     bristle,
     hose_torque,
@@ -87,42 +88,8 @@ class Laws(NamedTuple):
     contact: Contact
 
 
-# Controller of each joint: feed-forward plus PD on the motor encoders.
-CONTROL = {
-    "stiffness": 0.0,  # gains [N m/rad], [N m s/rad]
-    "damping": 0.0,
-    "limit": 0.0,  # torque limit [N m]
-    "resolution": 0.0,  # of the encoders at the joint [rad]
-    "offset": 0.0,  # what the encoders read at zero [rad]
-    "smoothing": 0.0,  # share of a new velocity estimate that the filter takes at each tick
-}
-
-# What the plant remembers of each joint, beside MuJoCo's state.
-STATE = np.dtype(
-    [
-        (name, float)
-        for name in (
-            "bent",  # deflections of the bristles [rad]: the ordinary contact, the soft one, the coupled motor's
-            "bent_soft",
-            "bent_coupled",
-            "motor_angle",
-            "motor_speed",
-            "transmitted",  # torque through the mesh [N m], as the mesh feels it
-            "acceleration",  # of the motor, as its bearings feel it [rad/s²]
-            "lubricant_rise",  # temperatures above ambient [K]
-            "housing_rise",
-            "reading",  # the encoder's last reading [rad]
-            "speed_estimate",  # the controller's [rad/s]
-            "torque",  # of the motor [N m]
-            "before",  # of the motor, a tick ago [N m]
-            "net",  # of the motor, less what its own friction takes [N m]
-            "link",  # torque that acts on the link directly [N m]
-            "spring",  # torque between motor and link [N m]
-            "stretched",  # torque of a seal that relaxes [N m]
-            "age",  # of the dry contact [s]
-        )
-    ]
-)
+STATE = np.dtype([(name, float) for name in COLUMNS["state"]])
+"""What the plant remembers of each joint, beside MuJoCo's state."""
 
 
 class Log(NamedTuple):
@@ -299,7 +266,7 @@ def run_loop(
 
     Args:
         engine, laws: The plant.
-        control: The controllers, records of `CONTROL`.
+        control: The controllers, records of `control` in `laws.toml`.
         substeps: Steps of the simulation in a tick.
         state: Advanced in place.
         q, dq, feed: Reference position, velocity and feed-forward torque at K ticks, shape (K, n).

@@ -1,7 +1,7 @@
 """Laws that no catalogue lists: causes that a diagnosis has to refuse to name. Never imported by it.
 
 Cable drag, velocity-product drag and brake drag act here as torques in the loop; the sloshing load is a body
-(`mjcf.Slosh`), the skidding friction a level of the bristles (`friction.FRICTION`), and the supply's sag a
+(`mjcf.Slosh`), the skidding friction a level of the bristles of `laws.toml`, and the supply's sag a
 reading of the drive (`sensing.Sensing.sag`).
 
 Laws with a memory or of the mesh act here too: a seal that relaxes (Maxwell's element), dry friction that grows while
@@ -20,29 +20,6 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array
-
-# Torques on each joint.
-OUTSIDE: dict[str, float | int] = {
-    "cable": 0.0,  # drag of a cable that bears on the joint in a band of angles [N m]
-    "cable_other": 0,  # the joint that moves the band, and by how much
-    "cable_share": 0.7,
-    "cable_centre": 0.0,  # the band's centre and half width [rad]
-    "cable_width": 0.5,
-    "product": 0.0,  # drag per product of two joints' speeds [N m s²/rad²], the other joint
-    "product_other": 0,
-    "brake": 0.0,  # drag of a brake that lets go late [N m], its decay time [s]
-    "brake_decay": 1.0,
-    "seal": 0.0,  # stiffness of a seal that relaxes [N m/rad], its relaxation time [s]
-    "seal_relaxation": 0.3,
-    "ageing": 0.0,  # dry friction per e-fold of the contact's age [N m], slip that renews the contact [rad]
-    "ageing_slip": 5e-3,
-    "tooth": 0.0,  # tooth friction per transmitted torque, teeth a joint turn
-    "tooth_order": 20.0,
-    "wobble": 0.0,  # kinematic error [rad], its lobes a joint turn, inertia that it shakes [kg m²]
-    "wobble_order": 100.0,
-    "wobble_inertia": 0.0,
-    "wobble_resonance": 60.0,  # of the drive that it meets [rad/s]
-}
 
 
 @njit(cache=True)

@@ -32,7 +32,7 @@ class Channels:
     velocity: bool = True  # whether the drives' velocities are logged
     commands: bool = True  # whether commanded positions and velocities are
     temperature: bool = False  # whether housing temperatures are
-    # The controller's `estimate`, that `filtered` again, `differenced` readings of the position, or the `true` one.
+    # `differenced` readings of the position, the `true` one, the controller's estimate `filtered` again, or as it is.
     velocity_kind: str = "estimate"
     velocity_delay: float = 0.0  # how late the filter is [s]
     jitter: float = 0.0  # largest deviation of a sample's instant from the even grid, as a share of the interval
@@ -71,10 +71,9 @@ def record_runs(
     simulator = Simulator(hardware, plant_rng)
     traces = simulator.run(motions, pauses, progress, feeds)
     width = max(len(str(len(motions))), 2)
-    return [
-        record_one(hardware, trace, f"{i:0{width}d}_{trace.motion.name}", channels, sensor_rng)
-        for i, trace in enumerate(traces, start=1)
-    ], traces
+    names = [f"{i:0{width}d}_{motion.name}" for i, motion in enumerate(motions, start=1)]
+    runs = [record_one(hardware, one, name, channels, sensor_rng) for one, name in zip(traces, names, strict=True)]
+    return runs, traces
 
 
 def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator) -> Recording:
@@ -83,21 +82,17 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
     times = _instants(float(ticks[-1]), channels, rng)
     angle = log.link_angle if sensing.link_side else log.angle
     position = read_encoder(sensing, ticks, angle, times, rng)
-    channels_of: dict[str, Array | None] = {
-        "position": position,
-        "effort": read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng),
-        "velocity": _velocity(channels, trace, times, position) if channels.velocity else None,
-        "position_command": sample(ticks, trace.motion.q, times) if channels.commands else None,
-        "velocity_command": sample(ticks, trace.motion.dq, times) if channels.commands else None,
-        "temperature": None,
-    }
+    effort = read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng)
+    logged: dict[str, Array] = {"position": position, "effort": effort}
+    if channels.velocity:
+        logged["velocity"] = _velocity(channels, trace, times, position)
+    if channels.commands:
+        logged["position_command"] = sample(ticks, trace.motion.q, times)
+        logged["velocity_command"] = sample(ticks, trace.motion.dq, times)
     if channels.temperature:
-        channels_of["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
-    rounded: dict[str, Any] = {
-        key: np.round(values, _DECIMALS[key]) for key, values in channels_of.items() if values is not None
-    }
-    time = np.round(trace.start + times, 6)
-    return Recording(name=name, joints=hardware.arm.joint_names, time=time, **rounded)
+        logged["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
+    rounded: dict[str, Any] = {key: np.round(values, _DECIMALS[key]) for key, values in logged.items()}
+    return Recording(name, hardware.arm.joint_names, np.round(trace.start + times, 6), **rounded)
 
 
 def _instants(end: float, channels: Channels, rng: np.random.Generator) -> Float[Array, " T"]:

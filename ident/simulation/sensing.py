@@ -6,7 +6,7 @@ torque_measured(t) = sat(gain · τ(t - delay)) + offset + drift · t + noise, t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.signal import lfilter
@@ -18,8 +18,20 @@ MOTOR_COUNTS = 65536
 TEMPERATURE_STEP_K = 0.1
 
 
+class ReadOnly:
+    """Base of parts of an arm: their arrays are read-only, a change makes a copy."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, freeze(value))
+
+    def replace(self, **changes: Any) -> Self:
+        return replace(self, **changes)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True, eq=False)
-class Sensing:
+class Sensing(ReadOnly):
     """Sensors of n joints; arrays of shape (n,)."""
 
     white: Float[Array, " n"]  # standard deviations of the torque's white and coloured noise [N m]
@@ -40,11 +52,6 @@ class Sensing:
     sag_power: float = 150.0  # [W]
     link_side: bool = False  # whether the logged position is that of the link, not of the motor
 
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, freeze(value))
-
     @classmethod
     def typical(cls, rated: Float[Array, " n"], ratio: Float[Array, " n"]) -> Sensing:
         """Sensors of a healthy drive: noise of a quarter per cent of the rated torque, white and coloured alike."""
@@ -62,17 +69,10 @@ class Sensing:
         """Standard deviation of the torque noise of an unloaded joint [N m]."""
         return np.hypot(self.white, self.coloured)
 
-    def replace(self, **changes: Any) -> Sensing:
-        return replace(self, **changes)
-
     def set(self, joint: int, **values: float) -> Sensing:
         """A copy with values of one joint changed."""
-        changes = {}
-        for name, value in values.items():
-            array = np.array(getattr(self, name))
-            array[joint] = value
-            changes[name] = array
-        return self.replace(**changes)
+        at = np.arange(len(self.white)) == joint
+        return self.replace(**{name: np.where(at, value, getattr(self, name)) for name, value in values.items()})
 
     def silent(self) -> Sensing:
         """The same sensors without chance: what the visible amplitude of an effect is measured with."""
@@ -82,24 +82,11 @@ class Sensing:
 
 def ideal_sensing(n: int) -> Sensing:
     """Sensors that read the truth."""
-    zero, one = np.zeros(n), np.ones(n)
-    return Sensing(
-        white=zero,
-        coloured=zero,
-        corner_hz=15.0,
-        load_growth=0.0,
-        rated=one,
-        count=1e-12 * one,
-        count_noise=0.0,
-        encoder_offset=zero,
-        gain=one,
-        offset=zero,
-        drift=zero,
-        wander=zero,
-        delay=0.0,
-        limit=np.inf * one,
-        sag=zero,
-    )
+    one = np.ones(n)
+    names = ("white", "coloured", "encoder_offset", "offset", "drift", "wander", "sag")
+    own: dict[str, Any] = {"rated": one, "gain": one, "count": 1e-12 * one, "limit": np.inf * one}
+    own |= dict.fromkeys(names, np.zeros(n))
+    return Sensing(corner_hz=15.0, load_growth=0.0, count_noise=0.0, delay=0.0, **own)
 
 
 def sample(ticks: Float[Array, " K"], values: Float[Array, "K n"], times: Float[Array, " T"]) -> Float[Array, "T n"]:

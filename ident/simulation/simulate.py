@@ -16,7 +16,7 @@ from ident.recordings.recording import Payload, Session
 from ident.recordings.save import fill_session
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import CATALOGUE, Circumstances
-from ident.simulation.hardware import AddedBody, Hardware, add_decoy, as_point, draw_hardware
+from ident.simulation.hardware import AddedBody, Hardware, add_decoy, draw_hardware
 from ident.simulation.laws import scale_friction
 from ident.simulation.record import Channels, Progress, draw_pauses, no_progress, record_runs
 from ident.simulation.request import Answer, EffectRequest, TrueEffect, find_joint, parse_effect, seal
@@ -57,6 +57,25 @@ class SimulationOptions:
     coarse: bool = False  # whether it is measured on the whole session in longer steps, not on half of it in short ones
     world: World | None = None  # what the arm, its sensors and its log are like (`in_world`); the plant's own if None
     friction_factors: tuple[float, ...] = ()  # on the friction of each joint, as after a service; none if empty
+
+    def check(self) -> None:
+        """Raises InputError for what no arm or log has."""
+        bounds: list[tuple[str, float, float, float, str]] = [
+            ("--rate", self.rate, 10.0, 1000.0, "Hz"),
+            ("inertia_error", self.inertia_error, 0.0, 0.15, ""),
+            ("friction_spread", self.friction_spread, 0.0, 0.2, ""),
+            ("noise", self.noise, 0.0, 100.0, ""),
+            ("--seed", self.seed, 0, 2**63 - 1, ""),
+            ("--payload", self.payload.mass_kg if self.payload else 0.0, 0.0, 1000.0, "kg"),
+            *(("friction_factors", factor, 1e-3, 10.0, "") for factor in self.friction_factors),
+        ]
+        for key, value, low, high, unit in bounds:
+            if not low <= value <= high:
+                raise InputError(
+                    key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip()
+                )
+        if not 0.0 <= self.pause[0] <= self.pause[1]:
+            raise InputError("pause", f"{self.pause[0]:g} to {self.pause[1]:g} s", "give bounds in order, from 0 s")
 
     def in_world(self, world: World) -> SimulationOptions:
         """These options in a world: what both speak of is the world's."""
@@ -103,12 +122,11 @@ def simulate(
     Raises:
         InputError: Unknown effect, joint, motion or decoy, or a size outside physics.
     """
-    _check(options)
-    arm = ArmModel.load(options.robot)
+    options.check()
+    arm, world = ArmModel.load(options.robot), options.world
     requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
     joints = [find_joint(request, arm) for request in requests]
     plan_rng, effect_rng, run_rng, decoy_rng = np.random.default_rng(options.seed).spawn(4)
-    world = options.world
     if motions is None:
         motions = plan_motions(arm, options.motions, options.runs, options.duration, plan_rng)
         motions = [stepped(motion, world.reference) for motion in motions] if world else motions
@@ -127,36 +145,17 @@ def simulate(
     hardware, effects = healthy, []
     seeds = tuple(int(effect_rng.integers(2**63)) for _ in requests)
     for request, joint, seed in zip(requests, joints, seeds, strict=True):
-        hardware, effect = _add_effect(request, joint, hardware, meter, seed, options)
+        hardware, effect = _add_effect(request, joint, hardware, meter, seed, options.measure)
         effects.append(effect)
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
     session = Session(name, tuple(runs), payload=options.payload, robot=options.robot, metadata=dict(ORIGIN))
     floor = dict(zip(arm.joint_names, map(float, floors), strict=True))
-    of_world = (world.to_dict(), true_losses(healthy)) if world else ()
+    of_world = (world.to_dict(), _true_losses(healthy)) if world else ()
     answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, *of_world)
     return Simulation(session, answer, hardware, plans, options, meter, seeds)
 
 
-def _check(options: SimulationOptions) -> None:
-    bounds = {
-        "--rate": (options.rate, 10.0, 1000.0, "Hz"),
-        "inertia_error": (options.inertia_error, 0.0, 0.15, ""),
-        "friction_spread": (options.friction_spread, 0.0, 0.2, ""),
-        "noise": (options.noise, 0.0, 100.0, ""),
-        "--seed": (options.seed, 0, 2**63 - 1, ""),
-    }
-    if any(not 0.0 < factor <= 10.0 for factor in options.friction_factors):
-        raise InputError("friction_factors", str(options.friction_factors), "choose factors above 0, up to 10")
-    for key, (value, low, high, unit) in bounds.items():
-        if not low <= value <= high:
-            raise InputError(key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip())
-    if options.payload is not None and not 0.0 <= options.payload.mass_kg <= 1000.0:
-        raise InputError("--payload", f"a mass of {options.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
-    if not 0.0 <= options.pause[0] <= options.pause[1]:
-        raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
-
-
-def true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
+def _true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
     """Rotor inertia, viscous and dry friction of each joint, as a diagnosis reports them."""
     law = hardware.friction
     rows = zip(hardware.arm.joint_names, hardware.drive.rotor_inertia, law.viscous, law.coulomb, strict=True)
@@ -173,7 +172,7 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
     for decoy in options.decoys:
         hardware = add_decoy(hardware, decoy, decoy_rng)
     if options.payload is not None:
-        body = AddedBody(arm.links[-1], options.payload.mass_kg, as_point(options.payload.com_m))
+        body = AddedBody(arm.links[-1], options.payload.mass_kg, options.payload.com_m)
         hardware = hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
     if options.friction_factors:
         factors = np.array(options.friction_factors)
@@ -193,19 +192,17 @@ def _add_effect(
     hardware: Hardware,
     meter: VisibilityMeter,
     seed: int,
-    options: SimulationOptions,
+    measure: bool,
 ) -> tuple[Hardware, TrueEffect]:
     """The hardware with one more effect, and the truth about it."""
-    cause = request.cause
+    cause, names = request.cause, hardware.arm.joint_names
     alone = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(seed))
     if request.amplitude is not None:
         size = meter.find_size(cause, alone, request.amplitude, seed)
     else:
         size = cause.typical(alone) if request.size is None else request.size
     size = cause.checked(alone, float(size))
-    names = hardware.arm.joint_names
-    measured = options.measure or request.amplitude is not None
-    visible = meter.measure(cause, alone, size, seed) if measured else ()
+    visible = meter.measure(cause, alone, size, seed) if measure or request.amplitude is not None else ()
     changed, parameters = cause.apply(replace(alone, hardware=hardware), size)
     return changed, TrueEffect(
         effect=cause.id,
@@ -251,7 +248,8 @@ def write_simulation(
     Raises:
         InputError: Both an open and a sealed answer were asked for, or the folder holds something else.
     """
-    _choose_one(answer, sealed)
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
     session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
     with atomic_folder(Path(folder), SESSION_KIND) as temporary:
         fill_session(session, temporary)
@@ -259,9 +257,8 @@ def write_simulation(
             write_record(temporary / "answer.json", simulation.answer.to_dict())
         if sealed:
             digest = seal(simulation.answer, temporary, secret)
-    size = len(session.runs), session.samples, session.duration
-    key_text = secret.hex() if sealed else ""
-    return WrittenSession(Path(folder), *size, session.robot or "", session.joints, digest, key_text)
+    size, names = (len(session.runs), session.samples, session.duration), (session.robot or "", session.joints)
+    return WrittenSession(Path(folder), *size, *names, digest, secret.hex() if sealed else "")
 
 
 def simulate_to(
@@ -272,24 +269,11 @@ def simulate_to(
     progress: Progress = no_progress,
     motions: Sequence[ReferenceMotion] | None = None,
 ) -> WrittenSession:
-    """Simulates a session and writes it: what `ident simulate` does.
-
-    Args:
-        folder: Where the session is written.
-        options: What is wanted; `options.runs` is the number of calls of `progress`.
-        answer, sealed: Form of the answer; neither by default.
-        progress: Called after each run.
-        motions: Motions to be run instead of those that the options ask for.
+    """Simulates a session and writes it: what `ident simulate` does; arguments as of the two that it calls.
 
     Raises:
         InputError: As `simulate` and `write_simulation`.
     """
-    _choose_one(answer, sealed)
     require_own_folder(Path(folder), SESSION_KIND)
     simulation = simulate(options, name=Path(folder).name, progress=progress, motions=motions)
     return write_simulation(simulation, folder, answer, sealed)
-
-
-def _choose_one(answer: bool, sealed: bool) -> None:
-    if answer and sealed:
-        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")

@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.simulation.hardware import Hardware, build_model
 from ident.simulation.laws import change_law, cool_down, make_law, no_contact
-from ident.simulation.loop import CONTROL, Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
+from ident.simulation.loop import Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 LARGEST_STEP_S = 5e-4
@@ -28,6 +28,8 @@ FILTER_PER_BANDWIDTH = 11.25
 LARGEST_LOOP_RAD_S = 800.0
 # A controller that knows friction knows this share of it, and turns it round over this speed [rad/s].
 FED_FRICTION, FED_SPEED = 0.85, 0.02
+# Temperatures in the state: they alone outlast a run.
+WARMTH = ("lubricant_rise", "housing_rise")
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
 APPROACH_S, SETTLE_S, ASIDE_RAD = 0.5, 0.4, 0.03
 
@@ -66,18 +68,11 @@ class Simulator:
         self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, first_order)
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
-        gains = controller_gains(hardware)
-        filter_rad_s, resolution, self._loop_noise = _feedback(hardware, gains[1])
-        self.control = make_law(
-            CONTROL,
-            arm.n,
-            stiffness=gains[0],
-            damping=gains[1],
-            limit=drive.effort_limit,
-            resolution=resolution,
-            offset=hardware.sensing.encoder_offset,
-            smoothing=-np.expm1(-filter_rad_s * TICK_S),
-        )
+        stiffness, damping = controller_gains(hardware)
+        filter_rad_s, resolution, self._loop_noise = _feedback(hardware, damping)
+        own = {"limit": drive.effort_limit, "offset": hardware.sensing.encoder_offset, "resolution": resolution}
+        smoothing = -np.expm1(-filter_rad_s * TICK_S)
+        self.control = make_law("control", arm.n, stiffness=stiffness, damping=damping, smoothing=smoothing, **own)
 
     def run(
         self,
@@ -97,11 +92,11 @@ class Simulator:
         Raises:
             InputError: The simulation left the finite numbers: an effect's size is beyond what the arm can bear.
         """
-        traces, clock = [], 0.0
+        traces, clock, state = [], 0.0, self.state
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
-            rise = np.column_stack([self.state["lubricant_rise"], self.state["housing_rise"]])
-            self.state["lubricant_rise"], self.state["housing_rise"] = cool_down(self.hardware.heat, rise, pause).T
+            rise = np.column_stack([state[name] for name in WARMTH])
+            state[WARMTH[0]], state[WARMTH[1]] = cool_down(self.hardware.heat, rise, pause).T
             feed = feed_forward(self.hardware, motion) if feeds is None else feeds[number]
             traces.append(self._run_one(number, motion, clock, feed))
             clock += motion.duration
@@ -112,11 +107,11 @@ class Simulator:
         laws = self._laws(number)
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
+        views = engine(self.model, self.data), laws, self.control, round(TICK_S / self.step), self.state
         way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware, approach)
         for piece, start, ahead in (way_there, (motion, 0.0, feed)):
             log = fresh_log(len(piece.q), self.hardware.n)
             noise = self._loop_noise * self.rng.standard_normal(piece.q.shape)
-            views = self._engine, laws, self.control, round(TICK_S / self.step), self.state
             run_loop(*views, piece.q, piece.dq, ahead, noise, start, log)
             if not check_finite(log, self.data):
                 raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
@@ -146,9 +141,8 @@ class Simulator:
         n, state = self.hardware.n, self.state
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:n] = q - self.hardware.sensing.encoder_offset
-        warmth = state[["lubricant_rise", "housing_rise"]].copy()
-        state[:] = np.zeros(1, dtype=state.dtype)
-        state[["lubricant_rise", "housing_rise"]] = warmth
+        for name in set(state.dtype.names or ()) - set(WARMTH):
+            state[name] = 0.0
         state["motor_angle"] = self.data.qpos[:n]
         state["reading"] = q
         state["torque"] = self.hardware.arm.gravity(q[None])[0]
@@ -159,7 +153,6 @@ class Simulator:
             mass = float(self.model.body("slosh").mass[0])
             self.data.qpos[n:] = turn.T @ self.model.opt.gravity * mass / stiffness
         mujoco.mj_forward(self.model, self.data)
-        self._engine = engine(self.model, self.data)
 
 
 def feed_forward(hardware: Hardware, motion: ReferenceMotion) -> Float[Array, "K n"]:
@@ -208,13 +201,10 @@ def choose_step(hardware: Hardware, coarse: bool = False) -> float:
 def least_link_inertia(hardware: Hardware) -> Float[Array, " n"]:
     """Least inertia that each joint's spring can see: the link's with all others free, over some poses [kg m²]."""
     arm = hardware.arm
-    rng = np.random.default_rng(0)
-    rotors = np.where(hardware.drive.elastic, 0.0, hardware.drive.rotor_inertia)
-    least = np.full(arm.n, np.inf)
-    for pose in np.clip(rng.uniform(-1.5, 1.5, (12, arm.n)), arm.lower, arm.upper):
-        mass = mass_matrix(hardware, pose) + np.diag(rotors)
-        least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
-    return least
+    poses = np.clip(np.random.default_rng(0).uniform(-1.5, 1.5, (12, arm.n)), arm.lower, arm.upper)
+    rotors = np.diag(np.where(hardware.drive.elastic, 0.0, hardware.drive.rotor_inertia))
+    free = [1.0 / np.diag(np.linalg.inv(mass_matrix(hardware, pose) + rotors)) for pose in poses]
+    return np.asarray(np.min(free, axis=0))
 
 
 def mass_matrix(hardware: Hardware, q: Float[Array, " n"]) -> Float[Array, "n n"]:

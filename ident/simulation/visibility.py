@@ -110,8 +110,7 @@ ENOUGH_S = 40.0
 _SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
 
 
-@dataclass(frozen=True, eq=False)
-class VisibleRows:
+class VisibleRows(NamedTuple):
     """Samples of all runs of an arm without noise, stacked."""
 
     columns: Float[Array, "T n m"]  # what the ordinary model can explain
@@ -125,12 +124,12 @@ class VisibleRows:
 
 def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
     """Samples of all runs with the columns of a view."""
-    parts = [_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces)]
-    names = [field.name for field in fields(VisibleRows)]
-    return VisibleRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    parts = (_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces))
+    return VisibleRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> VisibleRows:
+def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> tuple[Array, ...]:
+    """Of one run, in the order of the fields."""
     ticks, times = trace.times, _sample_times(trace)
     log, arm = trace.log, hardware.arm
     speed = _slow(log.speed)
@@ -143,8 +142,8 @@ def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Visib
     if view == "refit":
         columns.insert(0, arm.regressor(q, dq, ddq))
     known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
-    moving, torque = np.abs(dq) > STILL_RAD_S, _reading(hardware, trace)
-    return VisibleRows(np.concatenate(columns, axis=2), torque, known, moving, dq, np.full(len(times), number), times)
+    where = np.abs(dq) > STILL_RAD_S, dq, np.full(len(times), number), times
+    return np.concatenate(columns, axis=2), _reading(hardware, trace), known, *where
 
 
 def _sample_times(trace: Trace) -> Float[Array, " T"]:
@@ -291,42 +290,36 @@ class VisibilityMeter:
             all_runs: Whether all of them.
         """
         hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
-        elastic = bool(hardware.drive.elastic.any())
-        way = Way(all_runs, choose_step(hardware if elastic else self.hardware, coarse=True))
+        way = Way(all_runs, choose_step(hardware if hardware.drive.elastic.any() else self.hardware, coarse=True))
         before, after = self._without(cause, scene, way, view), self._with(hardware, way, view)
         return replace(compare(after, before), share=len(self.motions[:: self._skip(way)]) / len(self.motions))
 
     def _without(self, cause: Cause, scene: Circumstances, way: Way, view: View) -> VisibleRows:
-        """What a cause is compared with: mostly the arm as it is."""
-        if cause.beside is None:
-            return self._plain(way, view)
-        key = cause.id, scene.joint, way, view
+        """What a cause is compared with: the arm as it is, or, where the cause has one, an arm of its own."""
+        key = ("", 0, way, view) if cause.beside is None else (cause.id, scene.joint, way, view)
         if key not in self._rows:
-            self._rows[key] = self._with(cause.beside(scene), way, view)
-        return self._rows[key]
-
-    def _plain(self, way: Way, view: View) -> VisibleRows:
-        """The arm without a cause."""
-        key = "", 0, way, view
-        if key not in self._rows:
-            if way not in self._plain_traces:
-                self._plain_traces[way] = self._traces(self.hardware, way)
-            self._rows[key] = gather(self.hardware, self._plain_traces[way], view)
+            other = self.hardware if cause.beside is None else cause.apply(scene, cause.beside)[0]
+            self._rows[key] = gather(other, self._traces(other, way), view)
         return self._rows[key]
 
     def _with(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
         """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
-        if moves_alike(hardware, self.hardware):
-            readings = [_reading(hardware, trace) for trace in self._plain_traces[way]]
-            return replace(self._plain(way, view), torque=np.concatenate(readings))
+        if ("", 0, way, view) in self._rows and moves_alike(hardware, self.hardware):
+            readings = [_reading(hardware, trace) for trace in self._traces(self.hardware, way)]
+            return self._rows["", 0, way, view]._replace(torque=np.concatenate(readings))
         return gather(hardware, self._traces(hardware, way), view)
 
     def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
-        """Runs without sensor noise."""
+        """Runs without sensor noise; those of the arm as it is are made once."""
+        if hardware is self.hardware and way in self._plain_traces:
+            return self._plain_traces[way]
         skip = self._skip(way)
         silent = hardware.replace(sensing=hardware.sensing.silent())
         simulator = Simulator(silent, np.random.default_rng(self.seed), way.coarse_step)
-        return simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
+        traces = simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
+        if hardware is self.hardware:
+            self._plain_traces[way] = traces
+        return traces
 
     def _skip(self, way: Way) -> int:
         """Which runs are simulated: every so many."""

@@ -20,7 +20,7 @@ from ident.errors import InputError
 from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_toml
-from ident.simulation.hardware import Bodies, Hardware, draw_hardware
+from ident.simulation.hardware import Hardware, draw_hardware
 from ident.simulation.laws import change_law, heat_law, plain_friction
 from ident.simulation.record import Channels
 from ident.simulation.sensing import Sensing
@@ -90,15 +90,9 @@ class WorldRange:
 
     def draw(self, rng: np.random.Generator) -> World:
         """Draws a world. The same generator draws the same place of every range, whatever the others."""
-        drawn: dict[str, Any] = {"name": self.name}
-        for field in fields(World):
-            place = float(rng.random())
-            options = self.values.get(field.name, ())
-            if options and _is_choice(field.name):
-                drawn[field.name] = options[min(int(place * len(options)), len(options) - 1)]
-            elif options:
-                drawn[field.name] = _between(field.name, options, place)
-        return World(**drawn)
+        places = {field.name: float(rng.random()) for field in fields(World)}
+        drawn = {key: _drawn(key, options, places[key]) for key, options in self.values.items()}
+        return World(**{**drawn, "name": self.name})
 
     def with_values(self, name: str, values: Mapping[str, Any], where: str | Path) -> WorldRange:
         """This range with some fields fixed or bounded anew, as a world's file tells them.
@@ -106,10 +100,9 @@ class WorldRange:
         Raises:
             InputError: An unknown field, or a value outside the bounds of all worlds.
         """
-        for key in values:
-            if key not in FULL and key != "robot":
-                known = ", ".join(["preset", "robot", *FULL])
-                raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
+        for key in values.keys() - {"robot", *FULL}:
+            known = ", ".join(["preset", "robot", *FULL])
+            raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
         checked = {key: _checked(key, value, where) for key, value in values.items()}
         return replace(self, name=name, about=f"from {Path(str(where)).name}", values={**self.values, **checked})
 
@@ -118,8 +111,11 @@ def _is_choice(name: str) -> bool:
     return name == "robot" or isinstance(FULL[name][0], str | bool)
 
 
-def _between(name: str, bounds: tuple[Any, ...], place: float) -> float | int:
-    low, high = bounds
+def _drawn(name: str, options: tuple[Any, ...], place: float) -> Any:
+    """What stands at a place between 0 and 1 of some choices, or between two bounds."""
+    if _is_choice(name):
+        return options[min(int(place * len(options)), len(options) - 1)]
+    low, high = options
     decades = low > 0.0 and high / low > 5.0 and name != "encoder_bits"
     value = low * (high / low) ** place if decades else low + place * (high - low)
     if name in ("encoder_bits", "runs"):
@@ -149,14 +145,13 @@ def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
     return pair
 
 
-def _preset(name: str) -> WorldRange:
-    own = dict(_TABLES["presets"][name])
-    about, sound = own.pop("about"), own.pop("sound", False)
+def _preset(name: str, about: str, sound: bool = False, **own: list[Any]) -> WorldRange:
+    """A row of the presets; it changes what it starts from."""
     values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
     return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
 
 
-PRESETS: dict[str, WorldRange] = {name: _preset(name) for name in _TABLES["presets"]}
+PRESETS: dict[str, WorldRange] = {name: _preset(name, **own) for name, own in _TABLES["presets"].items()}
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
 GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
 """Lists by name; a check takes the worlds of a list in turn."""
@@ -223,15 +218,12 @@ def settle(
     rough duration [s], the log rate [Hz], and whether there is a velocity channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
-    given = {"robot": robot, "runs": runs, "rate_hz": rate}
-    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    world = replace(world, **chosen)
+    given: dict[str, Any] = {"robot": robot, "runs": runs, "rate_hz": rate}
     if run_duration is not None:
-        world = replace(world, duration_s=run_duration * world.runs)
-    if velocity is not None:
-        own = world.velocity if world.velocity != "none" else "true"
-        world = replace(world, velocity=own if velocity else "none")
-    return world
+        given["duration_s"] = run_duration * (world.runs if runs is None else runs)
+    if velocity is not None and velocity != (world.velocity != "none"):
+        given["velocity"] = "true" if velocity else "none"
+    return replace(world, **{key: value for key, value in given.items() if value is not None})
 
 
 # Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
@@ -247,17 +239,25 @@ LEAST_BAND_HZ, GREATEST_BAND_HZ = 2.0, 25.0
 def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Hardware:
     """Draws an individual arm of a world, before anything of the catalogue is wrong."""
     usual = draw_hardware(arm, rng, world.link_error)
-    own = usual.friction
+    n, own, bodies = usual.n, usual.friction, usual.bodies
+    mass = np.array(bodies.mass_scale)
+    if world.copied_link and n > 1:
+        masses = np.array([body.mass for body in arm.model.inertias])[1:]
+        link = int(rng.integers(1, n))
+        mass[link] *= masses[link - 1] / max(masses[link], 1e-3)
     coulomb, viscous = world.friction_scale * own.coulomb, world.friction_scale * own.viscous
     rotor = world.rotor_scale * usual.drive.rotor_inertia
-    sliding = arm.sliding_joints
     ratio = world.gear_scale * usual.drive.ripple_order / 2.0
     return usual.replace(
-        bodies=_bodies(usual, world, rng),
+        bodies=bodies.replace(
+            mass_scale=np.clip(mass, LEAST_MASS, GREATEST_MASS),
+            inertia_scale=np.clip(bodies.inertia_scale, LEAST_MASS, GREATEST_MASS),
+            com_shift=world.com_error_m / np.sqrt(3.0) * rng.standard_normal((n, 3)),
+        ),
         friction=plain_friction(coulomb, viscous, rotor),
         drive=change_law(usual.drive, rotor_inertia=rotor, ripple_order=2.0 * ratio),
         heat=heat_law(coulomb * 0.6 + viscous * 0.6**2),
-        sensing=_sensing(usual.sensing.rated, ratio, sliding, world),
+        sensing=_sensing(arm, usual.sensing.rated, ratio, world),
         bandwidth=2.0 * np.pi * world.bandwidth_hz,
         friction_spread=0.0,
         feed_forward=world.feed_forward,
@@ -265,23 +265,9 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
     )
 
 
-def _bodies(usual: Hardware, world: World, rng: np.random.Generator) -> Bodies:
-    n, bodies = usual.n, usual.bodies
-    mass = np.array(bodies.mass_scale)
-    if world.copied_link and n > 1:
-        masses = np.array([body.mass for body in usual.arm.model.inertias])[1:]
-        link = int(rng.integers(1, n))
-        mass[link] *= masses[link - 1] / max(masses[link], 1e-3)
-    shift = world.com_error_m / np.sqrt(3.0) * rng.standard_normal((n, 3))
-    return bodies.replace(
-        mass_scale=np.clip(mass, LEAST_MASS, GREATEST_MASS),
-        inertia_scale=np.clip(bodies.inertia_scale, LEAST_MASS, GREATEST_MASS),
-        com_shift=shift,
-    )
-
-
-def _sensing(rated: Float[Array, " n"], ratio: Float[Array, " n"], sliding: Array, world: World) -> Sensing:
-    lever = np.where(sliding, SLIDE_LEVER_M, 1.0)
+def _sensing(arm: ArmModel, rated: Float[Array, " n"], ratio: Float[Array, " n"], world: World) -> Sensing:
+    """A world's sensors on gears of some ratios."""
+    lever = np.where(arm.sliding_joints, SLIDE_LEVER_M, 1.0)
     turns = ratio if world.encoder_at == "motor" else np.ones_like(ratio)
     count = 2.0 * np.pi * lever / (2.0**world.encoder_bits * turns)
     noise = world.torque_noise * rated
@@ -298,11 +284,8 @@ def _sensing(rated: Float[Array, " n"], ratio: Float[Array, " n"], sliding: Arra
 
 def channels_of(world: World, commands: bool = True, temperature: bool = False) -> Channels:
     """What a world's log holds."""
-    velocity = world.velocity != "none"
-    kind = world.velocity if world.velocity != "none" else "estimate"
-    return Channels(
-        world.rate_hz, velocity, commands, temperature, kind, world.velocity_delay_s, world.jitter, world.lost
-    )
+    shown = world.velocity != "none", commands, temperature
+    return Channels(world.rate_hz, *shown, world.velocity, world.velocity_delay_s, world.jitter, world.lost)
 
 
 def friction_path(
@@ -330,38 +313,31 @@ def noise_floor(hardware: Hardware, world: World, motions: Sequence[ReferenceMot
     return np.sqrt(hardware.sensing.noise_floor**2 + accelerating + rubbing**2)
 
 
-def encoder_noise(hardware: Hardware) -> Float[Array, " n"]:
-    """Standard deviation of a position reading, its rounding with it [rad or m]."""
-    count = hardware.sensing.count
-    return np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0))
-
-
 def _disturbance(hardware: Hardware) -> Float[Array, " n"]:
-    """Inertia of each joint at a middling pose times its encoder's noise [N m s²]."""
+    """Inertia of each joint at a middling pose times the deviation of its encoder's reading, rounded [N m s²]."""
     pose = np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)
     inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
-    return np.asarray(inertia * encoder_noise(hardware))
+    count = hardware.sensing.count
+    return np.asarray(inertia * np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0)))
 
 
 def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:
     """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz]."""
     highest = max(min(GREATEST_BAND_HZ, 0.4 * world.rate_hz), LEAST_BAND_HZ)
-    f = np.geomspace(LEAST_BAND_HZ, highest, 200)[:, None]
-    torque, encoder = _torque_density(hardware, world, f), _encoder_density(hardware, world, f)
+    f = np.geomspace(LEAST_BAND_HZ, highest, 200)
+    torque, encoder = _densities(hardware, world, f)
     below = (encoder < torque).sum(axis=0)
-    return f[np.clip(below - 1, 0, len(f) - 1), 0]
+    return f[np.clip(below - 1, 0, len(f) - 1)]
 
 
-def _torque_density(hardware: Hardware, world: World, f: Float[Array, "F 1"]) -> Float[Array, "F n"]:
-    """Spectral density, one-sided, of an unloaded joint's torque noise [(N m)²/Hz]."""
-    sensing, corner = hardware.sensing, hardware.sensing.corner_hz
-    white = 2.0 * sensing.white**2 / world.rate_hz
-    return np.asarray(white + sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2))
-
-
-def _encoder_density(hardware: Hardware, world: World, f: Float[Array, "F 1"]) -> Float[Array, "F n"]:
-    """Spectral density, one-sided, of what encoder noise becomes as torque of inertia [(N m)²/Hz]."""
-    return np.asarray(2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4)
+def _densities(hardware: Hardware, world: World, frequencies: Float[Array, " F"]) -> tuple[Array, Array]:
+    """Spectral densities, one-sided, of an unloaded joint's torque noise, and of what encoder noise becomes as torque
+    of inertia [(N m)²/Hz]; shape (F, n) each.
+    """
+    f, sensing = frequencies[:, None], hardware.sensing
+    coloured = sensing.coloured**2 * (2.0 / np.pi) * sensing.corner_hz / (sensing.corner_hz**2 + f**2)
+    encoder = 2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4
+    return 2.0 * sensing.white**2 / world.rate_hz + coloured, encoder
 
 
 def noise_density(hardware: Hardware, world: World, frequencies: Float[Array, " F"]) -> Float[Array, "F n"]:
@@ -369,6 +345,5 @@ def noise_density(hardware: Hardware, world: World, frequencies: Float[Array, " 
 
     Above half of the log rate nothing is seen: the density there is without bound.
     """
-    f = np.asarray(frequencies, dtype=float)[:, None]
-    density = _torque_density(hardware, world, f) + _encoder_density(hardware, world, f)
-    return np.where(f <= 0.5 * world.rate_hz, density, np.inf)
+    torque, encoder = _densities(hardware, world, np.asarray(frequencies, dtype=float))
+    return np.where(frequencies[:, None] <= 0.5 * world.rate_hz, torque + encoder, np.inf)

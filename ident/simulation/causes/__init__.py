@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from ident.errors import InputError
-from ident.simulation.causes.arm import LOAD, SENSOR
-from ident.simulation.causes.base import Cause, Circumstances
-from ident.simulation.causes.joints import DRIVE, RUBBING
-from ident.simulation.causes.unlisted import UNLISTED
+import tomllib
+from pathlib import Path
 
-CATALOGUE: dict[str, Cause] = {cause.id: cause for cause in (*RUBBING, *DRIVE, *LOAD, *SENSOR)}
+from ident.errors import InputError
+
+# The modules of causes enter what they do into one table.
+from ident.simulation.causes import arm, joints, unlisted  # noqa: F401
+from ident.simulation.causes.base import Cause, Circumstances
+
+_ROWS = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
+
+CATALOGUE: dict[str, Cause] = {name: Cause.of_row(name, **row) for name, row in _ROWS["catalogue"].items()}
 """The 21 effects of the catalogue."""
 
-OUTSIDE: dict[str, Cause] = {cause.id: cause for cause in UNLISTED}
+OUTSIDE: dict[str, Cause] = {name: Cause.of_row(name, **row) for name, row in _ROWS["outside"].items()}
 """Causes outside the catalogue."""
 
 EVENTS = frozenset({"external_contact"})

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+import pinocchio as pin
 
 from ident.errors import InputError
 from ident.simulation.hardware import Hardware
@@ -14,6 +15,8 @@ from ident.trajectories.reference import ReferenceMotion
 
 View = Literal["refit", "loss", "raw"]
 Parameters = dict[str, float | str]
+# A number, or a share of what the joint has, as of `Circumstances.size_of`.
+Size = float | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +38,8 @@ class Circumstances:
         """Rated torque of the joint [N m]."""
         return float(self.hardware.drive.effort_limit[self.joint])
 
-    def with_laws(self, part: str, **values: Any) -> Hardware:
-        """The hardware with some columns of a law changed at the joint."""
-        return self.hardware.with_laws(part, self.joint, **values)
-
     @property
-    def neighbour(self) -> int:
-        """The joint before, or after the first."""
-        return self.joint - 1 if self.joint > 0 else min(1, self.hardware.n - 1)
-
-    def peak_torque(self) -> float:
+    def peak(self) -> float:
         """Largest torque that the motions ask of the joint's drive, as far as is known beforehand [N m]."""
         h, j = self.hardware, self.joint
         peak = 0.0
@@ -55,28 +50,101 @@ class Circumstances:
             peak = max(peak, float(np.abs(torque).max()))
         return peak
 
+    @property
+    def reach(self) -> float:
+        """Rough length of the arm [m]."""
+        return length_of(self.hardware.arm.model)
+
+    @property
+    def lift(self) -> float:
+        """Mass that the strongest joint can hold at the stretched arm's end [kg]."""
+        return float(self.hardware.drive.effort_limit.max()) / (9.81 * self.reach)
+
+    @property
+    def run(self) -> float:
+        """Duration of the shortest run [s]."""
+        return min(motion.duration for motion in self.motions)
+
+    @property
+    def neighbour(self) -> int:
+        """The joint before, or after the first."""
+        return self.joint - 1 if self.joint > 0 else min(1, self.hardware.n - 1)
+
+    def with_laws(self, part: str, **values: Any) -> Hardware:
+        """The hardware with some columns of a law changed at the joint."""
+        return self.hardware.with_laws(part, self.joint, **values)
+
+    def size_of(self, size: Size) -> float:
+        """A number, or a share of a property here: "0.3 coulomb", "2 rated"."""
+        if not isinstance(size, str):
+            return size
+        share, of = size.split()
+        return float(float(share) * getattr(self, of))
+
+
+def length_of(model: pin.Model) -> float:
+    """Rough length of an arm [m]."""
+    return float(sum(np.linalg.norm(one.translation) for one in list(model.jointPlacements)[1:])) + 1e-3
+
 
 # The hardware with a cause of a size, and what is true then.
 Apply = Callable[[Circumstances, float], tuple[Hardware, Parameters]]
+ACTIONS: dict[str, Apply] = {}
+"""What the causes do that are not one column of a law, by their ids."""
+
+
+def acts_as(cause: str) -> Callable[[Apply], Apply]:
+    """Enters a function as what a cause does."""
+
+    def enter(apply: Apply) -> Apply:
+        ACTIONS[cause] = apply
+        return apply
+
+    return enter
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that may be wrong."""
+    """One thing that may be wrong: a row of `causes.toml`, where each field is explained."""
 
-    id: str  # the catalogue's id, or one outside it
-    parameter: str  # what its size is, by the contract's name with the unit
-    typical: Callable[[Circumstances], float]  # a typical size
-    bounds: Callable[[Circumstances], tuple[float, float]]  # smallest and largest size that physics or motion allows
-    apply: Apply  # the hardware with it, and what is true
-    whole_arm: bool = False  # whether it belongs to the arm, not to a joint
-    # What a fit may absorb before the rest counts as visible: rotor and linear friction in all views; beside these,
-    # bias in `loss`; bias and link inertias in `refit`.
+    id: str
+    parameter: str
+    typical_size: Size
+    least: Size
+    most: tuple[Size, ...]
+    law: str = ""
+    column: str = ""
+    healthy: float = 0.0
+    drawn: Mapping[str, tuple[str, str, float, float]] = field(default_factory=dict)
+    whole_arm: bool = False
     view: View = "refit"
-    inverse: bool = False  # whether a smaller size shows more
-    needs_all: bool = False  # whether its amplitude needs the whole session (a trend, one event), not some of the runs
-    # The hardware that it is compared with, if not the arm without it: play lies in a gear that also twists.
-    beside: Callable[[Circumstances], Hardware] | None = None
+    inverse: bool = False
+    needs_all: bool = False
+    beside: float | None = None
+
+    @classmethod
+    def of_row(cls, name: str, typical: Size, bounds: Sequence[Size], **own: Any) -> Cause:
+        """The cause of a row of the table."""
+        return cls(name, own.pop("parameter"), typical, bounds[0], tuple(bounds[1:]), **own)
+
+    def typical(self, scene: Circumstances) -> float:
+        """A typical size."""
+        return scene.size_of(self.typical_size)
+
+    def bounds(self, scene: Circumstances) -> tuple[float, float]:
+        """Smallest and largest size that physics or the motions allow."""
+        return scene.size_of(self.least), min(map(scene.size_of, self.most))
+
+    def apply(self, scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+        """The hardware with the cause, and what is true."""
+        if self.id in ACTIONS:
+            return ACTIONS[self.id](scene, size)
+        if self.law == "sensing":
+            sensing = scene.hardware.sensing.set(scene.joint, **{self.column: self.healthy + size})
+            return scene.hardware.replace(sensing=sensing), {self.parameter: size}
+        values = {column: _draw(scene.rng, how, low, high) for column, (_, how, low, high) in self.drawn.items()}
+        true = {self.drawn[column][0]: value for column, value in values.items()}
+        return scene.with_laws(self.law, **{self.column: size}, **values), {self.parameter: size, **true}
 
     def checked(self, scene: Circumstances, size: float) -> float:
         """The size, if it is physical.
@@ -94,44 +162,8 @@ class Cause:
         return size
 
 
-Drawn = Callable[[np.random.Generator], float]
-
-
-def uniform(low: float, high: float) -> Drawn:
-    return lambda rng: float(rng.uniform(low, high))
-
-
-def log_uniform(low: float, high: float) -> Drawn:
-    return lambda rng: float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def setting(part: str, column: str, parameter: str, **drawn: tuple[str, Drawn]) -> Apply:
-    """A cause that sets one column of a law to its size, and others to what is drawn for them.
-
-    Args:
-        part: The law, as of `Hardware.with_laws`.
-        column, parameter: Where the size stands, and its name among the true parameters.
-        **drawn: By column, the name of what is drawn and its distribution.
-    """
-
-    def apply(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-        values = {name: draw(scene.rng) for name, (_, draw) in drawn.items()}
-        true = {drawn[name][0]: value for name, value in values.items()}
-        return scene.with_laws(part, **{column: size}, **values), {parameter: size, **true}
-
-    return apply
-
-
-def reading(column: str, parameter: str, offset: float = 0.0) -> Apply:
-    """A cause that sets one column of a joint's sensors to its size, counted from a healthy sensor's value."""
-
-    def apply(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-        sensing = scene.hardware.sensing.set(scene.joint, **{column: offset + size})
-        return scene.hardware.replace(sensing=sensing), {parameter: size}
-
-    return apply
-
-
-def between(low: float, high: float) -> Callable[[Circumstances], tuple[float, float]]:
-    """Bounds that do not depend on the arm."""
-    return lambda _scene: (low, high)
+def _draw(rng: np.random.Generator, how: str, low: float, high: float) -> float:
+    """A number between two: `even`ly, `whole`, or evenly in the `log`arithm."""
+    if how == "log":
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return float(rng.integers(int(low), int(high)) if how == "whole" else rng.uniform(low, high))

@@ -14,48 +14,32 @@ def score(truth_, result_, kind="single", starts=()):  # type: ignore[no-untyped
     return score_case(Slot("case_000", kind), truth_, result_, starts)
 
 
-def test_the_right_name_at_the_right_joint() -> None:
-    one = score(answer(truth()), result(finding("stribeck_friction", "joint_2")))
-    assert one.strict
-    assert one.class_aware
-    assert one.joint
-    assert one.right == (True,)
-    assert one.class_size == 1
-    assert not one.confidently_wrong
+STRIBECK, PAYLOAD = finding("stribeck_friction", "joint_2"), finding("payload", "joint_1")
+ALIKE = finding("presliding_hysteresis", "joint_2", rivals=("stribeck_friction",))
+ELSEWHERE = finding("stribeck_friction", "joint_5")
 
 
-def test_a_class_that_holds_the_truth_is_right_as_a_class_only() -> None:
-    found = finding("presliding_hysteresis", "joint_2", rivals=("stribeck_friction",))
-    one = score(answer(truth()), result(found))
-    assert not one.strict
-    assert one.class_aware
-    assert one.class_size == 2
-    assert one.confidently_wrong
-
-
-def test_the_right_name_at_another_joint_is_no_true_name() -> None:
-    one = score(answer(truth()), result(finding("stribeck_friction", "joint_5")))
-    assert one.strict
-    assert not one.joint
-    assert one.right == (False,)
-
-
-def test_the_first_name_counts() -> None:
-    one = score(answer(truth()), result(finding("payload", "joint_1"), finding("stribeck_friction", "joint_2")))
-    assert not one.strict
-    assert one.right == (False, True)
-    assert one.set_f1 == pytest.approx(2 / 3)
+@pytest.mark.parametrize(
+    ("names", "strict", "class_aware", "joint", "right", "class_size", "wrong"),
+    [
+        ([STRIBECK], True, True, True, (True,), 1, False),
+        ([ALIKE], False, True, True, (False,), 2, True),  # a class that holds the truth is right as a class only
+        ([ELSEWHERE], True, True, False, (False,), 1, True),  # at another joint it is no true name
+        ([PAYLOAD, STRIBECK], False, False, False, (False, True), 1, True),  # the first name counts
+    ],
+)
+def test_the_first_name_counts_by_itself_by_its_class_and_by_its_joint(
+    names, strict, class_aware, joint, right, class_size, wrong
+) -> None:  # type: ignore[no-untyped-def]
+    one = score(answer(truth()), result(*names))
+    assert (one.strict, one.class_aware, one.joint) == (strict, class_aware, joint)
+    assert (one.right, one.class_size, one.confidently_wrong) == (right, class_size, wrong)
 
 
 def test_an_effect_of_the_whole_arm_is_named_where_it_shows() -> None:
     one = score(answer(truth("payload", "")), result(finding("payload", "joint_3")))
     assert one.joint
     assert one.truth == (("payload", ""),)
-
-
-def test_either_joint_names_a_coupled_pair() -> None:
-    true = truth("joint_coupling", "joint_2", other_joint="joint_1")
-    assert score(answer(true), result(finding("joint_coupling", "joint_1"))).right == (True,)
 
 
 @pytest.mark.parametrize(
@@ -137,8 +121,10 @@ def test_figures_of_another_meaning_are_not_compared() -> None:
 
 
 def test_a_coupling_named_at_both_joints_is_found_once() -> None:
-    """One cause, two names at its two joints, none wrong: F1 is one; a wrong name beside it costs."""
-    true = truth("joint_coupling", "joint_2", other_joint="joint_1")
+    """Either joint names it; two names at its two joints are one cause, none wrong; a wrong name beside them costs."""
+    true = answer(truth("joint_coupling", "joint_2", other_joint="joint_1"))
     both = [finding("joint_coupling", joint) for joint in ("joint_1", "joint_2")]
-    assert score(answer(true), result(*both)).set_f1 == pytest.approx(1.0)
-    assert score(answer(true), result(*both, finding("spring_torque", "joint_6"))).set_f1 == pytest.approx(0.8)
+    assert score(true, result(both[0])).right == (True,)
+    assert score(true, result(*both)).set_f1 == pytest.approx(1.0)
+    assert score(true, result(*both, finding("spring_torque", "joint_6"))).set_f1 == pytest.approx(0.8)
+    assert score(answer(truth()), result(PAYLOAD, STRIBECK)).set_f1 == pytest.approx(2 / 3)

@@ -52,21 +52,21 @@ def report_of(cases: tuple[Outcome, ...]) -> BlindReport:
 
 def test_strata_part_the_worlds_that_differ() -> None:
     worlds = report_of(fine_and_coarse()).worlds
-    (fine, fine_scores), (coarse, coarse_scores) = worlds["encoder_noise_rad"]
-    assert (fine.low, fine.high) == pytest.approx((1e-6, 1e-5))
-    assert (coarse.low, coarse.high) == pytest.approx((1e-4, 1e-3))
-    told = [(scores["strict"].value, scores["told_gap"].value) for scores in (fine_scores, coarse_scores)]
-    assert told == [(1.0, 0.0), (0.0, 1.0)]
-    assert len(fine.cases) == len(coarse.cases) == 16
+    fine, coarse = worlds["encoder_noise_rad"]
+    assert (fine["low"], fine["high"]) == pytest.approx((1e-6, 1e-5))
+    assert (coarse["low"], coarse["high"]) == pytest.approx((1e-4, 1e-3))
+    assert [(one["strict"], one["told_gap"], one["cases"]) for one in (fine, coarse)] == [
+        (1.0, 0.0, 16),
+        (0.0, 1.0, 16),
+    ]
     assert "encoder_at" not in worlds  # the same in all
-    for strata in worlds.values():
-        assert sum(len(one.cases) for one, _ in strata) == 32
+    assert all(sum(one["cases"] for one in strata) == 32 for strata in worlds.values())
 
 
-def test_the_worst_stratum_is_told_and_thin_ones_are_not() -> None:
+def test_the_worst_stratum_is_reported_and_thin_ones_are_not() -> None:
     worst = report_of(fine_and_coarse()).worst
     assert worst is not None
-    assert worst[1]["strict"].value == 0.0
+    assert worst["strict"] == 0.0
     assert report_of(fine_and_coarse()[:8]).worst is None
 
 

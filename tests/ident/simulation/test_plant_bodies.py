@@ -24,8 +24,27 @@ def nominal_hardware(arm):
     return drawn.replace(friction=plain_friction(zero, zero, np.ones(arm.n)))
 
 
-def tables(hardware):
-    return Laws(hardware.friction, hardware.drive, hardware.heat, hardware.outside, hardware.contact)
+class Plant:
+    """The plant's own loop on a nominal arm with rotors; its energy."""
+
+    def __init__(self, arm, pose, rotor, viscous=0.0):
+        hardware = nominal_hardware(arm)
+        self.rotor, self.reference, self.arm = rotor, arm.model.createData(), arm
+        self.model, self.data = compiled(arm, hardware.bodies.replace(joint_inertia=rotor))
+        self.data.qpos[:] = pose
+        mujoco.mj_forward(self.model, self.data)
+        self.laws = Laws(hardware.friction, hardware.drive, hardware.heat, hardware.outside, hardware.contact)
+        self.laws.friction["viscous"] = viscous
+        self.views, self.state = engine(self.model, self.data), fresh_state(arm.n)
+
+    def step(self, k):
+        advance(self.views, self.laws, self.state, k * 5e-4)
+
+    def energy(self):
+        """Kinetic, potential [J]."""
+        q, dq, model = np.array(self.data.qpos), np.array(self.data.qvel), self.arm.model
+        kinetic = pin.computeKineticEnergy(model, self.reference, q, dq) + 0.5 * self.rotor @ dq**2
+        return kinetic, pin.computePotentialEnergy(model, self.reference, q)
 
 
 def random_states(arm, count, seed=0):
@@ -89,48 +108,27 @@ def test_individual_arm_differs_by_a_few_per_cent(arm):
 def test_energy_is_kept_without_friction_and_control(robot):
     """A free swing of the plant's own loop: kinetic and potential energy of links and rotors sum to a constant."""
     arm = ArmModel.load(robot)
-    hardware = nominal_hardware(arm)
-    rotor = 0.2 * np.ones(arm.n)
-    model, data = compiled(arm, hardware.bodies.replace(joint_inertia=rotor))
-    data.qpos[:] = np.clip(np.full(arm.n, 0.5), arm.lower, arm.upper)
-    laws = tables(hardware)
-    views, state, reference = engine(model, data), fresh_state(arm.n), arm.model.createData()
-    mujoco.mj_forward(model, data)
-    kinetic, potential = [], []
+    plant = Plant(arm, np.clip(np.full(arm.n, 0.5), arm.lower, arm.upper), 0.2 * np.ones(arm.n))
+    energies = []
     for k in range(4000):
-        advance(views, laws, state, k * 5e-4)
-        q, dq = np.array(data.qpos), np.array(data.qvel)
-        kinetic.append(pin.computeKineticEnergy(arm.model, reference, q, dq) + 0.5 * rotor @ dq**2)
-        potential.append(pin.computePotentialEnergy(arm.model, reference, q))
-    total = np.array(kinetic) + np.array(potential)
-    assert np.ptp(kinetic) > 1.0
-    assert np.abs(total - total[0]).max() < 1e-3 * np.ptp(kinetic)
+        plant.step(k)
+        energies.append(plant.energy())
+    swing, total = np.ptp(energies, axis=0)[0], np.sum(energies, axis=1)
+    assert swing > 1.0
+    assert np.abs(total - total[0]).max() < 1e-3 * swing
 
 
 def test_work_of_motors_is_stored_or_lost(arm):
     """With viscous friction only: the motors' work less the friction's loss is the change of energy, to 0.1 %."""
-    hardware = nominal_hardware(arm)
-    rotor = 0.3 * np.ones(arm.n)
-    model, data = compiled(arm, hardware.bodies.replace(joint_inertia=rotor))
-    data.qpos[:] = 0.4
-    mujoco.mj_forward(model, data)
-    laws = tables(hardware)
-    laws.friction["viscous"] = 6.0
-    views, state, reference = engine(model, data), fresh_state(arm.n), arm.model.createData()
-
-    def energy():
-        q, dq = np.array(data.qpos), np.array(data.qvel)
-        kinetic = pin.computeKineticEnergy(arm.model, reference, q, dq) + 0.5 * rotor @ dq**2
-        return kinetic + pin.computePotentialEnergy(arm.model, reference, q)
-
-    start, work, loss, before = energy(), 0.0, 0.0, np.zeros(arm.n)
+    plant = Plant(arm, 0.4, 0.3 * np.ones(arm.n), viscous=6.0)
+    start, work, loss, before = sum(plant.energy()), 0.0, 0.0, np.zeros(arm.n)
     for k in range(3000):
-        state["torque"] = np.array([8.0, -30.0, -15.0, 1.0, 0.5, 0.2]) * np.sin(k * 5e-4 * 4.0)
-        advance(views, laws, state, k * 5e-4)
-        speed = np.array(data.qvel)
+        plant.state["torque"] = np.array([8.0, -30.0, -15.0, 1.0, 0.5, 0.2]) * np.sin(k * 5e-4 * 4.0)
+        plant.step(k)
+        speed = np.array(plant.data.qvel)
         middle = 0.5 * (before + speed)
-        work += state["torque"] @ middle * 5e-4
+        work += plant.state["torque"] @ middle * 5e-4
         loss += 6.0 * before @ middle * 5e-4
         before = speed
     assert loss > 5.0
-    assert abs(energy() - start - work + loss) < 1e-3 * (abs(work) + loss)
+    assert abs(sum(plant.energy()) - start - work + loss) < 1e-3 * (abs(work) + loss)

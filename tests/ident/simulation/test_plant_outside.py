@@ -7,14 +7,14 @@ import pytest
 
 from ident.simulation.laws import make_law
 from ident.simulation.loop import fresh_state
-from ident.simulation.outside import OUTSIDE, remembered_torque
+from ident.simulation.outside import remembered_torque
 
 DT = 1e-3
 
 
 def follow(angle, transmitted=0.0, **law):  # type: ignore[no-untyped-def]
     """Torque of a law along a path of one joint."""
-    joint = make_law(OUTSIDE, 1, **law)[0]
+    joint = make_law("outside", 1, **law)[0]
     state = fresh_state(1)
     state["transmitted"] = transmitted
     speed = np.gradient(angle, DT)

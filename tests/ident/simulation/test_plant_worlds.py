@@ -37,7 +37,7 @@ def sound() -> World:
 
 
 @pytest.fixture(scope="module")
-def trace(hardware):  # type: ignore[no-untyped-def]
+def trace(hardware):
     points = np.array([[0.0] * 6, [0.4, 0.3, -0.5, 0.2, 0.6, 0.3], [0.0, 0.5, 0.2, -0.3, 0.1, 0.9]])
     motion = via_spline("spline", points, 2.0).held(0.3, 0.3)
     return Simulator(hardware, np.random.default_rng(2)).run([motion], [0.0], lambda: None)[0]
@@ -69,7 +69,7 @@ def test_worlds_to_tune_on_and_worlds_to_quote_have_none_in_common() -> None:
     assert left == [name for name in GROUPS["development"] if name != "scara"]
 
 
-def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('preset = "fine-encoder"\nrate_hz = 125\ntorque_noise = [0.01, 0.02]\nvelocity = "none"\n')
     world = read_world_file(path).draw(np.random.default_rng(0))
@@ -90,14 +90,14 @@ def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) 
         ("rate_hz = ", "TOML"),
     ],
 )
-def test_a_wrong_file_is_told_with_its_remedy(tmp_path, text: str, told: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_wrong_file_is_told_with_its_remedy(tmp_path, text: str, told: str) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=told):
         find_world(path)
 
 
-def test_unknown_worlds_are_told(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_unknown_worlds_are_told(tmp_path) -> None:
     with pytest.raises(InputError, match="unknown world"):
         find_world("mars")
     with pytest.raises(InputError, match="names no world"):
@@ -110,7 +110,7 @@ def test_what_the_user_asks_for_beside_a_world_holds() -> None:
     assert world.velocity == "none"
 
 
-def test_the_arm_of_a_world_has_its_sensors_and_its_friction(arm, sound: World) -> None:  # type: ignore[no-untyped-def]
+def test_the_arm_of_a_world_has_its_sensors_and_its_friction(arm, sound: World) -> None:
     usual = draw_hardware(arm, np.random.default_rng(4), sound.link_error)
     own = draw_world_arm(arm, replace(sound, friction_scale=2.0, rotor_scale=0.5), np.random.default_rng(4))
     np.testing.assert_allclose(own.friction.coulomb, 2.0 * usual.friction.coulomb)
@@ -119,7 +119,7 @@ def test_the_arm_of_a_world_has_its_sensors_and_its_friction(arm, sound: World) 
     np.testing.assert_allclose(own.sensing.count_noise * own.sensing.count, sound.encoder_noise_rad)
 
 
-def test_jitter_and_lost_samples_are_what_was_asked_for(hardware, trace) -> None:  # type: ignore[no-untyped-def]
+def test_jitter_and_lost_samples_are_what_was_asked_for(hardware, trace) -> None:
     channels = Channels(rate=500.0, jitter=0.2, lost=0.02)
     run = record_one(hardware, trace, "run", channels, np.random.default_rng(5))
     grid = np.round(run.time * 500.0)
@@ -130,8 +130,8 @@ def test_jitter_and_lost_samples_are_what_was_asked_for(hardware, trace) -> None
     assert 0.005 < (steps - 1).sum() / len(steps) < 0.05
 
 
-def test_velocity_channels_are_late_differenced_or_true(hardware, trace) -> None:  # type: ignore[no-untyped-def]
-    def velocity(**channel):  # type: ignore[no-untyped-def]
+def test_velocity_channels_are_late_differenced_or_true(hardware, trace) -> None:
+    def velocity(**channel):
         run = record_one(hardware, trace, "run", Channels(rate=1000.0, **channel), np.random.default_rng(6))
         return run.velocity, run
 
@@ -144,7 +144,7 @@ def test_velocity_channels_are_late_differenced_or_true(hardware, trace) -> None
     assert 15 <= int(np.argmin(errors)) <= 25
 
 
-def test_encoders_on_the_link_show_the_link(hardware, trace) -> None:  # type: ignore[no-untyped-def]
+def test_encoders_on_the_link_show_the_link(hardware, trace) -> None:
     shifted = trace.log._replace(link_angle=trace.log.link_angle + 0.01)
     other = replace(trace, log=shifted)
     sensing = hardware.sensing.silent().replace(link_side=True)
@@ -152,7 +152,7 @@ def test_encoders_on_the_link_show_the_link(hardware, trace) -> None:  # type: i
     np.testing.assert_allclose(run.position, shifted.link_angle[::4][: len(run.position)], atol=1e-6)
 
 
-def test_friction_changes_from_run_to_run_and_drifts_as_asked(arm, sound: World) -> None:  # type: ignore[no-untyped-def]
+def test_friction_changes_from_run_to_run_and_drifts_as_asked(arm, sound: World) -> None:
     rest = [via_spline("", np.zeros((2, 6)), 1.0)] * 40
     both = (
         replace(sound, friction_spread=0.05, friction_drift=0.0),
@@ -167,7 +167,7 @@ def test_friction_changes_from_run_to_run_and_drifts_as_asked(arm, sound: World)
     assert drift[:, 0].std() < 0.3 * drift[:, -1].std()
 
 
-def test_feed_forward_of_friction_closes_what_the_rigid_one_leaves(hardware) -> None:  # type: ignore[no-untyped-def]
+def test_feed_forward_of_friction_closes_what_the_rigid_one_leaves(hardware) -> None:
     motion = via_spline("", np.array([[0.0] * 6, [0.8] * 6]), 2.0)
     rigid = feed_forward(hardware, motion)
     both = feed_forward(hardware.replace(feed_forward="friction"), motion)
@@ -189,7 +189,7 @@ def test_references_step_where_they_say(shape: str, order: int) -> None:
     assert stepped(smooth, "smooth") is smooth
 
 
-def test_the_noise_floor_rises_with_what_the_world_adds(arm, sound: World) -> None:  # type: ignore[no-untyped-def]
+def test_the_noise_floor_rises_with_what_the_world_adds(arm, sound: World) -> None:
     motions = [via_spline("", np.array([[0.0] * 6, [0.8] * 6]), 2.0)]
     quiet = replace(sound, friction_spread=0.0, friction_drift=0.0, encoder_noise_rad=1e-6, encoder_bits=24)
     hardware = draw_world_arm(arm, quiet, np.random.default_rng(8))
