@@ -96,7 +96,7 @@ def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str
     assert len(judged) > 1
     for joint in judged:
         own, error = fit_scale(states, joint)
-        for factor in (0.7, 1.5):
+        for factor in (0.5, 0.7, 1.5):
             gains = np.where(np.arange(len(session.joints)) == joint, factor, 1.0)
             wrong = changed(session, "effort", lambda effort, gains=gains: effort * gains)
             (issue,) = found(wrong, arm).find("torque_scale")
