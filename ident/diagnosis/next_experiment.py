@@ -30,14 +30,20 @@ def next_experiment(
     not_testable: Sequence[Mapping[str, Any]],
     known: Sequence[Effect] = CATALOGUE,
     robot: str = "tm5-900",
+    nearest: Mapping[str, Any] | None = None,
+    loudest: str | None = None,
 ) -> dict[str, Any] | None:
-    """The motion that parts the first tied class; else the one that shows most of what could not be tested.
+    """The motion that parts the first tied class, or shows what came nearest to a name; else most of the untested.
+
+    A gap without a name is asked about at the joint where it is largest, if motion can tell more there.
 
     Args:
         findings: Findings of `ident.diagnosis/1`, in their order.
         not_testable: Its effects that could not be tested.
         known: The effects that were asked for.
         robot: What `--robot` takes for the arm: a command that is shown runs as it stands.
+        nearest: What came near to a name and got none.
+        loudest: The joint of the largest gap.
 
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could tell.
@@ -45,7 +51,11 @@ def next_experiment(
     for finding in findings:
         if len(finding["class"]) > 1:
             return _for_tied(list(finding["class"]), finding["joints"][0], known, robot)
-    return _for_unseen([one for one in not_testable if _is_of_motion(one)], known, robot)
+    unseen = [one for one in not_testable if _is_of_motion(one)]
+    if nearest is not None and (loudest is None or loudest in nearest["joints"]):
+        return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
+    there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
+    return _for_unseen(there or unseen, known, robot)
 
 
 def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:

@@ -72,10 +72,20 @@ def has_name(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: set a torque that is off by a factor; then about what gains most, or what to give or record."""
-    findings = record.get("findings", [])
-    if scale := misread_torque(record):
+    """What to do first about the joint of the largest gap, and that a torque is off by a factor.
+
+    Where it is off at that joint no other size there is right before; at another joint it says nothing of this one.
+    """
+    scale, where = misread_torque(record), record.get("where", [])
+    off = [joint for one in record.get("telemetry", []) if one["issue"] == "torque_scale" for joint in one["joints"]]
+    if scale and (not where or where[0]["joint"] in off):
         return scale
+    return " ".join(filter(None, (_first_of_names(record), scale)))
+
+
+def _first_of_names(record: Mapping[str, Any]) -> str:
+    """About what gains most, or what to give or record."""
+    findings = record.get("findings", [])
     doubted = bool(overtuned_joints(record) or tuned_away_joints(record))
     believed = any(one.get("probability", 1.0) >= LIKELY for one in findings)
     if record["verdict"] not in ("not_testable", "none_of_catalogue") and (believed or not doubted):

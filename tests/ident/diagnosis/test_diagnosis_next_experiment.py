@@ -54,6 +54,21 @@ def test_exact_twins_get_another_set_up() -> None:
     assert "plan excite" not in found["motion"]
 
 
+def test_a_gap_without_a_name_is_asked_about_where_it_is_largest() -> None:
+    """By what came nearest there; else by what could not be tested there; not at another joint's first."""
+    near = {"effect": "joint_elasticity", "joints": ["joint_2"]}
+    silent = [unseen("joint_elasticity", "joint_6"), unseen("backlash", "joint_2", "joint_6")]
+    for nearest, effect in (
+        (near, "joint_elasticity"),
+        (None, "backlash"),
+        ({**near, "joints": ["joint_4"]}, "backlash"),
+    ):
+        found = next_experiment([], silent, nearest=nearest, loudest="joint_2")
+        assert found is not None
+        assert found["separates"] == [effect]
+        assert "--joint joint_2 " in found["motion"]
+
+
 def test_unseen_effects_get_the_motion_that_shows_most_of_them() -> None:
     """Three effects want a ladder of speeds and one a chirp: the ladder is proposed, for the joint that lacks most."""
     entries = [

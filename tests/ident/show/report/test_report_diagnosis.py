@@ -300,6 +300,12 @@ def test_a_torque_off_by_a_factor_comes_before_friction(effect: str) -> None:
     assert first_action(acted_on(effect, 0.97, SCALE)).startswith("elbow reads 1.32")
 
 
+def test_a_torque_off_at_another_joint_comes_after_what_to_do_where_the_gap_is_largest() -> None:
+    record = acted_on("load_dependent_friction", 0.97, SCALE)
+    assert first_action({**record, "where": [{"joint": "wrist"}]}).startswith("Do so. elbow reads 1.32")
+    assert first_action({**record, "where": [{"joint": "elbow"}, {"joint": "wrist"}]}).startswith("elbow reads 1.32")
+
+
 @pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
