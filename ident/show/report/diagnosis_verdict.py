@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -72,13 +74,15 @@ def has_name(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first about the joint of the largest gap, and that a torque is off by a factor.
+    """What to do first: set a torque that is far off by a factor, or off at the joint of the largest gap.
 
-    Where it is off at that joint no other size there is right before; at another joint it says nothing of this one.
+    No other size is right before. A little off at another joint, it comes after what to do about the largest gap.
     """
     scale, where = misread_torque(record), record.get("where", [])
     off = [joint for one in record.get("telemetry", []) if one["issue"] == "torque_scale" for joint in one["joints"]]
-    if scale and (not where or where[0]["joint"] in off):
+    factors = [float(number) for number in re.findall(r"reads (\d+\.\d+) ±", scale)]
+    far = any(abs(math.log(max(factor, 0.01))) > math.log(FAR_OFF) for factor in factors)
+    if scale and (far or not where or where[0]["joint"] in off):
         return scale
     return " ".join(filter(None, (_first_of_names(record), scale)))
 
@@ -137,6 +141,8 @@ def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
+# From this factor on a torque is far off: beyond what makers' data sheets and URDFs leave open.
+FAR_OFF = 1.15
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.

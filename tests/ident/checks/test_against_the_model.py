@@ -170,6 +170,14 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
 
 
+@pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0])
+def test_a_spring_is_no_wrong_gain(stiffness: float, session: Session, arm: ArmModel) -> None:
+    """What a spring beside gravity explains is not told as gravity's size."""
+    springs = stiffness * (np.arange(6) == 1)
+    sprung = session.replace(runs=[run.replace(effort=run.effort + springs * run.position) for run in session.runs])
+    assert not found(sprung, arm).find("torque_scale")
+
+
 @pytest.mark.parametrize("factor", [1e3, 1e9])
 def test_effort_beyond_any_rating_is_refused_with_the_factor(factor: float, session: Session, arm: ArmModel) -> None:
     loud = changed(session, "effort", lambda values: values * np.array([1, 1, 1, 1, 1, factor]))
