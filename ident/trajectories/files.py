@@ -139,22 +139,29 @@ def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
         RecordingError: No such file, no plan, or one without a motion.
         RobotError: The plan is another robot's.
     """
-    file = Path(path)
-    record = _record(file)
-    _require_arm(file, record, arm)
+    file, again = Path(path), "plan the motion anew"
+    record = read_json(file, "give the file of `plan solve --json`", RecordingError)
+    if record.get("schema") != SCHEMA:
+        raise RecordingError(file, f"no record of {SCHEMA}", "give the file of `plan solve --json`")
+    if record.get("status") != "solved":
+        raise RecordingError(file, f"the plan is {record.get('status')!r}, not solved", again)
+    if record.get("robot") != arm.name:
+        raise RobotError(file, f"the plan is for {record.get('robot')!r}, the robot is {arm.name!r}", "give --robot")
     points = _points(file, record, arm)
-    times = np.array([0.0, *_numbers(file, record, "times_s"), _number(file, record, "duration_s")])
-    execution = record.get("execution") or {}
-    if not isinstance(execution, dict):
-        raise RecordingError(file, "its execution is no table", "plan the motion anew")
-    ramp = _number(file, execution, "ramp_s") if "ramp_s" in execution else 0.0
-    times *= _number(file, execution, "stretch") if "stretch" in execution else 1.0
+    try:
+        execution, given = dict(record.get("execution") or {}), [*record["times_s"], record["duration_s"]]
+    except (KeyError, TypeError, ValueError):
+        raise RecordingError(file, "it has no times_s, duration_s or execution", again) from None
+    for value in (*given, *(execution[name] for name in ("ramp_s", "stretch") if name in execution)):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+            raise RecordingError(file, f"its times hold {value!r}, not a number of 0 or more", again)
+    times = np.array([0.0, *map(float, given)]) * float(execution.get("stretch", 1.0))
     if len(times) != len(points) or np.any(np.diff(times) <= 0) or times[-1] > LONGEST_S:
-        raise RecordingError(file, "times_s and duration_s do not rise from point to point", "plan the motion anew")
+        raise RecordingError(file, "times_s and duration_s do not rise from point to point", again)
     if np.any(points < arm.lower) or np.any(points > arm.upper):
         raise RecordingError(file, "a point of the plan is out of the arm's limits", "plan it for this robot")
     curve = CubicSpline(times, points, bc_type="clamped")
-    ends = GentleEnds(float(times[-1]), min(ramp, RAMP_SHARE * float(times[-1])))
+    ends = GentleEnds(float(times[-1]), min(float(execution.get("ramp_s", 0.0)), RAMP_SHARE * float(times[-1])))
     t = ticks(float(np.ceil(ends.duration / TICK_S - 1e-9)) * TICK_S)
     s, ds, dds = ends.at(np.minimum(t, ends.duration))
     dq, ddq = curve(s, 1), curve(s, 2)
@@ -162,52 +169,18 @@ def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     return motion.held(PLAN_REST_S, PLAN_REST_S)
 
 
-def _record(file: Path) -> dict[str, Any]:
-    record = read_json(file, "give the file of `plan solve --json`", RecordingError)
-    if record.get("schema") != SCHEMA:
-        raise RecordingError(file, f"no record of {SCHEMA}", "give the file of `plan solve --json`")
-    if record.get("status") != "solved":
-        raise RecordingError(file, f"the plan is {record.get('status')!r}, not solved", "plan the motion anew")
-    return record
-
-
-def _require_arm(file: Path, record: dict[str, Any], arm: ArmModel) -> None:
-    if record.get("robot") != arm.name:
-        raise RobotError(file, f"the plan is for {record.get('robot')!r}, the robot is {arm.name!r}", "give --robot")
-    joints, held = record.get("joints"), record.get("held") or {}
-    if not isinstance(joints, list) or not all(isinstance(one, str) for one in joints) or not isinstance(held, dict):
-        raise RecordingError(file, "its joints are no list of names", "plan the motion anew")
-    named = {*joints, *held}
-    strange = [name for name in arm.joint_names if name not in named]
-    if strange:
-        raise RobotError(file, f"the plan says nothing of {strange[0]}", "plan it for this robot")
-
-
 def _points(file: Path, record: dict[str, Any], arm: ArmModel) -> Float[Array, "K n"]:
     """Start, via points and goal of all joints of the arm, the held ones at their places [rad]."""
-    moving = record.get("joints", [])
     try:
-        rows = [record["start_rad"], *record["via_points_rad"], record["goal_rad"]]
-        given = np.array(rows, dtype=float).reshape(len(rows), len(moving))
-        held = {str(name): float(value) for name, value in (record.get("held") or {}).items()}
-    except (KeyError, TypeError, ValueError):
+        rows = np.array([record["start_rad"], *record["via_points_rad"], record["goal_rad"]], dtype=float)
+        columns = dict(zip(map(str, record["joints"]), rows.T, strict=True))
+        columns |= {str(name): np.full(len(rows), float(at)) for name, at in (record.get("held") or {}).items()}
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise RecordingError(file, "its points are no rows of joint angles", "plan the motion anew") from None
-    columns = [given[:, moving.index(n)] if n in moving else np.full(len(rows), held[n]) for n in arm.joint_names]
-    points = np.stack(columns, axis=1)
+    strange = [name for name in arm.joint_names if name not in columns]
+    if strange:
+        raise RobotError(file, f"the plan says nothing of {strange[0]}", "plan it for this robot")
+    points = np.stack([columns[name] for name in arm.joint_names], axis=1)
     if not np.isfinite(points).all():
         raise RecordingError(file, "a point is not finite", "plan the motion anew")
     return points
-
-
-def _number(file: Path, table: dict[str, Any], key: str) -> float:
-    value = table.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0.0:
-        raise RecordingError(file, f"{key} is {value!r}, not a number of 0 or more", "plan the motion anew")
-    return float(value)
-
-
-def _numbers(file: Path, table: dict[str, Any], key: str) -> list[float]:
-    values = table.get(key)
-    if not isinstance(values, list):
-        raise RecordingError(file, f"{key} is no list of numbers", "plan the motion anew")
-    return [_number(file, {key: value}, key) for value in values]
