@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.benchmark.scoring import Outcome
-from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport
+from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, TEXT, WORDS, BlindReport
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_pages import write_diagnosis_report
@@ -21,49 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE_NAME, WRONG_FOLDER = "index.html", "wrong"
-SHARES = {
-    "strict": "named: the first name is the hidden effect",
-    "class_aware": "classed: the hidden effect is in the class of the first name",
-    "joint": "the first name is at the right joint",
-    "class_aware_small": "classed, at 0.3 of the noise floor",
-    "false_alarm": "false alarms: healthy sessions with a name",
-    "false_alarm_decoy": "false alarms: decoys with a name",
-    "told_gap": "healthy sessions told to have a gap",
-    "class_holds": "the class holds the hidden effect, single effects with a name",
-    "companion": "visible effects with a false name beside the true one",
-    "refusal": "refused, at the right joint, where the catalogue lacks the cause",
-    "wrongly_named": "a wrong name called the whole story there",
-    "interval_coverage": "true parameters inside their 95 % interval",
-    "shrink_vs_oracle": "held-out gap closed, of what an oracle closes",
-}
-MEANS = {
-    "mean_class_size": "effects in a class",
-    "class_size": "effects in a class, single effects with a name",
-    "set_f1": "F1 of the set of names, pairs and triples",
-    "calibration_error": "calibration error of the probabilities",
-    "auroc": "area under the curve of refusals: lacking causes against held ones",
-    "seconds_per_case": "seconds a diagnosis",
-}
-BASELINES = {"bic_forward": "forward selection by BIC"}
 COMPARED = ("strict", "joint", "false_alarm", "false_alarm_decoy", "refusal")
 OF_SIZES = ("strict", "class_aware", "joint", "unnamed")
 OF_WORLDS = ("strict", "class_aware", "joint", "companion", "false_alarm", "told_gap")
-LEADS = {
-    "scores": "Effects were drawn by chance and hidden in sessions of a simulated arm of other code and other laws; "
-    "the answers were sealed, the recordings diagnosed by processes that never saw them, then the seals opened. "
-    "The names count where the effect is visible: one noise floor or more, in rich motion.",
-    "sizes": "Sizes are visible amplitudes: what is left of the effect after the best fit of an ordinary model, in "
-    "multiples of the torque noise. Poor motion is everyday motion only.",
-    "worlds": "Each case is drawn from a world of its own: another arm, other sensors, another log and controller. "
-    "Numbers are cut at powers of ten or at the terciles of the cases.",
-    "baselines": "The same sessions and the same columns, judged by a method that takes samples for independent.",
-    "calibration": "Of the names given a certain probability, the share that was right.",
-    "coverage": "Where the name was right, how often the interval of each parameter held that of the simulated arm. "
-    "Its laws are not those of the catalogue, so some parameters have no exact counterpart.",
-    "edits": "The named cause is taken out of the patched model, nothing is fitted again, and the model foretells the "
-    "torque of the same arm simulated without the cause, doing other motions. Errors are told over those of a model "
-    f"that was tuned on the arm without the cause. A test is passed up to {EDIT_WITHIN:g}.",
-}
 
 
 def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, Any] | None], out: Path) -> Path:
@@ -110,8 +70,8 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
         for name, value in scores.items()
         if name in counts
     }
-    rows = [_cells(text, whole[name]) for name, text in SHARES.items()]
-    rows += [_cells(text, whole[name], fixed) for name, text in MEANS.items()]
+    rows = [_cells(text, whole[name]) for name, text in TEXT["shares"].items()]
+    rows += [_cells(text, whole[name], fixed) for name, text in TEXT["means"].items()]
     yield _table("scores", "Scores", "score|value|interval|of", rows, headline, alarm)
 
     rows = [
@@ -135,7 +95,7 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
     yield _table("worlds", "In which worlds does it hold?", columns, rows, alarm=alarm)
 
     methods = {"this diagnosis": scores} if record["baselines"] else {}
-    methods |= {BASELINES.get(name, name): own for name, own in record["baselines"].items()}
+    methods |= {TEXT["baselines"].get(name, name): own for name, own in record["baselines"].items()}
     rows = [[name, *(percent(own[score]) for score in COMPARED), fixed(own["set_f1"])] for name, own in methods.items()]
     columns = "method|named|joint|false alarms|of decoys|refused|F1 of sets"
     yield _table("baselines", "Beside a plain method", columns, rows)
@@ -182,7 +142,7 @@ def _table(
         rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
         headline, alarm: Written before the rest.
     """
-    names, lead = columns.split("|"), LEADS.get(anchor, "")
+    names, lead = columns.split("|"), TEXT["leads"].get(anchor, "").format(edit_within=f"{EDIT_WITHIN:g}")
     values: dict[str, Any] = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
     values |= {"columns": [name.lstrip("#") for name in names], "text": [name.startswith("#") for name in names]}
     return Section(anchor, title, "blind_table.html", values) if rows else None

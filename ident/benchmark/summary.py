@@ -6,10 +6,12 @@ themselves.
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from statistics import median
 from typing import Any, TypeVar
 
@@ -18,31 +20,11 @@ import numpy as np
 from ident.benchmark.scoring import Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
 from ident.results import Result
 
-# Properties by which scores are given, and their names for a person. A number that spans decades is cut at these.
+TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+"""What the page and the report say of scores, methods and properties of worlds."""
+NUMBERS, WORDS = TEXT["numbers"], TEXT["kinds"]
+# A number that spans decades is cut at these.
 DECADES = ("encoder_noise_rad",)
-NUMBERS = {
-    "encoder_noise_rad": "encoder noise and rounding [rad]",
-    "rate_hz": "log rate [Hz]",
-    "run_spread": "friction from run to run",
-    "friction_drift": "drift of friction",
-    "torque_noise": "torque noise [of rated]",
-    "jitter": "jitter [of the interval]",
-    "lost": "samples lost",
-    "bandwidth_hz": "controller's bandwidth [Hz]",
-    "friction_scale": "friction, of the usual",
-    "rotor_scale": "rotor inertia, of the usual",
-    "runs": "runs",
-    "duration_s": "duration [s]",
-    "link_error": "error of the URDF's masses",
-}
-WORDS = {
-    "world": "world",
-    "robot": "arm",
-    "velocity": "velocity channel",
-    "encoder_at": "encoder on the",
-    "feed_forward": "feed-forward",
-    "reference": "reference",
-}
 
 
 def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
