@@ -174,6 +174,8 @@ def write(console: Console, report: BlindReport) -> None:
         low, high = record["intervals"].get(name, (None, None))
         interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
         lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+    if again := record["run"].get("drawn_again"):
+        lines.append(f"  drawn again, a size out of reach or an arm that diverged: {plural(again, 'case')}")
     if record["worst_stratum"] is not None:
         worst = record["worst_stratum"]
         lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")

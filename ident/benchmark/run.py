@@ -211,7 +211,8 @@ def run_blind(
         seals={name: record["sha256"] for name, record in made.items()},
         outcomes=tuple(outcomes),
         provenance=Provenance("ident blind", settings={**options.settings, "seed": seed}),
-        run={**options.settings, "code": stamp},
+        # Cases drawn again, as a size was out of reach or the arm diverged.
+        run={**options.settings, "code": stamp, "drawn_again": sum(one["attempt"] > 0 for one in made.values())},
     )
     report.save(options.out / "blind.json")
     with atomic_write(options.out / "cases.parquet") as part:

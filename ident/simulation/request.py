@@ -11,13 +11,14 @@ import hashlib
 import hmac
 import json
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.recordings.recording import Payload
+from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.simulation.causes import Cause, find_cause
@@ -28,7 +29,7 @@ PADDING = 4096
 
 
 @dataclass(frozen=True)
-class TrueEffect:
+class TrueEffect(Record):
     """One thing that was wrong."""
 
     effect: str  # id, of the catalogue or outside it
@@ -41,7 +42,7 @@ class TrueEffect:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Record):
     """What happened in a session."""
 
     robot: str
@@ -55,19 +56,16 @@ class Answer:
     losses: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        values = asdict(self)
         # Answers of sessions without a world say nothing of one: sealed ones must stay as they are.
-        for name in ("world", "losses"):
-            if not values[name]:
-                del values[name]
-        return {"schema": "ident.answer/1", **values}
+        unsaid = {name for name in ("world", "losses") if not getattr(self, name)}
+        return {"schema": "ident.answer/1", **{k: v for k, v in super().to_dict().items() if k not in unsaid}}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Answer:
         """Inverse of `to_dict` after a passage through JSON."""
         effects = tuple(TrueEffect(**{**one, "joints": tuple(one["joints"])}) for one in values["effects"])
-        rest = values.get("world", {}), values.get("losses", {})
-        return cls(values["robot"], values["seed"], effects, tuple(values["decoys"]), values["noise_floor_Nm"], *rest)
+        own = {key: value for key, value in values.items() if key != "schema"}
+        return cls(**{**own, "effects": effects, "decoys": tuple(values["decoys"])})
 
 
 def seal(answer: Answer, folder: Path, key: bytes) -> str:

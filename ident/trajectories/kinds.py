@@ -8,6 +8,7 @@ Kinds: `spline` (via points; both directions at several speeds), `fourier`, `swe
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import cycle
 
 import numpy as np
 
@@ -39,19 +40,6 @@ def plan_motions(
     Raises:
         InputError: Unknown kind, or a duration or number that makes no motion.
     """
-    check_request(kinds, runs, duration)
-    limits = MotionLimits(arm)
-    motions: list[ReferenceMotion] = []
-    turn = 0
-    while len(motions) < runs:
-        kind = kinds[turn % len(kinds)]
-        turn += 1
-        motions += KINDS[kind](limits, duration, rng)
-    return tuple(motion.held(REST_S, REST_S) for motion in motions[:runs])
-
-
-def check_request(kinds: Sequence[str], runs: int, duration: float) -> None:
-    """Raises InputError for a session that can't be planned."""
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown or not kinds:
         wrong = f"unknown motion {unknown[0]!r}" if unknown else "no motion asked for"
@@ -60,6 +48,10 @@ def check_request(kinds: Sequence[str], runs: int, duration: float) -> None:
         raise InputError("--runs", f"{runs} runs", "ask for one run or more")
     if not 1.0 <= duration <= 3600.0:
         raise InputError("--duration", f"{duration:g} s a run", "choose between 1 and 3600 s")
+    limits, motions, turns = MotionLimits(arm), list[ReferenceMotion](), cycle(kinds)
+    while len(motions) < runs:
+        motions += KINDS[next(turns)](limits, duration, rng)
+    return tuple(motion.held(REST_S, REST_S) for motion in motions[:runs])
 
 
 def random_path(
@@ -149,15 +141,14 @@ def _sweep(limits: MotionLimits, duration: float, rng: np.random.Generator) -> l
     """Each joint goes to and fro between ever nearer turning points, at its own slow speed."""
     shares = np.array([1.0, -1.0, 0.7, -0.6, 0.4, -0.25, 0.15, 0.0])
 
+    def path(at: float, span: float, share: float) -> Float[Array, " K"]:
+        turns = at + share * 0.5 * span * shares
+        travel = np.abs(np.diff(turns, prepend=at)).sum()
+        speed = travel / (0.8 * duration) * rng.uniform(0.9, 1.3)
+        return ramps(at, [(goal, speed) for goal in turns], 2.0, 0.1)
+
     def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
-        paths = []
-        for j in range(limits.arm.n):
-            side = share * 0.5 * limits.span[j]
-            turns = centre[j] + side * shares
-            travel = np.abs(np.diff(turns, prepend=centre[j])).sum()
-            speed = travel / (0.8 * duration) * rng.uniform(0.9, 1.3)
-            paths.append(ramps(centre[j], [(goal, speed) for goal in turns], 2.0, 0.1))
-        return together("sweep", paths)
+        return together("sweep", [path(at, span, share) for at, span in zip(centre, limits.span, strict=True)])
 
     return [_shrink(limits, rng, make)]
 
@@ -182,6 +173,7 @@ def _ladder(limits: MotionLimits, duration: float, rng: np.random.Generator) -> 
 
 def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """One joint after the other there and back at two speeds, the others at rest."""
+    there_and_back = ((1.0, 1.0), (-1.0, 2.0), (0.0, 1.0))
 
     def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         n = limits.arm.n
@@ -189,7 +181,7 @@ def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) 
         paths, clock = [], 0.0
         for j in range(n):
             side = min(0.6 * share * limits.span[j], 0.18 * each * limits.speed[j])
-            moves = [(centre[j] + side * way, 3.0 * side / each * fast) for way, fast in _THERE_AND_BACK]
+            moves = [(centre[j] + side * way, 3.0 * side / each * fast) for way, fast in there_and_back]
             path = ramps(centre[j], moves, 5.0 * share, 0.05)
             wait = np.full(max(round(clock / 1e-3), 1), centre[j])
             paths.append(np.concatenate([wait, path]))
@@ -197,9 +189,6 @@ def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) 
         return together("jointwise", paths)
 
     return [_shrink(limits, rng, make)]
-
-
-_THERE_AND_BACK = ((1.0, 1.0), (-1.0, 2.0), (0.0, 1.0))
 
 
 def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
@@ -211,12 +200,9 @@ def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> li
         stops = centre + share * 0.6 * limits.span * rng.uniform(-1.0, 1.0, (poses, n))
         aside = np.minimum(0.15, 0.2 * limits.span)
         paths = []
-        for j in range(n):
-            moves = []
-            for stop in stops[:, j]:
-                away = aside[j]
-                moves += [(stop - away, 0.8), (stop, 0.2), (stop + away, 0.4), (stop, 0.2)]
-            paths.append(_with_dwells(centre[j], moves, duration / poses, 6.0 * share))
+        for at, here, away in zip(centre, stops.T, aside, strict=True):
+            moves = [m for p in here for m in ((p - away, 0.8), (p, 0.2), (p + away, 0.4), (p, 0.2))]
+            paths.append(_with_dwells(at, moves, duration / poses, 6.0 * share))
         return together("hold", paths)
 
     return [_shrink(limits, rng, make)]

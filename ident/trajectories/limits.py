@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
@@ -84,31 +85,23 @@ class MotionLimits:
             geometry = self.arm.geometry.copy()
         except RobotError:
             return None
-        objects = list(geometry.geometryObjects)
         geometry.removeAllCollisionPairs()
-        for i, one in enumerate(objects):
-            for k in range(i + 1, len(objects)):
-                if abs(one.parentJoint - objects[k].parentJoint) > 1:
-                    geometry.addCollisionPair(pin.CollisionPair(i, k))
+        for (i, one), (k, other) in combinations(enumerate(geometry.geometryObjects), 2):
+            if abs(one.parentJoint - other.parentJoint) > 1:
+                geometry.addCollisionPair(pin.CollisionPair(i, k))
         model = self.arm.model
         data, geometry_data = model.createData(), geometry.createData()
         for request in geometry_data.collisionRequests:
             request.security_margin = CLEARANCE_M
-        self._drop_constant_pairs(model, data, geometry, geometry_data)
-        return model, data, geometry, geometry_data
-
-    def _drop_constant_pairs(
-        self, model: pin.Model, data: pin.Data, geometry: pin.GeometryModel, found: pin.GeometryData
-    ) -> None:
-        """Deactivates pairs that touch in nearly every pose: coarse boxes of links that share a housing."""
-        rng = np.random.default_rng(0)
-        poses = self.centre + self.span * rng.uniform(-1.0, 1.0, (40, self.arm.n))
+        # Pairs that touch in nearly every pose are coarse boxes of links that share a housing.
+        poses = self.centre + self.span * np.random.default_rng(0).uniform(-1.0, 1.0, (40, self.arm.n))
         hits = np.zeros(len(geometry.collisionPairs))
         for pose in poses:
-            pin.computeCollisions(model, data, geometry, found, pose, False)
-            hits += [result.isCollision() for result in found.collisionResults]
+            pin.computeCollisions(model, data, geometry, geometry_data, pose, False)
+            hits += [result.isCollision() for result in geometry_data.collisionResults]
         for pair in np.flatnonzero(hits > 0.9 * len(poses)):
-            found.deactivateCollisionPair(int(pair))
+            geometry_data.deactivateCollisionPair(int(pair))
+        return model, data, geometry, geometry_data
 
 
 def thin(q: Float[Array, "K n"], step: float) -> Float[Array, "m n"]:

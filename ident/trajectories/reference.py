@@ -48,14 +48,8 @@ class ReferenceMotion:
 
     def held(self, before: float, after: float) -> ReferenceMotion:
         """With standstill before and after [s]."""
-        pads = (round(before / TICK_S), round(after / TICK_S))
-        rest = np.zeros((1, self.q.shape[1]))
-        q = np.concatenate([np.repeat(self.q[:1], pads[0], 0), self.q, np.repeat(self.q[-1:], pads[1], 0)])
-        parts = [
-            np.concatenate([np.repeat(rest, pads[0], 0), values, np.repeat(rest, pads[1], 0)])
-            for values in (self.dq, self.ddq)
-        ]
-        return ReferenceMotion(self.name, q, *parts)
+        pads = ((round(before / TICK_S), round(after / TICK_S)), (0, 0))
+        return ReferenceMotion(self.name, np.pad(self.q, pads, "edge"), np.pad(self.dq, pads), np.pad(self.ddq, pads))
 
 
 def ticks(duration: float) -> Float[Array, " K"]:

@@ -57,6 +57,7 @@ def test_all_seals_are_told_before_the_first_diagnosis(events: list[str], record
 def test_no_case_fails_and_every_score_has_its_interval(record: dict) -> None:  # type: ignore[type-arg]
     assert record["failed"] == 0
     assert record["cases"] == 2
+    assert record["run"]["drawn_again"] in (0, 1, 2)
     assert {one["kind"] for one in record["outcomes"]} == {"single", "healthy"}
     assert record["intervals"].keys() - {"efficiency"} == record["scores"].keys() - {"efficiency"}
     assert record["baselines"].keys() == {"bic_forward"}

@@ -112,11 +112,15 @@ def test_other_arms_work():
         assert np.abs(run.position - run.position_command).max() < 0.05
 
 
-def test_a_diverging_plant_is_refused(hardware):
+def test_a_diverging_plant_is_refused(hardware, tmp_path, monkeypatch, capfd):
+    """In one message: nothing stands on standard error, and no file is left."""
+    monkeypatch.chdir(tmp_path)
     broken = hardware.with_laws("drive", 1, hose_stiffness=1e9)
     motion = plan_motions(hardware.arm, ["spline"], 1, 2.0, np.random.default_rng(0))
     with pytest.raises(InputError, match="diverged"):
         Simulator(broken, np.random.default_rng(1)).run(motion, [0.0], lambda: None)
+    assert not list(tmp_path.iterdir())
+    assert not capfd.readouterr().err
 
 
 def test_individual_arms_differ(arm):
