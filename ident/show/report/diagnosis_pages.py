@@ -21,7 +21,7 @@ from ident.show.changes import (
 from ident.show.report.diagnosis_verdict import energy_pair, order_of, verdict_section
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import Section, render_page, save_page
-from ident.show.report.sections import describe_origin, facts_section, provenance_facts, telemetry_section
+from ident.show.report.sections import EPOCH_FROM, describe_origin, facts_section, provenance_facts, telemetry_section
 from ident.show.report.words import (
     axis_name,
     axis_unit,
@@ -97,13 +97,29 @@ def where_section(record: Mapping[str, Any]) -> Section | None:
     """The cells that matter in words, then the map: against the tuned model, and against it as it is."""
     if not record.get("where") and not record.get("maps"):
         return None
-    places = [one for one in record.get("where", []) if one["p_value"] <= USUAL_MAP.significant]
+    places, maps, untuned = (from_start(record, key) for key in ("where", "maps", "maps_fixed"))
+    places = [one for one in places if one["p_value"] <= USUAL_MAP.significant]
     values = {
         "sentences": [describe_place(one) for one in places[:MOST_SENTENCES]],
-        "map": map_table(record.get("maps", []), record["joints"]),
-        "fixed": map_table(record.get("maps_fixed", []), record["joints"]),
+        "map": map_table(maps, record["joints"]),
+        "fixed": map_table(untuned, record["joints"]),
     }
     return Section("where", "Where the gap lies", "where.html", values)
+
+
+def from_start(record: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """A record's cells or strips of the map; times on a clock since 1970 from the first sample on."""
+    stamps = (record.get("provenance") or {}).get("sessions", [])
+    start = min((stamp["first"] for stamp in stamps if stamp.get("first") is not None), default=0.0)
+    shift = start if start >= EPOCH_FROM else 0.0
+
+    def shifted(one: Mapping[str, Any]) -> Mapping[str, Any]:
+        if one["axis"] != "time":
+            return one
+        ends = {end: one[end] - shift for end in ("low", "high") if end in one}
+        return {**one, **ends, **({"edges": [edge - shift for edge in one["edges"]]} if "edges" in one else {})}
+
+    return [shifted(one) for one in record.get(key, [])]
 
 
 def describe_place(place: Mapping[str, Any]) -> str:

@@ -273,7 +273,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
     after = heldout.get("rms_after_Nm", {}) if named else {}
     joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
-    sizes = [max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()]
+    sizes = [gap["rms_Nm"] for gap in gaps.values()]
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}

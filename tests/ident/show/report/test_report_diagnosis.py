@@ -345,3 +345,12 @@ def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() ->
         assert ("move it" in order_of(record["findings"][0], record)) is fits
     record["next_experiment"]["motion"] = "move it; `plan excite --joint wrist --out x`"
     assert "--separate payload,link_inertial_error --joint elbow" in order_of(record["findings"][0], record)
+
+
+def test_session_time_counts_from_its_start(tmp_path: Path) -> None:
+    """A clock of seconds since 1970 has too many digits for a cell."""
+    record = copy.deepcopy(RECORD)
+    place = {"joint": "joint_2", "axis": "time", "low": 1.7e9 + 20.0, "high": 1.7e9 + 40.0}
+    record["where"] = [{**place, "share_of_gap": 0.71, "p_value": 0.001}]
+    record["provenance"] = {"sessions": [{"path": "a", "sha256": "", "first": 1.7e9, "last": 1.7e9 + 90.0, "runs": []}]}
+    assert "at session time 20 to 40 s" in written(tmp_path, record)
