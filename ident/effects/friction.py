@@ -6,13 +6,12 @@ Friction that bends over speed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Interval, SessionContext, StatesEffect, Variant
-from ident.effects.effect_info import Expression, Range
+from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
 from ident.effects.typical_sizes import (
     LARGEST_TORQUE_SHARE,
@@ -240,8 +239,3 @@ class NonlinearViscousFriction(StatesEffect):
         coulomb, viscous = friction_level(session, joint)
         speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
         return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])
-
-    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
-        if form == "mjcf" and figures["exponent"] == 2.0:
-            return replace(self.formats[form], answer="yes", words="second coefficient of damping")
-        return super().expressed(form, figures)

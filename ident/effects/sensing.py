@@ -6,20 +6,17 @@ Torque that is logged late against position.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import Expression, Range
+from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
 
-# A reading that loses all but this share of what lies above its knee is flat there.
-FLAT = 0.05
 # Of the rated torque.
 LARGEST_OFFSET = 0.3
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
@@ -154,12 +151,6 @@ class TorqueSaturation(Effect):
         if not coefficients:
             return {"knee_Nm": reported["limit_Nm"], "lost": 1.0}
         return {"knee_Nm": shape["knee_Nm"], "lost": coefficients[0]}
-
-    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
-        if form == "mjcf" and abs(figures["lost"] - 1.0) > FLAT:
-            words = "cutoff of the motor's force sensor: flat from the limit on, without the bend before it"
-            return replace(self.formats[form], answer="approximate", words=words)
-        return super().expressed(form, figures)
 
 
 def _peak(session: SessionContext, joint: int) -> float:

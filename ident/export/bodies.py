@@ -7,7 +7,7 @@ torques those nearest to the URDF's that are bodies can be taken. The same holds
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +50,11 @@ class Links:
         return self.tuned + self.named
 
 
+def numbers(values: Sequence[float] | Array) -> str:
+    """Numbers of an attribute, to the last digit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
 def ten_numbers(pseudo: Float[Array, "4 4"]) -> Float[Array, " 10"]:
     """Mass, first and second moments of a pseudo-inertia."""
     second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
@@ -75,13 +80,8 @@ def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], 
 def lay_out(arm: ArmModel, tuning: Float[Array, "n 10"], errors: Callable[[Array], Float[Array, "n 10"]]) -> Links:
     """What becomes of the links.
 
-    An identified error is reported as a change of one link. Where that alone leaves no body, the links together give
-    its torque.
-
-    Args:
-        arm: The arm as its URDF describes it.
-        tuning: Change by tuning.
-        errors: Change by identified link errors, given the tuning as it is written.
+    An identified error is reported as a change of one link, given the tuning as it is written. Where that alone leaves
+    no body, the links together give its torque.
     """
     tuned, missed = nearest_bodies(arm, tuning)
     named = errors(tuned)

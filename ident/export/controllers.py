@@ -26,13 +26,17 @@ _HEAD = """\
 # `losses_without_effects` are what fits best where none of them is modelled. `links` are a link's ten inertial numbers
 # about the frame of the joint that moves it, and `link_change` is what tuning added to the URDF's. Dry friction turns
 # round over the displacement `sliding_range_rad`, as a spring in series with a slider does; where that is zero, over
-# the speed `transition_rad_s`. `law` has what the law of an effect needs beside its reported parameters.
+# the speed `transition_rad_s`. `law` has what the law of an effect needs beside its reported parameters. Where
+# robot.urdf has other losses, as the best of its candidates, `losses_of_urdf` has its rotor inertia and widths too.
 
 """
 
 
 def write_parameters(
-    identified: IdentifiedArm, alone: Losses | None = None, estimates: Sequence[LossFigure] = ()
+    identified: IdentifiedArm,
+    alone: Losses | None = None,
+    estimates: Sequence[LossFigure] = (),
+    urdf: Losses | None = None,
 ) -> str:
     """TOML text.
 
@@ -40,6 +44,7 @@ def write_parameters(
         identified: The arm.
         alone: Losses that fit best without its effects, where they are known.
         estimates: Estimates of losses with their intervals, where they are known.
+        urdf: Losses that go with the URDF, where there is one.
     """
     joints = identified.nominal.joint_names
     numbers = identified.whole.inertial_parameters.reshape(-1, 10)
@@ -49,6 +54,7 @@ def write_parameters(
         "link_order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
         "losses": _losses(joints, identified.losses),
         **({} if alone is None else {"losses_without_effects": _losses(joints, alone)}),
+        **({} if urdf is None else {"losses_of_urdf": _losses(joints, urdf)}),
         "links": {name: row.tolist() for name, row in zip(identified.nominal.links, numbers, strict=True)},
         "link_change": {
             name: dict(zip(LINK_KEYS, map(float, identified.links.tuned[j]), strict=True))

@@ -1,21 +1,26 @@
-"""What each format says of each effect, and what a written file holds where it has no words for one.
+"""What each format says of each effect, what stands in where it has no words for one, and how far off that is.
 
-`yes`: the format states the same law. `approximate`: it states something near, told in the reason. `no`: it has no
-words for it, and the losses that are nearest to the law stand in for it; the module has the law. An effect's class says
-what its formats are; what it doesn't speak of is friction.
+The table of effects says which part of a file carries a law; where none does, the losses nearest to the law stand in
+for it, and the module has the law. How near a file comes is measured: the torque that the effect adds to the loaded
+file, against the law's along the same motions. `yes` is what agrees to a per cent, `no` what is off by more than a
+tenth, `approximate` what lies between.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from ident.arrays import Array
 from ident.effects.effect_info import Expression
 from ident.export.identified import Change, IdentifiedArm, in_module
+from ident.export.loaded import LawModel, SimulatorModel
+from ident.export.loading import WrittenFile
 from ident.export.python import describe_arm
 from ident.laws.acting import acting_torque
 from ident.laws.motion import Losses, MovingArm
@@ -25,15 +30,13 @@ from ident.robot.arm import ArmModel
 FORMATS = ("urdf", "mjcf", "parameters", "module")
 # Formats of whole arms, which a simulator loads.
 LOADED = ("urdf", "mjcf")
-_FRICTION = "knows damping and dry friction only; the pair that fits best stands in for the law"
-_FRICTIONS = {
-    "urdf": Expression("no", f"<dynamics> {_FRICTION}"),
-    "mjcf": Expression("no", f"<joint> {_FRICTION}; add the module's torque to qfrc_applied"),
+FRICTIONS = {
+    "urdf": Expression("no", "the <dynamics> (damping and friction) nearest to the law stand in for it"),
+    "mjcf": Expression("no", "the polynomial damping and frictionloss nearest to the law stand in for it"),
 }
-_UNKNOWN = Expression(
-    "no", "an effect outside the catalogue, whose law is known to its file only: give it with --catalogue"
-)
-_LAWLESS = Expression("no", "its class gives no `law` for the module")
+_UNKNOWN = "an effect outside the catalogue, whose law is known to its file only: give it with --catalogue"
+# Of the torque that an effect adds, what a file may be off by that states it, and that states something near.
+SAME, NEAR = 0.01, 0.1
 
 # States at which laws are compared with losses where no recording is given: how long, how dense [s], which speed as a
 # share of the limit, and the limit where a URDF has none [rad/s].
@@ -42,40 +45,88 @@ USUAL_TIME, USUAL_STEP, USUAL_SHARE, USUAL_LIMIT = 20.0, 0.01, 0.5, 3.0
 Run = tuple[Array, Array, Array, float]
 # More samples of a run say no more about a law's nearest losses.
 MOST_SAMPLES = 5000
+# Losses are also to be near at speeds up to this many times those of the runs, at a tenth of the weight.
+BEYOND, BEYOND_WEIGHT = 1.5, 0.1
 
 
 def express(change: Change, form: str) -> Expression:
-    """How a format (`urdf`, `mjcf`, `parameters`, `module`) expresses an effect."""
+    """How a format (`urdf`, `mjcf`, `parameters`, `module`) expresses an effect, by the table."""
+    effect = change.kind
     if form == "parameters":
         return Expression("yes", "all parameters with their intervals")
-    effect = change.kind
     if effect is None:
-        return _UNKNOWN
+        return Expression("no", _UNKNOWN)
     if form != "module":
-        return effect.expressed(form, change.values) or _FRICTIONS[form]
+        return effect.expressed(form, change.values) or FRICTIONS[form]
     if not change.has_law:
-        return Expression("no", effect.left_open) if effect.left_open else _LAWLESS
+        return Expression("no", effect.left_open or "its class gives no `law` for the module")
     return Expression("approximate", effect.left_open) if effect.left_open else Expression("yes", "the law")
 
 
-def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run], alone: Losses | None = None) -> IdentifiedArm:
+def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
+    """An effect and how each format expresses it, for a record.
+
+    Args:
+        change: The effect.
+        off: By format how far its torque is off, as a share, where that was measured.
+    """
+    formats: dict[str, dict[str, Any]] = {}
+    for form in FORMATS:
+        said = express(change, form)
+        formats[form] = dict(said.to_dict())
+        if form in off:
+            near = "approximate" if said.part or off[form] <= NEAR else "no"
+            formats[form] |= {"off": off[form], "expressed": "yes" if off[form] <= SAME else near}
+            if off[form] > SAME:
+                formats[form]["how"] += f"; off by {off[form]:.0%} of its torque along these motions"
+    figures = {name: figure.to_dict() for name, figure in change.figures.items()}
+    return {"effect": change.effect, "joints": list(change.joints), "parameters": figures, "formats": formats}
+
+
+def measure_off(identified: IdentifiedArm, form: str, runs: Sequence[Run], folder: Path) -> list[dict[str, float]]:
+    """How far each effect's torque in a loaded file is from its law along motions, as a share of it, by format.
+
+    Links that are changed are compared as bodies (`WrittenFile.check`), and what has no law with nothing. What a file
+    has a part for is measured on an arm without dry friction, of which simulators have another sign at rest.
+    """
+
+    def logs(model: SimulatorModel) -> Array:
+        found = [model.read_log(model.joint_torque(*run), run[-1]) for run in runs]
+        return np.concatenate(found)
+
+    smooth = replace(identified, losses=replace(identified.losses, coulomb=np.zeros(identified.nominal.n)))
+
+    def both(arm: IdentifiedArm, changes: tuple[Change, ...]) -> tuple[Array, Array]:
+        arm = replace(arm, changes=changes)
+        file = WrittenFile.write(form, folder, state_arm(arm, form, runs)).load()
+        return logs(file), logs(LawModel.of(arm))
+
+    found: list[dict[str, float]] = []
+    plain = {arm: both(arm, ()) for arm in (identified, smooth)}
+    for change in identified.changes:
+        if not change.has_law or change.part(form) == "inertial":
+            found.append({})
+            continue
+        arm = smooth if express(change, form).part else identified
+        file, law = (with_it - without for with_it, without in zip(both(arm, (change,)), plain[arm], strict=True))
+        size = float(np.linalg.norm(law))
+        found.append({form: float(np.linalg.norm(file - law)) / size} if size > 0.0 else {})
+    return found
+
+
+def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> IdentifiedArm:
     """What a file holds of an identified arm: effects that it has words for, losses that stand in for the others.
 
     Args:
         identified: The arm.
         form: `urdf`, `mjcf`, or another name for a format that knows losses alone.
         runs: Motions along which losses are to stand in for laws; their torque is of no interest.
-        alone: Losses fitted to the recordings without the laws: they stand in best where a joint's file tells none.
     """
     said = tuple(c for c in identified.changes if form in LOADED and express(c, form).answer != "no")
     unsaid = [c for c in stood_in(identified.changes, form) if c.has_law]
-    losses = stand_in(identified, unsaid, runs)
-    if alone is not None:
-        of = {c.joint for c in unsaid} - {c.joint for c in said}
-        fitted = np.array([j in of and alone.coulomb[j] + alone.viscous[j] > 0.0 for j in range(identified.nominal.n)])
-        rubs = {name: np.where(fitted, getattr(alone, name), getattr(losses, name)) for name in ("coulomb", "viscous")}
-        losses = replace(losses, **rubs)
-    return replace(identified, losses=losses, changes=said)
+    # A sensor's flat top has no bend before it: the law without its coefficients.
+    flat = tuple(replace(c, law=None) if c.part(form) == "cutoff" else c for c in said)
+    return replace(identified, losses=stand_in(identified, unsaid, runs, form == "mjcf"), changes=flat)
 
 
 def stood_in(changes: Iterable[Change], form: str) -> list[Change]:
@@ -84,32 +135,44 @@ def stood_in(changes: Iterable[Change], form: str) -> list[Change]:
     return [change for change in unsaid if change.joint >= 0 and not change.of_the_log]
 
 
-def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[Run]) -> Losses:
+def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[Run], bends: bool) -> Losses:
     """Losses that are nearest to an arm's own losses and some laws together, joint by joint.
 
-        min Σ (f_c s + C v − τ_losses − τ_laws)²,  f_c, C ≥ 0
+        min Σ (f_c s + C v + b₁ |v| v + b₂ v³ − τ_losses − τ_laws)²,  f_c, C ≥ 0
+
+    A polynomial that would drive the joint at some speed gives way to a straight line.
 
     Args:
         identified: The arm.
         laws: Effects of joints.
         runs: Motions over which they are to be near.
+        bends: Whether the format has b₁ and b₂.
     """
     losses = identified.losses
     if not laws:
         return losses
     arm, effects = describe_arm(identified.tuned), in_module(laws)
-    torque, slip, speed = [], [], []
+    torque, rows = [], []
     for q, dq, ddq, interval in runs:
-        moving = MovingArm(arm, losses, q, dq, ddq, interval)
-        own = losses.viscous * dq + losses.coulomb * moving.direction
-        torque.append(own + acting_torque(effects, moving))
-        slip.append(moving.direction)
-        speed.append(dq)
-    target, columns = np.concatenate(torque), np.stack([np.concatenate(slip), np.concatenate(speed)], axis=-1)
-    coulomb, viscous = np.array(losses.coulomb), np.array(losses.viscous)
+        for faster, weight in ((1.0, 1.0), (BEYOND, BEYOND_WEIGHT)):
+            moving = MovingArm(arm, losses, q, faster * dq, ddq, interval)
+            own = losses.viscous * moving.dq + losses.coulomb * moving.direction
+            torque.append(weight * (own + acting_torque(effects, moving)))
+            speed = np.abs(moving.dq)
+            rows.append(weight * np.stack([moving.direction, moving.dq, speed * moving.dq, speed**2 * moving.dq], -1))
+    target, columns = np.concatenate(torque), np.concatenate(rows)
+    found = np.stack([losses.coulomb, losses.viscous, *losses.bend.T])
+    top = np.maximum(np.where(identified.nominal.velocity_limit < 50.0, identified.nominal.velocity_limit, 0.0), 1.0)
     for j in {law.joint for law in laws}:
-        coulomb[j], viscous[j] = nnls(columns[:, j], target[:, j])[0]
-    return replace(losses, coulomb=coulomb, viscous=viscous)
+        for size in (4, 2) if bends else (2,):
+            x, bounds = columns[:, j, :size], ([0.0, 0.0, -np.inf, -np.inf][:size], np.inf)
+            scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
+            found[:, j] = np.append(
+                lsq_linear(x / scale, target[:, j], bounds, tol=1e-14).x / scale, np.zeros(4 - size)
+            )
+            if np.polynomial.Polynomial(found[:, j])(np.linspace(0.0, top[j], 200)).min() >= 0.0:
+                break
+    return replace(losses, coulomb=found[0], viscous=found[1], bend=found[2:].T)
 
 
 def recorded_runs(motions: Sequence[Motion]) -> list[Run]:

@@ -100,23 +100,14 @@ class Change:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Tuning:
-    """A tuned baseline.
+# A tuned baseline: losses, and change of the URDF's inertial numbers, shape (n, 10).
+Tuning = tuple[Losses, Float[Array, "n 10"]]
 
-    Attributes:
-        losses: Rotor inertia, viscous and Coulomb friction.
-        links: Change of the URDF's inertial numbers, shape (n, 10).
-    """
 
-    losses: Losses
-    links: Float[Array, "n 10"]
-
-    @classmethod
-    def none(cls, n: int) -> Tuning:
-        """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
-        zero = np.zeros(n)
-        return cls(Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS)))))
+def untuned(n: int) -> Tuning:
+    """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
+    zero = np.zeros(n)
+    return Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,21 +138,17 @@ class IdentifiedArm:
                     wrong[change.joint] += link_change(numbers[change.joint] + tuned[change.joint], change.values)
             return wrong
 
-        return cls(nominal, tuning.losses, lay_out(nominal, tuning.links, errors), tuple(changes))
+        return cls(nominal, tuning[0], lay_out(nominal, tuning[1], errors), tuple(changes))
 
     @classmethod
     def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
         """The URDF as it is: its bodies, damping and friction."""
-        losses = Tuning.none(nominal.n).losses
+        losses = untuned(nominal.n)[0]
         return cls.with_losses(nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction))
 
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
-        """A fitted model, its net, offsets and shared shafts aside.
-
-        Args:
-            model: The model.
-            nearest: Whether links that no body could be become the nearest bodies.
+        """A fitted model, its net, offsets and shared shafts aside; if asked for, links as the nearest bodies.
 
         Raises:
             InputError: Links that no body could be.
@@ -183,6 +170,15 @@ class IdentifiedArm:
         widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
         losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
         return cls(nominal, losses, links, tuple(_of_law(law, nominal.joint_names) for law in model.named))
+
+    @classmethod
+    def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
+        """The arms that could be written of a model, by name; tuned without its laws, where it has any (`of_model`)."""
+        found = {"before": cls.as_urdf(model.nominal)}
+        if model.alone is not None:
+            arm, loss = model.alone
+            found["tuned"] = cls.of_model(replace(model, arm=arm, loss=loss, named=()), nearest)
+        return {**found, "after": cls.of_model(model, nearest)}
 
     @classmethod
     def with_losses(cls, nominal: ArmModel, losses: Losses) -> IdentifiedArm:
@@ -267,11 +263,7 @@ class Diagnosed:
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
-        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes.
-
-        Args:
-            path: Its file.
-            catalogue: The effects that it may hold.
+        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects of a catalogue.
 
         Raises:
             InputError: No such file, not a diagnosis, or one without an effect.
@@ -289,11 +281,7 @@ class Diagnosed:
     ) -> Diagnosed:
         """Takes the record of a diagnosis that was never a file, or was read already.
 
-        Args:
-            record: The record.
-            catalogue: The effects that it may hold.
-            path: Where it comes from, for messages.
-            needed: Whether it must hold an effect; else tuning alone will do.
+        `path` is where it comes from, for messages; where no effect is `needed`, tuning alone will do.
 
         Raises:
             InputError: It is damaged, or holds no effect where one is needed.
@@ -317,10 +305,10 @@ class Diagnosed:
             what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
             raise InputError(path, what, "give a diagnosis with findings")
         tuned, alone, urdf = (
-            _tuning(record[key], joints) if key in record else Tuning.none(len(joints))
+            _tuning(record[key], joints) if key in record else untuned(len(joints))
             for key in ("baseline", "baseline_alone", "baseline_urdf")
         )
-        urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
+        urdf = urdf[0], freeze(np.zeros_like(urdf[1]))
         origin = record.get("provenance", {})
         content = str(origin.get("settings", {}).get("arm_sha256", ""))
         is_tuned = "baseline" in record
@@ -391,4 +379,4 @@ def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
         links[j] = [require_finite(row["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
     losses = np.maximum(losses, 0.0)
     losses[3] = np.maximum(losses[3], 1e-4)
-    return Tuning(Losses(*losses), freeze(links))
+    return Losses(*losses), freeze(links)

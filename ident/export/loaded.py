@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol
 
 import mujoco
@@ -16,7 +17,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf_joint import SPRING_SUFFIX
+from ident.export.mjcf import SPRING_SUFFIX
 from ident.export.python import describe_arm
 from ident.laws.acting import Effect, acting_torque, read_log, shifted
 from ident.laws.motion import Arm, Losses, MovingArm
@@ -112,10 +113,42 @@ class LoadedModel(SimulatorModel, ABC):
         """Deflection, rate and acceleration of the model's s springs along a motion, of which no log tells."""
         return np.zeros((len(q), 3, 0))
 
-    @property
-    def delay(self) -> float:
-        """Lateness of the log, as far as the file says [s]."""
-        return 0.0
+    def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """Joint torque along a run that is added to the file's own [N m]."""
+        return np.zeros_like(q)
+
+    def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
+        """What `roll_out` takes for a log: earlier by its lateness, as far as the file says [N m]."""
+        return log
+
+
+class HelpedModel(LoadedModel):
+    """A file with a written module that stands in for what it lacks: of a `urdf` also what the log reads."""
+
+    def __init__(self, file: LoadedModel, module: ModuleType, form: str) -> None:
+        self.file, self.module, self.form = file, module, form
+
+    def roll_out(
+        self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
+    ) -> Float[Array, "2 w n"]:
+        return self.file.roll_out(states, twists, drive, extra, interval)
+
+    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
+        return self.file.deflections(q, dq, ddq, interval)
+
+    def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        return np.asarray(self.module.missing_torque(self.form, q, dq, ddq, interval), dtype=float)
+
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        return self.file.joint_torque(q, dq, ddq, interval) + self.missing(q, dq, ddq, interval)
+
+    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        read = self.module.log_of_torque if self.form == "urdf" else self.file.read_log
+        return np.asarray(read(torque, interval), dtype=float)
+
+    def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
+        undo = self.module.torque_of_log if self.form == "urdf" else self.file.undo_log
+        return np.asarray(undo(log, interval), dtype=float)
 
 
 class LoadedUrdf(LoadedModel):
@@ -180,11 +213,10 @@ class LoadedMjcf(LoadedModel):
         self.gear, self.bias = self.model.actuator_gear[motors, 0], self.model.actuator_biasprm[motors, 0]
         sensors = [self.model.sensor(f"{name}_log").id for name in joints]
         self.cutoff = np.where(self.model.sensor_cutoff[sensors] > 0.0, self.model.sensor_cutoff[sensors], np.inf)
-        self._delay = float(self.model.sensor_delay[sensors[0]])
+        self.delay = float(self.model.sensor_delay[sensors[0]])
 
-    @property
-    def delay(self) -> float:
-        return self._delay
+    def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
+        return shifted(log, -self.delay, interval)
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         out = np.empty_like(q)
@@ -196,12 +228,13 @@ class LoadedMjcf(LoadedModel):
         return out
 
     def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
-        """From rest under the load, in small steps, the joints' motion on straight lines between samples."""
+        """From balance under the load, in small steps, the joints' motion on straight lines between samples."""
         found = np.zeros((len(q), 3, len(self.springs)))
         if len(self.springs) == 0 or interval <= 0.0:
             return found
         states = np.stack([q, dq, ddq], axis=1)
-        found[0] = self._sag(q[0])
+        first, second = (self._sag(states[k]) for k in (0, 1))
+        found[0, :2] = first, (second - first) / interval
         for k in range(1, len(q)):
             found[k] = self._deflect(states[k - 1], states[k], found[k - 1], interval)
         return found
@@ -215,13 +248,13 @@ class LoadedMjcf(LoadedModel):
             target[self.main] = values
             target[self.springs] = behind
 
-    def _sag(self, q: Array) -> Float[Array, "3 s"]:
-        """Deflections at rest under gravity."""
-        rest, none = np.zeros_like(q), np.zeros(len(self.springs))
-        self._place(q, rest, rest, none, none)
+    def _sag(self, state: Float[Array, "3 n"]) -> Float[Array, " s"]:
+        """Deflections in balance with the load of a state."""
+        none = np.zeros(len(self.springs))
+        self._place(state[0], state[1], state[2], none, none)
         mujoco.mj_inverse(self.model, self.data)
         stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
-        return np.stack([-self.data.qfrc_inverse[self.springs] / stiffness, none, none])
+        return np.asarray(-self.data.qfrc_inverse[self.springs] / stiffness)
 
     def _deflect(self, before: Array, after: Array, twist: Array, interval: float) -> Float[Array, "3 s"]:
         """Deflections, rates and accelerations one sample on."""

@@ -10,7 +10,8 @@ Source: MuJoCo's XML reference (joint: armature, polynomial damping, frictionlos
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import ceil, factorial
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,26 @@ from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array, Float
 from ident.errors import RobotError
-from ident.export.bodies import about_centre
+from ident.export.bodies import about_centre, numbers
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements, numbers
 from ident.export.urdf import NOTE, PAYLOAD, PAYLOAD_RADIUS
 from ident.laws.acting import payload_parameters
 from ident.robot.arm import ArmModel
 
 # Below this a principal moment is that of a body without extent [kg m²].
 LEAST_MOMENT = 1e-9
+# Dry friction and stops are constraints that soften over this time; twice the step is the least that is stable [s].
+CONSTRAINT_TIME = 0.002
+# How hard dry friction is: by MuJoCo's own 0.9 a light joint rubs in full only beyond a tenth of a radian a second.
+HARDNESS = 0.999
+SPRING_SUFFIX = "_spring"
+TIMESTEP = 0.001  # [s]
+# Spare samples of a delayed sensor's memory.
+SPARE_SAMPLES = 4
+# Joints without limits have these or wider ones [rad].
+UNLIMITED = 1e8
+# Imaginary part below which a root is real [rad].
+REAL = 1e-9
 
 
 def write_mjcf(identified: IdentifiedArm) -> str:
@@ -46,19 +58,89 @@ def write_mjcf(identified: IdentifiedArm) -> str:
         for name, corners in hulls.items():
             ET.SubElement(assets, "mesh", name=name, vertex=numbers(corners.reshape(-1)))
     _add_shapes(parent, shapes.get(0, []))
-    joints = joint_elements(identified)
+    elements = joint_elements(identified)
     for j in range(arm.n):
-        parent = _add_body(parent, arm, j, joints[j])
+        parent = _add_body(parent, arm, j, elements[j])
         _add_shapes(parent, shapes.get(j + 1, []))
     for change in changes:
         if change.part("mjcf") == "load":
             parent = _add_payload(parent, payload_parameters(change.values))
     motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
-    for one in joints:
-        ET.SubElement(motors, "general", {"name": one.name, "joint": one.name, **one.motor})
-        ET.SubElement(sensors, "actuatorfrc", {"name": f"{one.name}_log", "actuator": one.name, **one.sensor})
+    for name, own in zip(arm.joint_names, elements, strict=True):
+        ET.SubElement(motors, "general", {"name": name, "joint": name, **own["motor"]})
+        ET.SubElement(sensors, "actuatorfrc", {"name": f"{name}_log", "actuator": name, **own["sensor"]})
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+# Attributes of a joint's elements: `joint`, `motor`, `sensor`, and `spring`, a second joint behind the motor's, empty
+# where the gear does not give way.
+Elements = dict[str, dict[str, str]]
+
+
+def joint_elements(identified: IdentifiedArm) -> list[Elements]:
+    """Elements of every joint: its losses, its limits, and its effects on top."""
+    arm, losses = identified.nominal, identified.losses
+    delay = sum(change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay")
+    samples = str(ceil(delay / TIMESTEP) + SPARE_SAMPLES)
+    late = {"delay": repr(delay), "nsample": samples, "interp": "linear"} if delay > 0.0 else {}
+    constraint = {"solreffriction": f"{CONSTRAINT_TIME!r} 1", "solimpfriction": f"{HARDNESS} {HARDNESS}"}
+    found = []
+    for j in range(arm.n):
+        damping = numbers([losses.viscous[j], *losses.bend[j]])
+        joint = {"armature": repr(float(losses.motor_inertia[j])), "damping": damping, **constraint}
+        joint["frictionloss"] = repr(float(losses.coulomb[j]))
+        motor = {"gear": repr(1.0), "gaintype": "fixed", "gainprm": "1"}
+        own: Elements = {"joint": joint, "motor": motor, "sensor": dict(late), "spring": {}}
+        changes = [change for change in identified.changes if change.joint == j]
+        for change in changes:
+            _add_part(own, change.part("mjcf"), change.values)
+        # qpos is the logged angle, qpos − ref the true one.
+        zero = -sum(change.values["offset_rad"] for change in changes if change.part("mjcf") == "zero")
+        joint.update(_limits(arm, j, zero))
+        found.append(own)
+    return found
+
+
+def _add_part(own: Elements, part: str, p: Mapping[str, float]) -> None:
+    """Writes one effect's part of a joint's elements."""
+    if part == "gain":
+        own["motor"]["gear"] = repr(1.0 / (1.0 + p["gain"]))
+    elif part == "bias":
+        own["motor"].update({"biastype": "affine", "biasprm": f"{-p['offset_Nm']!r} 0 0"})
+    elif part == "cutoff":
+        own["sensor"]["cutoff"] = repr(p["limit_Nm"])
+    elif part == "spring":
+        rest, stiffness = spring_at_rest(p)
+        own["joint"].update({"springref": repr(rest), "stiffness": numbers(stiffness)})
+    elif part == "second joint":
+        own["spring"].update({"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])})
+
+
+def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:
+    """Zero, range and torque limit of a joint, as far as it has them."""
+    found = {"ref": repr(zero)} if zero else {}
+    lower, upper, effort = float(arm.lower[j]) + zero, float(arm.upper[j]) + zero, float(arm.effort_limit[j])
+    if max(abs(lower), abs(upper)) < UNLIMITED:
+        found["range"] = f"{lower!r} {upper!r}"
+    if 0.0 < effort < UNLIMITED:
+        found["actuatorfrcrange"] = f"{-effort!r} {effort!r}"
+    return found
+
+
+def spring_at_rest(figures: Mapping[str, float]) -> tuple[float, tuple[float, ...]]:
+    """Rest angle of a cubic spring and its coefficients there, as MuJoCo reads them: k₀ x + k₁ x² + k₂ x³.
+
+    A spring without a rest, which no cubic with a cube is, counts as none.
+    """
+    names = ("constant_Nm", "linear_Nm_rad", "square_Nm_rad2", "cube_Nm_rad3")
+    law = np.polynomial.Polynomial([figures[name] for name in names]).trim()
+    roots = [float(root.real) for root in np.atleast_1d(law.roots()) if abs(root.imag) < REAL]
+    if not roots:
+        return figures["centre_rad"], (0.0,)
+    rest = min(roots, key=abs)
+    terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
+    return figures["centre_rad"] + rest, tuple(terms)
 
 
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, " 4"]:
@@ -66,16 +148,16 @@ def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, " 4"]:
     return np.asarray(Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True))
 
 
-def _add_body(parent: ET.Element, arm: ArmModel, j: int, own: JointElements) -> ET.Element:
+def _add_body(parent: ET.Element, arm: ArmModel, j: int, own: Elements) -> ET.Element:
     placement = arm.model.jointPlacements[j + 1]
     place = {"pos": numbers(placement.translation), "quat": numbers(quaternion(placement.rotation))}
     body = ET.SubElement(parent, "body", {"name": arm.links[j], **place})
     ET.SubElement(body, "inertial", inertial_attributes(arm.inertial_parameters[10 * j : 10 * j + 10]))
     sliding = bool(arm.sliding_joints[j])
     common = {"type": "slide" if sliding else "hinge", "axis": numbers(arm.joint_axes[j])}
-    ET.SubElement(body, "joint", {"name": arm.joint_names[j], **common, **own.joint})
-    if own.spring:
-        ET.SubElement(body, "joint", {"name": own.spring_name, **common, **own.spring})
+    ET.SubElement(body, "joint", {"name": arm.joint_names[j], **common, **own["joint"]})
+    if own["spring"]:
+        ET.SubElement(body, "joint", {"name": arm.joint_names[j] + SPRING_SUFFIX, **common, **own["spring"]})
     return body
 
 

@@ -3,6 +3,9 @@
 Files of one arm differ in names, in where the base stands and in where a body's frame lies. The joints' axes do not: as
 lines in space they must be the same at every pose, up to one motion of the whole arm. That motion is found from the
 lines, and what does not fit then is another arm, another zero or another sign, which is refused.
+
+Geoms, meshes, defaults, actuators, sites, keyframes and comments are the user's. What hangs on a link in the file and
+moves with it (a hand, its fingers) keeps its own inertia, and the link takes the rest of what was identified.
 """
 
 from __future__ import annotations
@@ -19,10 +22,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, first_line
-from ident.export.bodies import moved
+from ident.export.bodies import moved, numbers
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf import inertial_attributes
-from ident.export.mjcf_joint import joint_elements, numbers
+from ident.export.mjcf import inertial_attributes, joint_elements
+from ident.export.urdf import child
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
 from ident.laws.motion import Losses
@@ -93,7 +96,13 @@ def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
     bodies = [model.body(model.jnt_bodyid[i]).name for i in ids]
     frames = compute_joint_poses(arm.chain, poses, range(1, arm.n + 1))
     turns, places = (np.stack([frames[j + 1][k] for j in range(arm.n)], axis=1) for k in range(2))
-    directions, points, theirs, theirs_at = _their_frames(model, ids, poses)
+    data, seen = mujoco.MjData(model), []
+    for q in poses:
+        data.qpos[model.jnt_qposadr[ids]] = q
+        mujoco.mj_kinematics(model, data)
+        at = model.jnt_bodyid[ids]
+        seen.append((data.xaxis[ids], data.xanchor[ids], data.xmat[at].reshape(-1, 3, 3), data.xpos[at]))
+    directions, points, theirs, theirs_at = (np.array(part) for part in zip(*seen, strict=True))
     ours = _lines(turns @ arm.joint_axes[:, :, None], places)
     turn, shift = _rigid_motion(ours, _lines(directions, points), arm, where)
     if any(not name for name in bodies):
@@ -109,21 +118,6 @@ def _lines(directions: Array, points: Float[Array, "P n 3"]) -> Float[Array, "P 
     """Axes as lines: direction, and moment about the origin."""
     directions = directions.reshape(points.shape)
     return np.concatenate([directions, np.cross(points, directions)], axis=2)
-
-
-def _their_frames(
-    model: mujoco.MjModel, ids: Sequence[int], poses: Float[Array, "P n"]
-) -> tuple[Float[Array, "P n 3"], Float[Array, "P n 3"], Float[Array, "P n 3 3"], Float[Array, "P n 3"]]:
-    """Direction and a point of each joint's axis, orientation and place of the body that it moves, at every pose."""
-    data, bodies, found = mujoco.MjData(model), model.jnt_bodyid[ids], []
-    for q in poses:
-        mujoco.mj_resetData(model, data)
-        data.qpos[model.jnt_qposadr[ids]] = q
-        mujoco.mj_kinematics(model, data)
-        placed = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
-        found.append((data.xaxis[ids], data.xanchor[ids], *placed))
-    directions, points, turns, places = (np.array(part) for part in zip(*found, strict=True))
-    return directions, points, turns, places
 
 
 def _rigid_motion(
@@ -154,11 +148,6 @@ def _refuse_worst(miss: Float[Array, " n"], arm: ArmModel, where: Path) -> None:
         name = arm.joint_names[int(np.argmax(miss))]
         what = f"at {name} it moves otherwise than {arm.name}: another arm, another zero, or another sign"
         raise InputError(where, what, "give a file of the same arm, its joints turning as the URDF's do")
-
-
-# What was identified, put into a user's own MJCF: joints and inertias change, all the rest stays as it is.
-# Geoms, meshes, defaults, actuators, sites, keyframes and comments are the user's. What hangs on a link in the file
-# and moves with it (a hand, its fingers) keeps its own inertia, and the link takes the rest of what was identified.
 
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.
@@ -198,12 +187,12 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     links[-1] += sum(payload_parameters(one.values) for one in changes if one.part("mjcf") == "load")
     elements = {one.get("name"): one for one in root.iter("joint")}
     for name, own in zip(match.joints, joint_elements(identified), strict=True):
-        for key in WRITTEN & own.joint.keys():
-            elements[name].set(key, own.joint[key])
+        for key in WRITTEN & own["joint"].keys():
+            elements[name].set(key, own["joint"][key])
     _write_links(root, match, model, links, arm, source)
     if not identified.is_level:
-        _child(root, "option").set("gravity", numbers(match.base_turn @ identified.gravity))
-    compiler, here = _child(root, "compiler"), Path(source).parent
+        child(root, "option").set("gravity", numbers(match.base_turn @ identified.gravity))
+    compiler, here = child(root, "compiler"), Path(source).parent
     folders = {key: compiler.get(key, compiler.get("assetdir", "")) for key in ("meshdir", "texturedir")}
     _point_to_meshes(compiler, folders, here, (placed or out).parent)
     with atomic_write(out) as part:
@@ -214,15 +203,6 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     far = _difference(ET.tostring(root, encoding="unicode"), match, whole, identified.losses, bool(changes))
     joints = dict(zip(arm.joint_names, match.joints, strict=True))
     return {"joints": joints, "left_out": left_out, "torque_difference_Nm": far}
-
-
-def _child(root: ET.Element, tag: str) -> ET.Element:
-    """An element of the file, made at its head if it is not there."""
-    found = root.find(tag)
-    if found is None:
-        found = ET.Element(tag)
-        root.insert(0, found)
-    return found
 
 
 def open_mjcf(source: Path) -> tuple[ET.Element, mujoco.MjModel]:

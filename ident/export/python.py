@@ -9,14 +9,12 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from ident import laws
-from ident.arrays import Float
 from ident.effects import base
 from ident.errors import InputError
 from ident.export.identified import IdentifiedArm
@@ -45,19 +43,9 @@ def describe_arm(arm: ArmModel) -> Arm:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class InFile:
-    """What a file beside the module holds, of which the module says what is missing.
-
-    Attributes:
-        effects: Indices of the effects that it has.
-        losses: Its losses.
-        links: Ten numbers a link, where they are others than the module's own, else None.
-    """
-
-    effects: Sequence[int]
-    losses: Losses
-    links: Float[Array, "n 10"] | None = None
+# What a file beside the module holds, of which the module says what is missing: indices of the effects that it has, its
+# losses, and its links, ten numbers each, where they are others than the module's own, else None.
+InFile = tuple[list[int], Losses, Array | None]
 
 
 def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
@@ -74,9 +62,9 @@ def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
     more = [inspect.getsource(one).strip() for one in COLUMNS.values() if one.__module__.split(".")[-1] not in PARTS]
     columns = [*more, f"COLUMNS = {{{named}}}"]
     parts = [*map(_body, PARTS[:-1]), *columns, _body(PARTS[-1]), *(_own_law(kind) for kind in own.values())]
-    held = ", ".join(f"{name!r}: {_call('Losses', one.losses)}" for name, one in files.items())
-    shared = {name: list(one.effects) for name, one in files.items()}
-    links = ", ".join(f"{name!r}: {_plain(one.links)}" for name, one in files.items())
+    held = ", ".join(f"{name!r}: {_call('Losses', one[1])}" for name, one in files.items())
+    shared = {name: one[0] for name, one in files.items()}
+    links = ", ".join(f"{name!r}: {_plain(one[2])}" for name, one in files.items())
     numbers = [
         # Names come from files: as literals they stay text, whatever stands in them.
         f"ROBOT = {arm.name!a}",

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array, Float
 from ident.effects.rigid_body import UnknownPayload
-from ident.export.bodies import about_centre, moved
+from ident.export.bodies import about_centre, moved, numbers
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf_joint import numbers
 from ident.model.inertia import is_consistent
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
@@ -38,7 +37,7 @@ def write_urdf(identified: IdentifiedArm) -> str:
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     bodies = {link.get("name"): link for link in root.findall("link")}
     for j, name in enumerate(arm.joint_names):
-        dynamics = _child(joints[name], "dynamics")
+        dynamics = child(joints[name], "dynamics")
         dynamics.set("damping", repr(float(losses.viscous[j])))
         dynamics.set("friction", repr(float(losses.coulomb[j])))
         if np.any(links[j]):
@@ -56,7 +55,7 @@ def write_urdf(identified: IdentifiedArm) -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _child(element: ET.Element, tag: str) -> ET.Element:
+def child(element: ET.Element, tag: str) -> ET.Element:
     """A child of an element, made if it is not there."""
     found = element.find(tag)
     return ET.SubElement(element, tag) if found is None else found
@@ -68,7 +67,7 @@ def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"]
     What hangs on the link keeps its own, unless the change takes more than the link itself has: then the link gets that
     of what is fixed to it too, and where this is not enough, of what is locked.
     """
-    inertial = _child(link, "inertial")
+    inertial = child(link, "inertial")
     numbers = _ten_numbers(inertial) + change
     for held in ({}, locked):
         if is_consistent(numbers):
@@ -118,11 +117,11 @@ def _ten_numbers(inertial: ET.Element) -> Float[Array, " 10"]:
 
 
 def _set_inertial(inertial: ET.Element, mass: float, centre: Array, inertia: Float[Array, "3 3"]) -> None:
-    origin = _child(inertial, "origin")
+    origin = child(inertial, "origin")
     origin.set("xyz", numbers(centre))
     origin.set("rpy", "0 0 0")
-    _child(inertial, "mass").set("value", repr(mass))
-    moments = _child(inertial, "inertia")
+    child(inertial, "mass").set("value", repr(mass))
+    moments = child(inertial, "inertia")
     for key, value in zip(MOMENTS, inertia[ENTRIES], strict=True):
         moments.set(key, repr(float(value)))
 
@@ -152,7 +151,7 @@ def _fix(root: ET.Element, name: str, parent: str, child: str, turn: Float[Array
 
 def _turn_joint(joint: ET.Element, offset: float) -> None:
     """Logged angle = true angle − offset: the frame is turned on, the limits move back."""
-    origin = _child(joint, "origin")
+    origin = child(joint, "origin")
     axis = read_vector(joint.find("axis"), "xyz", "1 0 0")
     turn = rpy_to_matrix(read_vector(origin, "rpy"))
     if joint.get("type") == "prismatic":

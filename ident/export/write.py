@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +17,16 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.export.bodies import random_states
-from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, Helper, choose, measure_gap
+from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, choose, measure_gap, mix
 from ident.export.controllers import write_cpp, write_isaac, write_limits, write_parameters
-from ident.export.formats import FORMATS, LOADED, Run, express, recorded_runs, state_arm, stood_in, usual_run
-from ident.export.identified import Change, Diagnosed, IdentifiedArm
+from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, recorded_runs, state_arm, stood_in, usual_run
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.loaded import HelpedModel
 from ident.export.loading import FILE_OF, WrittenFile, load_module
 from ident.export.mjcf_merge import merge_mjcf
 from ident.export.python import InFile, write_module
 from ident.files import atomic_folder
+from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.results import Provenance, files_of, runs_of
@@ -86,9 +86,10 @@ def write_patch(
     seen = bool(diagnosed.runs & runs_of(origin.sessions))
     with _Files.into_folder(options, motions, out, PATCH_KIND) as arm:
         arm.write_loaded(LOADED)
-        arm.write("parameters.toml", write_parameters(options["after"], options["tuned"].losses))
+        arm.write(
+            "parameters.toml", write_parameters(options["after"], options["tuned"].losses, urdf=arm.losses_of_urdf())
+        )
         arm.write("extra_torque.py", arm.module())
-        told = _notes(options["after"])
         record: dict[str, Any] = {
             "schema": PATCH,
             "robot": arm.nominal.name,
@@ -97,19 +98,11 @@ def write_patch(
             "verdict": diagnosed.verdict,
             "baseline": "tuned" if diagnosed.has_baseline else NOT_TUNED,
             "files": list(PATCH_FILES),
-            "effects": [_describe(change) for change in diagnosed.changes],
-            "told": told,
-            "structure": arm.structure(),
+            "effects": arm.effects(),
+            "told": _notes(options["after"], "extra_torque.py"),
+            "structure": arm.structure("extra_torque.py"),
         }
-        if into is not None:
-            record |= {"merged": arm.merge(into), "files": [*PATCH_FILES, MERGED]}
-            told += [f"{MERGED}: left out {one}" for one in record["merged"]["left_out"]]
-        if motions:
-            record |= arm.measured("extra_torque.py", in_sample=seen)
-            told += arm.choice_in_words()
-            if seen:
-                told.append("measured on recordings that the diagnosis was made from: nothing is held out")
-        arm.write_record("patch.json", record, origin)
+        arm.finish("patch.json", record, origin, into, "extra_torque.py", seen)
     return record
 
 
@@ -142,39 +135,37 @@ def write_export(
     unknown = [name for name in formats if name not in FILES]
     if unknown:
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
-    after = IdentifiedArm.of_model(model, nearest)
-    options = {"before": IdentifiedArm.as_urdf(model.nominal), "after": after}
+    options = IdentifiedArm.of_models(model, nearest)
+    after = options["after"]
     motions = [motion.select(model.joint_names) for motion in motions]
     with _Files.into_folder(options, motions, out, EXPORT_KIND) as arm:
         arm.write_loaded([name for name in LOADED if name in formats])
-        texts = {"toml": lambda: write_parameters(after, estimates=model.figures), "python": arm.module}
+        texts = {
+            "toml": lambda: write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf()),
+            "python": arm.module,
+        }
         for name in formats:
             if name in texts:
                 arm.write(FILES[name], texts[name]())
             elif name in WRITERS:
-                arm.write(FILES[name], WRITERS[name](arm.plain))
-        left_out = _left_out(model)
+                arm.write(FILES[name], WRITERS[name](arm.stated("losses")))
         record: dict[str, Any] = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),
             "files": [FILES[name] for name in formats],
             "changed_links": list(after.links.mended),
-            "left_out": left_out,
-            "loaded_back": {**arm.structure(), **_read_back(arm.folder, formats, after)},
+            "left_out": _notes(after, FILES["python"], model),
+            "loaded_back": arm.structure(FILES["python"] if "python" in formats else None),
         }
-        if into is not None:
-            record["merged"] = arm.merge(into)
-            record["files"].append(MERGED)
-        if motions and arm.chosen:
-            seen = origin is not None and bool(files_of(model.provenance) & runs_of(origin.sessions))
-            record |= arm.measured(FILES["python"] if "python" in formats else None, seen)
+        seen = origin is not None and bool(files_of(model.provenance) & runs_of(origin.sessions))
+        if arm.chosen:
             record["torque_rmse_Nm"] = {
                 form: {"before": one.gaps["before"].rms, "after": one.gaps["after"].rms}
                 for form, one in arm.chosen.items()
             }
-            left_out += arm.choice_in_words()
-        arm.write_record("export.json", record, origin or Provenance("ident export"))
+        module = FILES["python"] if "python" in formats else None
+        arm.finish("export.json", record, origin or Provenance("ident export"), into, module, seen)
     return record
 
 
@@ -197,15 +188,7 @@ def open_heldout(
 
 @dataclass(eq=False)
 class _Files:
-    """The files of an identified arm while they are written.
-
-    Attributes:
-        options: What could be written; `after` is the arm with all that was identified.
-        motions: Recordings that decide which of them is.
-        folder: Where the files are put together.
-        out: Where they will lie.
-        scratch: For candidates.
-    """
+    """The files of an arm while they are put together: of the options `after` has all that was identified."""
 
     options: Mapping[str, IdentifiedArm]
     motions: Sequence[Motion]
@@ -228,70 +211,110 @@ class _Files:
         self.runs: list[Run] = recorded_runs(self.motions) or [usual_run(self.nominal)]
         self.written: dict[str, WrittenFile] = {}
         self.chosen: dict[str, Chosen] = {}
-        self.alone = self.options["tuned"].losses if "tuned" in self.options and not self.motions else None
+        self.shares: dict[str, list[dict[str, float]]] = {}
 
-    @cached_property
-    def plain(self) -> IdentifiedArm:
-        """What a format states that knows no effect."""
-        return state_arm(self.identified, "losses", self.runs, self.alone)
+    def stated(self, form: str) -> IdentifiedArm:
+        """What the file of a format holds; of one that knows no effect, losses that stand in for all of them."""
+        if form in self.written:
+            return self.written[form].stated
+        stated = state_arm(self.identified, form, self.runs)
+        if "tuned" not in self.options or self.motions:
+            return stated
+        # No recording says what is best. Where losses are no good for a law, those that were fitted without it are
+        # better; and where the file has no effect at all, so are bodies.
+        changes = self.identified.changes
+        off = self.off(form) if form in LOADED else [{} for _ in changes]
+        held = {(change.effect, change.joint) for change in stated.changes}
+        near = [
+            c for c, one in zip(changes, off, strict=True) if (c.effect, c.joint) in held or one.get(form, 1.0) <= NEAR
+        ]
+        joints = {change.joint for change in stood_in(changes, form)} - {change.joint for change in near}
+        names = ["tuned" if j in joints else "after" for j in range(self.nominal.n)]
+        tuned = self.options["tuned"]
+        return mix({"after": stated, "tuned": tuned}, "after", names) if near else tuned
 
     def write(self, name: str, text: str) -> None:
         (self.folder / name).write_text(text, encoding="utf-8")
 
-    def write_record(self, name: str, record: dict[str, Any], origin: Provenance) -> None:
-        """The record of all files, the last of them."""
-        record["provenance"] = origin.to_dict()
-        self.write(name, json.dumps(record, indent=1) + "\n")
-
     def write_loaded(self, forms: Sequence[str]) -> None:
         """The files of simulators: where there are recordings, the best of the candidates on them."""
         for form in forms:
-            stated = state_arm(self.identified, form, self.runs, self.alone)
+            stated = self.stated(form)
             if self.motions:
                 others = {name: state_arm(one, form, self.runs) for name, one in self.options.items()}
                 self.chosen[form] = choose(form, others, self.motions, self.scratch / form)
                 stated = self.chosen[form].stated
             self.written[form] = WrittenFile.write(form, self.folder, stated)
 
+    def effects(self) -> list[dict[str, Any]]:
+        """Every effect, and how near each format comes to it."""
+        found = zip(self.identified.changes, *(self.off(form) for form in LOADED), strict=True)
+        return [describe(change, {**urdf, **mjcf}) for change, urdf, mjcf in found]
+
+    def off(self, form: str) -> list[dict[str, float]]:
+        """How far each effect's torque in a file is from its law, as a share, by the format."""
+        if form not in self.shares:
+            self.shares[form] = measure_off(self.identified, form, self.runs, self.scratch / form)
+        return self.shares[form]
+
+    def losses_of_urdf(self) -> Losses | None:
+        """Losses of the URDF, with what it has no place for, where they are others than the arm's own."""
+        found = self.written["urdf"].stated.losses if "urdf" in self.written else None
+        return None if found is None or found is self.identified.losses else found
+
     def module(self) -> str:
         """The Python module, which says what the simulators' files lack."""
-        owners = [change for change in self.identified.changes if change.has_law]
-        files = {form: self._in_file(owners, self.written[form].stated) for form in self.written}
-        usual = InFile((), self.plain.losses)
-        return write_module(self.identified, {form: files.get(form, usual) for form in LOADED})
+        owners = [(c.effect, c.joint) for c in self.identified.changes if c.has_law]
+        files: dict[str, InFile] = {}
+        for form in LOADED:
+            stated = self.stated(form if form in self.written else "losses")
+            held = {(c.effect, c.joint) for c in stated.changes}
+            errors = any(change.part("urdf") == "inertial" for change in stated.changes)
+            links = stated.links.total - (self.identified.links.named if errors else 0.0)
+            same = np.allclose(links, self.identified.links.tuned, atol=1e-12)
+            numbers = None if same else self.nominal.inertial_parameters.reshape(-1, 10) + links
+            files[form] = [k for k, one in enumerate(owners) if one in held], stated.losses, numbers
+        return write_module(self.identified, files)
 
-    def _in_file(self, owners: Sequence[Change], stated: IdentifiedArm) -> InFile:
-        errors = [change for change in stated.changes if change.part("urdf") == "inertial"]
-        links = stated.links.total - (self.identified.links.named if errors else 0.0)
-        same = np.allclose(links, self.identified.links.tuned, atol=1e-12)
-        numbers = None if same else self.nominal.inertial_parameters.reshape(-1, 10) + links
-        return InFile([k for k, one in enumerate(owners) if one in stated.changes], stated.losses, numbers)
+    def finish(
+        self, name: str, record: dict[str, Any], origin: Provenance, into: Path | None, module: str | None, seen: bool
+    ) -> None:
+        """Merges into the user's own MJCF, measures, and writes the record of all files, the last of them."""
+        told = record["told" if "told" in record else "left_out"]
+        if into is not None:
+            record["merged"] = merge_mjcf(into, self.folder / MERGED, self.stated("mjcf"), self.out / MERGED)
+            record["files"] = [*record["files"], MERGED]
+            told += [f"{MERGED}: left out {one}" for one in record["merged"]["left_out"]]
+        if self.chosen:
+            record |= self.measured(module, seen)
+            joints = self.nominal.joint_names
+            told += [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
+            if seen:
+                told.append("measured on recordings that it was made from: nothing is held out")
+        record["provenance"] = origin.to_dict()
+        self.write(name, json.dumps(record, indent=1) + "\n")
 
-    def merge(self, into: Path) -> dict[str, Any]:
-        """A copy of the user's own MJCF with what was identified, and what is to be said of it."""
-        stated = (
-            self.written["mjcf"].stated
-            if "mjcf" in self.written
-            else state_arm(self.identified, "mjcf", self.runs, self.alone)
-        )
-        return merge_mjcf(into, self.folder / MERGED, stated, self.out / MERGED)
-
-    def structure(self) -> dict[str, Any]:
-        """How near each loaded file is to what it should hold."""
+    def structure(self, module: str | None) -> dict[str, Any]:
+        """How near each loaded file is to what it should hold [N m]."""
         found = {form: one.check() for form, one in self.written.items()}
-        return {form: one for form, one in found.items() if one is not None}
+        if module is not None:
+            q, dq, ddq = random_states(self.nominal, np.random.default_rng(0))
+            losses = self.identified.losses
+            wanted = losses.torque(dq, ddq, np.tanh(dq / losses.transition))
+            wanted += self.identified.tuned.inverse_dynamics(q, dq, ddq)
+            left = load_module(self.folder / module).modelled_torque(q, dq, ddq) - wanted
+            found["python"] = {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
+        return found
 
     def measured(self, module: str | None, in_sample: bool) -> dict[str, Any]:
         """Errors of the candidates and of the written files, and what was written."""
         joints = self.nominal.joint_names
         gaps = {form: dict(one.gaps) for form, one in self.chosen.items()}
-        loaded = None if module is None else load_module(self.folder / module)
-        for form in gaps:
-            if loaded is None:
-                break
-            helper = Helper(loaded, form)
-            model = self.written[form].load(self.motions[0].payload)
-            gaps[form]["after_with_module"] = measure_gap(model, self.motions, helper)
+        if module is not None:
+            loaded = load_module(self.folder / module)
+            for form, found in gaps.items():
+                helped = HelpedModel(self.written[form].load(self.motions[0].payload), loaded, form)
+                found["after_with_module"] = measure_gap(helped, self.motions)
         rms = {form: {when: gap.rms for when, gap in one.items()} for form, one in gaps.items()}
         heldout = {
             "best": {form: min(one, key=one.__getitem__) for form, one in rms.items()},
@@ -305,22 +328,9 @@ class _Files:
         }
         return {"heldout": heldout, "written": {form: one.name for form, one in self.chosen.items()}}
 
-    def choice_in_words(self) -> list[str]:
-        joints = self.nominal.joint_names
-        return [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
 
-
-def _describe(change: Change) -> dict[str, Any]:
-    return {
-        "effect": change.effect,
-        "joints": list(change.joints),
-        "parameters": {name: figure.to_dict() for name, figure in change.figures.items()},
-        "formats": {form: express(change, form).to_dict() for form in FORMATS},
-    }
-
-
-def _notes(identified: IdentifiedArm) -> list[str]:
-    """What a user of the files should know beside the effects."""
+def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = None) -> list[str]:
+    """What a user of the files should know beside the effects, and what no file says of a model."""
     arm, ranges = identified.nominal, identified.losses.range
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
     if not identified.is_level:
@@ -332,50 +342,19 @@ def _notes(identified: IdentifiedArm) -> list[str]:
             f"{names}: dry friction turns round over a displacement (sliding_range_rad of parameters.toml), for which "
             "neither file has words: robot.xml sticks and slips at once, robot.urdf leaves it to the simulator"
         )
-    if identified.links.missed > LEAST_MISSED:
-        lines.append(
-            f"{identified.links.missed:.1%} of the changed inertias' torque is left out: no real bodies have it"
-        )
+    missed = identified.links.missed
+    if missed > LEAST_MISSED:
+        lines.append(f"{missed:.1%} of the changed inertias' torque is left out: no real bodies have it")
     for name, position in arm.locked_joints.items():
         lines.append(f"robot.xml: {name} is fixed at {position:g}, as it was not in the recordings or is a finger")
     for form in LOADED:
         joints = [arm.joint_names[j] for j in sorted({c.joint for c in stood_in(identified.changes, form)})]
         if joints:
-            lines.append(f"{form}: at {', '.join(joints)} the losses nearest to the effects' laws stand in for them")
+            stand = "the losses nearest to the effects' laws stand in for them"
+            lines.append(f"{form}: at {', '.join(joints)} {stand}; {module} (extra_torque) has the laws")
+    if model is not None and model.coupling is not None:
+        pair = (arm.joint_names[j] for j in (model.coupling.shaft.first, model.coupling.shaft.second))
+        lines.append(f"the shaft shared by {' and '.join(pair)} is in the model folder alone")
+    if model is not None and (model.net is not None or model.loss.offset.any()):
+        lines.append("the residual net and torque offsets are in the model folder alone")
     return lines
-
-
-def _left_out(model: HybridModel) -> list[str]:
-    """What no file says."""
-    told = ["a URDF has no place for rotor inertia, nor for the speed over which dry friction turns round"]
-    if np.any(model.loss.offset != 0.0):
-        told.append("torque offsets are in the model folder alone")
-    if model.coupling is not None:
-        shaft = model.coupling.shaft
-        pair = f"{model.joint_names[shaft.first]} and {model.joint_names[shaft.second]}"
-        told.append(f"the shaft shared by {pair} is in the model folder alone")
-    if model.named:
-        laws = ", ".join(f"{law.effect} of {model.joint_names[law.joint]}" for law in model.named)
-        told.append(
-            f"exactly in torque_model.py (extra_torque) and parameters.toml alone: {laws}; elsewhere the losses that "
-            "are nearest to these laws stand in for them"
-        )
-    if model.net is not None:
-        told.append("the residual net is in the model folder alone")
-    return told
-
-
-def _read_back(folder: Path, formats: Sequence[str], identified: IdentifiedArm) -> dict[str, Any]:
-    """The parameter file read, and the module's torque against the identified arm's own [N m]."""
-    found: dict[str, Any] = {}
-    if "toml" in formats:
-        found["toml"] = {"loads": bool(tomllib.loads((folder / FILES["toml"]).read_text(encoding="utf-8"))["joints"])}
-    if "python" in formats:
-        module = load_module(folder / FILES["python"])
-        q, dq, ddq = random_states(identified.nominal, np.random.default_rng(0))
-        losses = identified.losses
-        wanted = identified.tuned.inverse_dynamics(q, dq, ddq)
-        wanted = wanted + losses.torque(dq, ddq, np.tanh(dq / losses.transition))
-        left = module.modelled_torque(q, dq, ddq) - wanted
-        found["python"] = {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
-    return found

@@ -16,7 +16,7 @@ import numpy as np
 from ident.laws.motion import Array, MovingArm, rigid_torque
 
 # The elastic joint is integrated with steps no longer than this [s].
-LONGEST_STEP = 0.002
+LONGEST_STEP = 0.001
 # Gear in contact behind its play: stiffness in rated torques a radian, and damping ratio.
 CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
 
@@ -61,14 +61,15 @@ def _deflect(m: MovingArm, j: int, stiffness: float, damping: float, half: float
 
 
 def integrate_twist(load, inertia, velocity, position, stiffness, damping, half, interval, steps, twist, rate):  # type: ignore[no-untyped-def]
-    """Newmark's method; the gear pushes only beyond ±half, and damps only there. `twist` and `rate` are the result.
+    """Newmark's method, in balance at first; the gear pushes only beyond ±half, and damps only there.
 
-    All signals are sequences of numbers, and all loops plain: the diagnosis compiles this function.
+    `twist` and `rate` are the result. Signals are sequences of numbers, loops plain: the diagnosis compiles this.
     """
-    gamma, beta = 0.6, 0.3025
+    gamma, beta = 0.5, 0.25
     h = interval / steps
     x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))
-    v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
+    v = (load[1] - load[0]) / (interval * stiffness)
+    a = -(damping + velocity[0]) * v / inertia[0]
     twist[0], rate[0] = x, v
     for k in range(1, len(load)):
         for step in range(1, steps + 1):

@@ -108,6 +108,7 @@ class Losses:
         viscous, coulomb: Friction [N m s/rad], [N m].
         transition: v₀, over which the sign of Coulomb friction turns round, tanh(dq / v₀) [rad/s].
         range: r, displacement over which it turns round instead, as a stop operator does; 0 for none [rad].
+        bend: Of |v| v and v³, where friction that a file can't state is stood in for by a polynomial, shape (n, 2).
     """
 
     motor_inertia: Array
@@ -115,9 +116,12 @@ class Losses:
     coulomb: Array
     transition: Array
     range: Array
+    bend: Any = None
 
     def __post_init__(self) -> None:
-        for name in ("motor_inertia", "viscous", "coulomb", "transition", "range"):
+        if self.bend is None:
+            object.__setattr__(self, "bend", np.zeros((len(self.viscous), 2)))
+        for name in ("motor_inertia", "viscous", "coulomb", "transition", "range", "bend"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
 
     def direction(self, q: Array, dq: Array) -> Array:
@@ -128,8 +132,9 @@ class Losses:
         return slip
 
     def torque(self, dq: Array, ddq: Array, direction: Array) -> Array:
-        """B ddq + C dq + f s [N m]."""
-        return self.motor_inertia * ddq + self.viscous * dq + self.coulomb * direction
+        """B ddq + (C + b₁ |dq| + b₂ dq²) dq + f s [N m]."""
+        damping = self.viscous + self.bend[:, 0] * np.abs(dq) + self.bend[:, 1] * dq**2
+        return self.motor_inertia * ddq + damping * dq + self.coulomb * direction
 
 
 def stop(q: Array, size: float) -> Array:

@@ -17,7 +17,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
-from ident.model.identification import HowToIdentify, Identified, InertiaFigure
+from ident.model.identification import HowToIdentify, Identified, InertiaFigure, identify
 from ident.model.inertia import InertiaResults
 from ident.model.loss import NAMES, Coupling, LossFigure, LossParameters, LossResults, Shaft, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
@@ -42,16 +42,9 @@ LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
 
 def read_versions() -> dict[str, str]:
     """Version of each library, and of Python; `unknown` where one is not installed as a package."""
-    found = {"python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
-
-
-# HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder.
+    there = {name: next(iter(importlib.metadata.distributions(name=name)), None) for name in LIBRARIES}
+    found = {name: "unknown" if one is None else one.version for name, one in there.items()}
+    return {"python": platform.python_version(), **found}
 
 
 SCHEMA = "ident.model/1"
@@ -77,6 +70,7 @@ class HybridModel:
         trained: Where the training runs went; None where that is not known.
         coupling: A shaft that two joints share, where one was asked for; its torque is part of the loss.
         named: Laws of joints that a diagnosis named.
+        alone: Where there are such laws, the arm and its losses as the same runs have them without.
         provenance: Data hashes, versions, options, figures of the fit.
     """
 
@@ -92,6 +86,7 @@ class HybridModel:
     trained: TrainingRange | None = None
     coupling: Coupling | None = None
     named: tuple[NamedLaw, ...] = ()
+    alone: tuple[ArmModel, LossParameters] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -170,10 +165,8 @@ class HybridModel:
             robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
             nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
             robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
-            numbers = np.array([record["inertia"]["links"][name] for name in nominal.links], dtype=float)
-            if numbers.shape != (nominal.n, 10):
-                raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
-            same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
+            arm, loss = _read_fit(nominal, record["inertia"]["links"], record["loss"])
+            alone = _read_fit(nominal, record["alone"]["links"], record["alone"]) if "alone" in record else None
             net = None
             if record.get("net", {}).get("preset", "none") != "none":
                 from ident.model.residual_net import ResidualNet
@@ -182,8 +175,9 @@ class HybridModel:
             model = cls(
                 robot=robot,
                 nominal=nominal,
-                arm=nominal if same else nominal.with_inertial_parameters(numbers.ravel()),
-                loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
+                arm=arm,
+                loss=loss,
+                alone=alone,
                 net=net,
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
@@ -206,12 +200,13 @@ class HybridModel:
     def _check(self) -> None:
         """Raises ValueError unless the parts speak of the same joints, in finite numbers."""
         n = self.arm.n
-        for name in (*NAMES, "transition_speed"):
-            values = getattr(self.loss, name)
-            if values.shape != (n,) or not np.all(np.isfinite(values)):
-                raise ValueError(f"{name} of the loss is {values.tolist()}, not {n} numbers")
-        if not np.all(np.isfinite(self.arm.inertial_parameters)):
-            raise ValueError("an inertia is not finite")
+        for arm, loss in ((self.arm, self.loss), *(() if self.alone is None else (self.alone,))):
+            for name in (*NAMES, "transition_speed"):
+                values = getattr(loss, name)
+                if values.shape != (n,) or not np.all(np.isfinite(values)):
+                    raise ValueError(f"{name} of the loss is {values.tolist()}, not {n} numbers")
+            if not np.all(np.isfinite(arm.inertial_parameters)):
+                raise ValueError("an inertia is not finite")
         if self.net is not None and self.net.n != n:
             raise ValueError(f"the net has {self.net.n} joints, the arm {n}")
         if self.trained is not None and self.trained.joints != self.joint_names:
@@ -219,10 +214,7 @@ class HybridModel:
 
     def record(self) -> dict[str, Any]:
         """All of the model but its URDFs and weights, as it stands in model.toml."""
-        numbers = self.arm.inertial_parameters.reshape(self.arm.n, 10)
-        loss: dict[str, Any] = {name: getattr(self.loss, name).tolist() for name in NAMES}
-        loss["transition_speed_rad_s"] = self.loss.transition_speed.tolist()
-        loss["figures"] = [vars(figure) for figure in self.figures]
+        own = _fit_record(self.arm, self.loss)
         return {
             "schema": SCHEMA,
             "robot": {
@@ -236,10 +228,11 @@ class HybridModel:
             "inertia": {
                 "mode": self.inertia,
                 "order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
-                "links": {name: row.tolist() for name, row in zip(self.arm.links, numbers, strict=True)},
+                "links": own.pop("links"),
                 "figures": [vars(figure) for figure in self.inertias],
             },
-            "loss": loss,
+            "loss": {**own, "figures": [vars(figure) for figure in self.figures]},
+            **({} if self.alone is None else {"alone": _fit_record(*self.alone)}),
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
             **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
@@ -253,6 +246,23 @@ class HybridModel:
             what = f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}"
             same = ": lengths or inertias differ" if arm.name == self.robot.name else ""
             raise ModelError(where, what + same, "fit a model for this robot")
+
+
+def _fit_record(arm: ArmModel, loss: LossParameters) -> dict[str, Any]:
+    """Ten numbers a link, and losses."""
+    rows = zip(arm.links, arm.inertial_parameters.reshape(arm.n, 10).tolist(), strict=True)
+    losses = {name: getattr(loss, name).tolist() for name in NAMES}
+    return {"links": dict(rows), **losses, "transition_speed_rad_s": loss.transition_speed.tolist()}
+
+
+def _read_fit(nominal: ArmModel, links: Any, losses: Any) -> tuple[ArmModel, LossParameters]:
+    """An arm and its losses from their record; KeyError or ValueError where they are not ten numbers a link."""
+    numbers = np.array([links[name] for name in nominal.links], dtype=float)
+    if numbers.shape != (nominal.n, 10):
+        raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
+    same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
+    arm = nominal if same else nominal.with_inertial_parameters(numbers.ravel())
+    return arm, LossParameters(*(losses[name] for name in (*NAMES, "transition_speed_rad_s")))
 
 
 def loss_torque(
@@ -316,6 +326,7 @@ def fit_hybrid(
     how = HowToIdentify(options.inertia, options.offset, options.robust, shaft)
     found, named = identify_named(motions, nominal, how, named or NamedLaws())
     arm, loss = found.inertia.arm, found.loss
+    plain = identify(motions, nominal, how) if found.named else None
 
     def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
@@ -339,6 +350,7 @@ def fit_hybrid(
         figures=loss_figures(loss),
         coupling=found.coupling,
         named=found.named,
+        alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,
         trained=find_training_range(few(motions), nominal, found),
         provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},

@@ -257,12 +257,7 @@ def _within_bounds(
 ) -> tuple[Float[Array, " 10n"], Float[Array, " m-r"]]:
     """Change of the inertial numbers, and losses with all that stands behind them.
 
-    Args:
-        found: The estimate without bounds.
-        arm: The arm as its URDF describes it.
-        base: Its base parameters.
-        mode: `nominal`, `base` or `consistent`.
-        bounds: Positions among the estimate's parameters of those that can't be negative, and that are zero.
+    `bounds` are positions among the estimate's parameters: of those that can't be negative, and that are zero.
     """
     nonnegative, zero = bounds
     rank, size = base.rank, len(found.values)

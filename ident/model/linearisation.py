@@ -252,10 +252,6 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
     Neighbouring samples of torque err alike, and no trial is quite right: likelihoods count for as much less as the
     best one's misfit varies more over stretches of time than that of independent samples would. And of so many trials
     the best is ahead of the others by chance: by the log of their number.
-
-    Args:
-        misfit: Sums of squares that each trial leaves.
-        samples: How many samples each stretch has.
     """
     count = np.maximum(samples.sum(axis=0), 1.0)
     total = np.maximum(misfit.sum(axis=1), 1e-300)

@@ -17,6 +17,7 @@ from ident.robot.arm import ArmModel
 # What is bounded, and its unit, which a sliding joint reads in metres.
 QUANTITIES = ("position", "speed", "acceleration")
 UNITS = ("rad", "rad/s", "rad/s2")
+KEYS = tuple(f"{name}_{unit.replace('/', '_')}" for name, unit in zip(QUANTITIES, UNITS, strict=True))
 # Share of the samples at either end that bound nothing: a smoother's overshoot is no place where the arm was.
 TAILS = 0.001
 # States at which the torque's interval is looked at, and the share of them that it holds for.
@@ -66,10 +67,7 @@ class TrainingRange:
 
     def to_dict(self) -> dict[str, Any]:
         """The record of a model's folder."""
-        bounds = {
-            f"{name}_{unit.replace('/', '_')}": np.column_stack([self.low[k], self.high[k]]).tolist()
-            for k, (name, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True))
-        }
+        bounds = {key: np.column_stack([self.low[k], self.high[k]]).tolist() for k, key in enumerate(KEYS)}
         return {"joints": list(self.joints), **bounds, "torque_half_width_Nm": self.torque_half_width.tolist()}
 
     @classmethod
@@ -79,8 +77,7 @@ class TrainingRange:
         Raises:
             KeyError, ValueError: It is damaged.
         """
-        keys = [f"{name}_{unit.replace('/', '_')}" for name, unit in zip(QUANTITIES, UNITS, strict=True)]
-        bounds = np.array([record[key] for key in keys], dtype=float)
+        bounds = np.array([record[key] for key in KEYS], dtype=float)
         if bounds.ndim != 3 or bounds.shape[2] != 2:
             raise ValueError("the training range is not three pairs of bounds a joint")
         half = np.array(record["torque_half_width_Nm"], dtype=float)

@@ -1,19 +1,24 @@
-"""Patches of ten effects and more, verified on runs that the diagnosis never saw.
+"""Patches and exports of real and simulated arms, against the URDF and against tuning alone, on runs held back.
 
-    python tests/bench/bench_patch.py [EFFECT:JOINT:SIZE …]
+    IDENT_REAL_DATA=../shared/real python tests/bench/bench_patch.py FOLDER [ARM …]
 
-Two thirds of the runs are diagnosed, with the one effect in the catalogue: this is about patches, not about names. The
-patch is made from the diagnosis alone and measured on the rest: torque gap over all joints in units of each joint's
-noise, and the miss of the position after a quarter of a second under the logged torque. `before` are the URDF's
-inertias with tuned losses, `tuned` are tuned inertias and losses, neither with the effect.
+Half of the runs are diagnosed, and fitted with what was named (`ident fit --with`); a third decides what is written
+(`ident patch --on`, `ident export --on`); the rest is seen by nobody. A single run is cut into six pieces. For every
+file the largest ratio over joints of its error to the smaller of the URDF's (with tuned losses, and as it is) and the
+tuned arm's, in torque, energy and replay; below it the geometric mean of all these ratios. FOLDER keeps diagnoses and
+models: what is there is not made again.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 import time
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -21,82 +26,169 @@ import numpy as np
 
 from ident.checks import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
-from ident.effects.catalogue import find_effect
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.export.identified import Diagnosed
-from ident.export.write import write_patch
+from ident.export.choose import MEASURES, measure_gap
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
+from ident.export.loading import FILE_OF, WrittenFile
+from ident.export.write import write_export, write_patch
+from ident.laws.motion import Losses
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.named_fit import read_named_laws
 from ident.motion.filter import FOR_DIAGNOSIS
-from ident.motion.motion import prepare
+from ident.motion.motion import Motion, prepare
+from ident.recordings.columns import match_joints
+from ident.recordings.load import load_session
+from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
-from ident.simulation.simulate import Simulation, SimulationOptions, simulate
+from ident.simulation.simulate import SimulationOptions, simulate
+from tests.ident.conftest import ur10e_settings
 
-EFFECTS = (
-    "payload:arm:0.6",
-    "gravity_misalignment:arm:0.02",
-    "link_inertial_error:joint_3:0.3",
-    "encoder_offset:joint_3:0.05",
-    "spring_torque:joint_3:10",
-    "joint_elasticity:joint_2:8000",
-    "torque_gain_error:joint_2:0.08",
-    "torque_offset:joint_1:2",
-    "torque_delay:arm:0.012",
-    "nonlinear_viscous_friction:joint_1:3",
-    "stribeck_friction:joint_1:4",
-    "asymmetric_friction:joint_2:4",
-)
-RUNS, SEED = 9, 5
-WHEN = ("before", "tuned", "after", "after_with_module")
+REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
+PIECES, SEED = 6, 5
+SIMULATED = {
+    "payload, Stribeck": ("payload:arm:0.6", "stribeck_friction:joint_1:4"),
+    "delay, spring, asymmetric": (
+        "torque_delay:arm:0.008",
+        "spring_torque:joint_3:10",
+        "asymmetric_friction:joint_2:4",
+    ),
+    "load friction, gain": ("load_dependent_friction:joint_2:0.1", "torque_gain_error:joint_3:0.08"),
+    "curved friction": ("nonlinear_viscous_friction:joint_1:3",),
+}
+Arm = tuple[ArmModel, Session]
 
 
-def main(effects: list[str]) -> None:
-    arm = ArmModel.load("tm5-900")
-    print(f"{RUNS} runs, a third held out; gap in noise floors (root mean square over joints) / miss in mrad\n")
-    columns = " | ".join(
-        f"{form} {when}" for form in ("URDF", "MJCF") for when in ("before", "tuned", "patched", "+ module")
+def in_pieces(run: Recording) -> list[Recording]:
+    """One run as several."""
+    edges = np.linspace(0, len(run), PIECES + 1).astype(int)
+    return [run.at(slice(a, b), f"part_{k}") for k, (a, b) in enumerate(pairwise(edges))]
+
+
+def real(folder: str, robot: str = "robot.urdf", pattern: str = "*.parquet", settings: str = "") -> Arm:
+    """Runs of a folder, each by itself; one run alone is cut into pieces."""
+    place, toml = REAL / folder, Path(tempfile.gettempdir()) / "bench_patch.toml"
+    toml.write_text(settings)
+    given = {"session_file": toml} if settings else {}
+    arm = ArmModel.load(place / robot if robot.endswith(".urdf") else robot)
+    sessions = [match_joints(load_session(path, **given), arm.joint_names)[0] for path in sorted(place.glob(pattern))]
+    runs = [run for session in sessions for run in session.runs]
+    runs = in_pieces(runs[0]) if len(runs) == 1 else runs
+    return arm, sessions[0].replace(runs=tuple(runs), common_clock=False)
+
+
+def panda() -> Arm:
+    """A run at 1 kHz, one number a line."""
+    folder = REAL / "panda/sapienza_inria_2019"
+    parts = [np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques", "velocity")]
+    clock, position, torque, velocity = parts[0], *(part.reshape(-1, 7) for part in parts[1:])
+    joints = tuple(f"panda_joint{i}" for i in range(1, 8))
+    run = Recording("panda", joints, clock, position, torque, velocity=velocity)
+    return ArmModel.load("panda"), Session("panda", tuple(in_pieces(run)), common_clock=False)
+
+
+def simulated(effects: Sequence[str]) -> Arm:
+    session = simulate(SimulationOptions(effects=tuple(effects), seed=SEED, runs=9, duration=6.0)).session
+    return ArmModel.load("tm5-900"), session
+
+
+UR10E = "identification/ur-20_0[12]_[0-9][0-9][-_][12567u]*.csv"
+ARMS: dict[str, Callable[[], Arm]] = {
+    "UR10e": lambda: real("ur10e", "ur10e.urdf", UR10E, ur10e_settings()),
+    "UR10": lambda: real("ur10_cb", "ur10", "*.db3"),
+    "Panda": panda,
+    "Rokae AR5": lambda: real("rokae_ar5", pattern="*.csv"),
+    "dual arm": lambda: real("dual_arm_v2", pattern="**/*.parquet"),
+    "AIRBOT": lambda: real("airbot_play"),
+    **{name: lambda effects=effects: simulated(effects) for name, effects in SIMULATED.items()},
+}
+
+
+def parts_of(session: Session) -> tuple[Session, Session, Session]:
+    """To be diagnosed, to choose by, and unseen."""
+    number = range(len(session.runs))
+    unseen = [k for k in number if k % 6 == 5]
+    choosing = [k for k in number if k % 3 == 1]
+    rest = [k for k in number if k not in {*unseen, *choosing}]
+    first, second, third = (
+        session.replace(runs=tuple(session.runs[k] for k in some)) for some in (rest, choosing, unseen)
     )
-    print(f"| effect | named | in URDF | in MJCF | {columns} | s |")
-    print("|---|" + "---|" * 12)
-    for effect in effects or EFFECTS:
-        start = time.perf_counter()
-        try:
-            cells = measure(arm, effect)
-        except InputError as error:
-            cells = str(error)
-        print(f"| `{effect}` | {cells} | {time.perf_counter() - start:.0f} |", flush=True)
+    return first, second, third
 
 
-def measure(arm: ArmModel, effect: str) -> str:
-    """One row of the table."""
-    simulation = simulate(SimulationOptions(effects=(effect,), seed=SEED, runs=RUNS, duration=6.0))
-    record = patch(arm, simulation, effect.split(":")[0])
-    wanted = [item for item in record["effects"] if item["effect"] == effect.split(":")[0]]
-    shown = (wanted or record["effects"])[0]
-    named = " + ".join(f"{item['effect']} {item['joints'][0]}" for item in record["effects"])
-    formats = " | ".join(shown["formats"][form]["expressed"] for form in ("urdf", "mjcf"))
-    floor = np.array(list(simulation.answer.noise_floor_Nm.values()))
-    gaps = [record["heldout"]["gaps"][form][when] for form in ("urdf", "mjcf") for when in WHEN]
-    return f"{named} | {formats} | " + " | ".join(_cell(gap, floor) for gap in gaps)
-
-
-def _cell(gap: dict[str, Any], floor: np.ndarray) -> str:
-    torque = np.array(list(gap["torque_rms_Nm"].values())) / floor
-    miss = 1e3 * np.array(list(gap["position_rms_rad"].values()))
-    return f"{np.sqrt(np.mean(torque**2)):.2f} / {np.sqrt(np.mean(miss**2)):.1f}"
-
-
-def patch(arm: ArmModel, simulation: Simulation, effect: str) -> dict[str, Any]:
-    """Diagnoses some runs and measures the patch on the others."""
-    # Every third run, so that both parts hold all kinds of motion.
-    rest = [k for k in range(RUNS) if k % 3 == 1]
-    runs = simulation.session.runs
-    training = simulation.session.replace(runs=tuple(run for k, run in enumerate(runs) if k not in rest))
-    held_out = simulation.session.replace(runs=tuple(runs[k] for k in rest))
-    diagnosis, _, _ = diagnose_reports(inspect_sessions([training], arm), arm, (find_effect(effect),))
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / "diagnosis.json"
+def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], Path, HybridModel]:
+    """The arm, motions to choose by and unseen, the diagnosis, and the model with its laws."""
+    arm, session = ARMS[name]()
+    training, *others = parts_of(session)
+    arm = arm.keeping(session.joints)
+    motions = [tuple(prepare(one, FOR_DIAGNOSIS.cutoff_hz)) for one in others]
+    stem = name.replace(" ", "_").replace(",", "")
+    path = cache / f"{stem}.json"
+    if not path.is_file():
+        diagnosis, _, _ = diagnose_reports(inspect_sessions([training], arm), arm, CATALOGUE)
         path.write_text(json.dumps(diagnosis.to_dict()), encoding="utf-8")
-        return write_patch(Diagnosed.load(path), arm, Path(name) / "patch", prepare(held_out, FOR_DIAGNOSIS.cutoff_hz))
+    folder = cache / f"{stem}_model"
+    if not folder.is_dir():
+        named = read_named_laws(path, arm) if json.loads(path.read_text())["findings"] else None
+        fit_hybrid(prepare(training), arm, FitOptions(net="none"), named=named).model.save(folder)
+    return arm, motions, path, HybridModel.load(folder)
+
+
+def cell(found: np.ndarray, joints: Sequence[str]) -> str:
+    """The worst ratio and where it is, and the mean."""
+    where = np.unravel_index(int(np.nanargmax(found)), found.shape)
+    mean = float(np.exp(np.nanmean(np.log(found))))
+    return f"{found[where]:.2f} ({list(MEASURES)[where[0]]}, {joints[where[1]][-8:]}) / {mean:.2f}"
+
+
+def rows(name: str, cache: Path) -> str:
+    """One arm's row."""
+    arm, (choosing, unseen), path, model = learn(name, cache)
+    diagnosed, cells = Diagnosed.load(path) if json.loads(path.read_text())["findings"] else None, []
+    laws = "none" if diagnosed is None else ", ".join(f"{c.effect} {'/'.join(c.joints[:1])}" for c in diagnosed.changes)
+    jobs: dict[str, tuple[Mapping[str, Any], Mapping[str, IdentifiedArm]]] = {}
+    if diagnosed is not None:
+        jobs["patch"] = write_patch(diagnosed, arm, cache / "patch", choosing), diagnosed.candidates(arm)
+    written = write_export(model, cache / "export", nearest=True, motions=choosing)
+    jobs["export"] = written, IdentifiedArm.of_models(model, nearest=True)
+    for folder, (record, options) in jobs.items():
+        nominal = options["after"].nominal
+        rivals = {key: one for key, one in options.items() if key != "after"} | {"": IdentifiedArm.as_urdf(nominal)}
+        for form, runs in product(("urdf", "mjcf"), (choosing, unseen)):
+            payload = runs[0].payload
+            own = measure_gap(load(cache / folder, form, nominal, payload), runs)
+            files = (WrittenFile.write(form, cache / "scratch", one) for one in rivals.values())
+            found = own.over([measure_gap(file.load(payload), runs) for file in files])
+            cells.append(
+                f"{record['written'][form] if runs is choosing else ''} {cell(np.exp(found), arm.joint_names)}"
+            )
+    pad = [""] * (8 - len(cells))
+    return f"| {name} | {laws} | " + " | ".join([*pad, *cells])
+
+
+def load(folder: Path, form: str, arm: ArmModel, payload: Payload | None) -> LoadedModel:
+    """A written file as it lies there; losses that a URDF has no place for are those of the parameter file."""
+    if form == "mjcf":
+        return LoadedMjcf(folder / FILE_OF[form], arm.joint_names, payload)
+    record = tomllib.loads((folder / "parameters.toml").read_text(encoding="utf-8"))
+    table = record.get("losses_of_urdf", record["losses"])
+    keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm", "transition_rad_s", "sliding_range_rad")
+    losses = Losses(*(np.array([table[joint][key] for joint in arm.joint_names]) for key in keys))
+    return LoadedUrdf(folder / FILE_OF[form], tuple(arm.locked_joints), losses, payload)
+
+
+def main(folder: str, *names: str) -> None:
+    cache = Path(folder)
+    cache.mkdir(parents=True, exist_ok=True)
+    for name in names or ARMS:
+        start = time.process_time()
+        try:
+            line = rows(name, cache)
+        except InputError as error:
+            line = f"| {name} | {error}"
+        print(f"{line} | {time.process_time() - start:.0f} |", flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*sys.argv[1:])

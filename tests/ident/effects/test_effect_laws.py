@@ -1,77 +1,87 @@
-"""Laws of written modules against the catalogue's formulas, written a second time and evaluated at random states."""
+"""Laws with a memory against their equations, solved in another way over random figures."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
-import pytest
 
+from ident.arrays import Array
 from ident.export.python import describe_arm
-from ident.laws.acting import acting_torque
+from ident.laws.acting import Effect, acting_torque, read_log
+from ident.laws.elastic import CONTACT_DAMPING_RATIO, CONTACT_STIFFNESS
 from ident.laws.motion import Losses, MovingArm
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import random_states
 
 N, J, V0 = 6, 2, 0.01
 VISCOUS, COULOMB = np.arange(1.0, 7.0), np.arange(2.0, 8.0)
-# By effect the figures that are drawn, what the law asks for besides, and the formula of a joint's states
-# (angle q, speed v, direction s, load, speed of joint 1) and figures [N m].
-FORMULAS: dict[str, tuple[str, dict[str, float], Any]] = {
-    "stribeck_friction": (
-        "coefficient_0 stribeck_velocity_rad_s exponent",
-        {},
-        lambda m, a, vs, e: a * m.s * np.exp(-((abs(m.v) / vs) ** e)),
-    ),
-    "nonlinear_viscous_friction": ("coefficient_0 exponent", {}, lambda m, c, e: c * m.s * abs(m.v) ** e),
-    # The same while driving and backdriving is two thirds of μ in either column.
-    "load_dependent_friction": (
-        "mu",
-        {"terms": 2.0, "load_Nm": 1.0},
-        lambda m, mu: mu * m.s * abs(m.load),
-    ),
-    "position_dependent_friction": (
-        "coefficient_0 coefficient_1 order",
-        {},
-        lambda m, a, b, k: m.s * np.hypot(a, b) * np.cos(k * m.q - np.arctan2(b, a)),
-    ),
-    "asymmetric_friction": ("coefficient_0 coefficient_1", {}, lambda m, f, c: (m.s**2 * f + abs(m.v) * c) / 2.0),
-    "thermal_friction": (
-        "viscous_change coulomb_change",
-        {},
-        lambda m, c, f: 0.5 * (c * VISCOUS[J] * m.v + f * COULOMB[J] * m.s),
-    ),
-    "joint_coupling": (
-        "viscous_Nms_rad coulomb_Nm",
-        {"other_joint": 1.0, "mix": 0.0, "width_rad_s": V0, "inertia_kgm2": 0.0},
-        lambda m, c, f: c * m.other + f * np.tanh(m.other / V0),
-    ),
-    "torque_ripple": (
-        "amplitude_Nm turns phase_rad",
-        {"loaded": 0.0, "load_Nm": 1.0},
-        lambda m, a, k, phase: a * np.cos(k * m.q - phase),
-    ),
-    "spring_torque": (
-        "linear_Nm_rad centre_rad",
-        dict.fromkeys(("constant_Nm", "square_Nm_rad2", "cube_Nm_rad3", "cosine_Nm", "sine_Nm"), 0.0),
-        lambda m, k, rest: k * (m.q - rest),
-    ),
-}
 
 
-@pytest.mark.parametrize("effect", FORMULAS)
-def test_a_law_is_the_catalogues_formula(effect: str) -> None:
-    """Law: over random figures and states a module's torque is the formula's, at its own joint alone."""
-    arm, rng = ArmModel.load("tm5-900"), np.random.default_rng(8)
+def test_gears_give_way_as_their_equation_says() -> None:
+    """Law: over 50 springs and plays a module's torque is that of M δ'' + V δ' + P δ + τ_gear = τ, solved otherwise.
+
+    Runge and Kutta's method at a tenth of the sampling interval, all gears side by side.
+    """
+    arm, rng, interval, finer = ArmModel.load("tm5-900"), np.random.default_rng(4), 0.002, 8
+    time = np.arange(1000)[:, None] * interval
+    size, pulse = rng.uniform(0.05, 0.4, N), rng.uniform(3.0, 12.0, N)
+    q, dq, ddq = (
+        size * np.sin(pulse * time),
+        size * pulse * np.cos(pulse * time),
+        -size * pulse**2 * np.sin(pulse * time),
+    )
     losses = Losses(np.zeros(N), VISCOUS, COULOMB, np.full(N, V0), np.zeros(N))
-    names, besides, formula = FORMULAS[effect]
-    for _ in range(20):
-        q, dq, ddq = random_states(rng, 40, N)
-        p = {name: float(rng.uniform(0.2, 2.0)) for name in names.split()}
-        even = {f"coefficient_{k}": p["mu"] / 1.5 for k in range(2) if "mu" in p}
-        found = acting_torque([(effect, J, p | besides | even)], MovingArm(describe_arm(arm), losses, q, dq, ddq))
-        states = SimpleNamespace(q=q[:, J], v=dq[:, J], s=np.tanh(dq[:, J] / V0), other=dq[:, 0])
-        states.load = arm.inverse_dynamics(q, dq, ddq)[:, J]
-        np.testing.assert_allclose(found[:, J], formula(states, *p.values()), atol=1e-9)
-        assert not np.delete(found, J, axis=1).any()
+    motion = MovingArm(describe_arm(arm), losses, q, dq, ddq, interval)
+    position, velocity, inertia = arm.derivatives(q, dq, ddq)
+    load, p, v, m = motion.rigid[:, J], position[:, J, J], velocity[:, J, J], inertia[:, J, J]
+    stiff = np.concatenate(
+        [np.exp(rng.uniform(np.log(3e3), np.log(3e4), 25)), np.full(25, CONTACT_STIFFNESS * arm.effort_limit[J])]
+    )
+    damping = np.concatenate(
+        [rng.uniform(20.0, 80.0, 25), np.full(25, 2.0 * CONTACT_DAMPING_RATIO * np.sqrt(stiff[-1] * m.mean()))]
+    )
+    half = np.concatenate([np.zeros(25), rng.uniform(2e-4, 2e-3, 25)])
+
+    def solve(gap: Array) -> Array:
+        def change(at: float, x: Array, rate: Array) -> Array:
+            k = min(int(at), len(load) - 2)
+            here = [one[k] + (at - k) * (one[k + 1] - one[k]) for one in (load, p, v, m)]
+            beyond = np.sign(x) * np.maximum(np.abs(x) - gap, 0.0)
+            gear = stiff * beyond + damping * rate * ((np.abs(x) > gap) | (gap == 0.0))
+            return (here[0] - here[1] * x - here[2] * rate - gear) / here[3]
+
+        h, states = 1.0 / finer, []
+        x, rate = load[0] / (stiff + p[0]) + gap * np.sign(load[0]), (load[1] - load[0]) / (interval * stiff)
+        s = interval
+        for step in range(finer * (len(load) - 1) + 1):
+            if step % finer == 0:
+                states.append((x, rate))
+            t, d = step * h, h * s
+            a1 = change(t, x, rate)
+            a2 = change(t + h / 2, x + d / 2 * rate, rate + d / 2 * a1)
+            a3 = change(t + h / 2, x + d / 2 * (rate + d / 2 * a1), rate + d / 2 * a2)
+            a4 = change(t + h, x + d * (rate + d / 2 * a2), rate + d * a3)
+            x, rate = x + d * (rate + d / 6 * (a1 + a2 + a3)), rate + d / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        return np.moveaxis(np.array(states), 0, 1)  # (2, T, gears)
+
+    loose, tight = solve(half), solve(np.zeros(50))
+    x = np.concatenate([loose[0][:, :25], (loose[0] - tight[0])[:, 25:]], axis=1)
+    rate = np.concatenate([loose[1][:, :25], (loose[1] - tight[1])[:, 25:]], axis=1)
+    felt = -(m[:, None] * np.gradient(rate, interval, axis=0) + v[:, None] * rate + p[:, None] * x)
+    springs = zip(stiff[:25], damping[:25], strict=True)
+    laws: list[Effect] = [
+        *(("joint_elasticity", J, {"stiffness_Nm_rad": k, "damping_Nms_rad": d}) for k, d in springs),
+        *(("backlash", J, {"gap_rad": 2.0 * gap}) for gap in half[25:]),
+    ]
+    found = np.stack([acting_torque([law], motion)[:, J] for law in laws], axis=1)
+    off = np.linalg.norm(found - felt, axis=0) / np.linalg.norm(felt, axis=0)
+    assert off[:25].max() < 0.01
+    assert off[25:].max() < 0.08  # a knock is over within samples
+
+
+def test_a_late_log_is_the_signal_moved() -> None:
+    """Law: over 50 delays a log of torque below a tenth of the rate is the signal itself at an earlier time."""
+    rng, interval = np.random.default_rng(6), 0.004
+    time, pulse, phase = np.arange(500) * interval, rng.uniform(1.0, 60.0, 8), rng.uniform(0.0, 6.0, 8)
+    for delay in rng.uniform(5e-4, 0.04, 50):
+        torque, wanted = (np.sin(pulse * (time - late)[:, None] + phase).sum(axis=1) for late in (0.0, delay))
+        found = read_log([("torque_delay", -1, {"delay_s": delay})], torque[:, None], interval)[20:-20, 0]
+        assert np.linalg.norm(found - wanted[20:-20]) < 0.01 * np.linalg.norm((wanted - torque)[20:-20])

@@ -61,15 +61,6 @@ def test_energy_error_of_a_known_torque_error() -> None:
     assert np.allclose(score.energy_error[:, 0], [[-4 * work, -work], [-2 * work, -work / 2]], rtol=1e-5)
 
 
-def test_a_perfect_model_has_no_error() -> None:
-    """Zero energy error and RMSE, R² of one."""
-    trace = _swing([0.0, 0.0])
-    score = score_runs("s", [trace, trace])
-    assert np.allclose(score.energy_mean, 0.0)
-    assert np.allclose(score.rmse_mean, 0.0)
-    assert np.allclose(score.r2, 1.0)
-
-
 def test_rmse_of_a_known_torque_error() -> None:
     """An error C dq has RMSE C ω / √2 (within 1 %: where the joint is at rest is left out); joints pool by squares."""
     score = score_runs("s", [_swing([2.0, 0.5])])

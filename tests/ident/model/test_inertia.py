@@ -115,12 +115,6 @@ def test_deviations_are_honest(fits: dict[str, Identified], real: ArmModel, nomi
     assert np.abs(score).max() < 4.0
 
 
-def test_nominal_mode_changes_nothing(fits: dict[str, Identified], nominal: ArmModel) -> None:
-    """`nominal` hands the arm back."""
-    assert fits["nominal"].inertia.arm is nominal
-    assert np.all(fits["nominal"].inertia.change == 0.0)
-
-
 def test_consistent_links_could_be_bodies(fits: dict[str, Identified]) -> None:
     """`consistent`: every pseudo-inertia is positive semidefinite; `base` on the same data is not."""
     assert is_consistent(fits["consistent"].inertia.arm.inertial_parameters)

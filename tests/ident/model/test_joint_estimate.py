@@ -256,13 +256,6 @@ def test_what_is_not_known_is_taken_from_the_others() -> None:
     assert np.sqrt(share_variance(squares, dof).moderate(squares, dof)[0]) == pytest.approx(0.1, rel=0.4)
 
 
-def test_nothing_known_is_what_is_usual() -> None:
-    """Without data of any joint the spread is of the order of the usual one."""
-    squares, dof = np.zeros((1, 6)), np.zeros(6)
-    found = np.sqrt(share_variance(squares, dof).moderate(squares, dof))
-    assert np.all((found > USUAL_SPREAD) & (found < 30 * USUAL_SPREAD))
-
-
 def test_joints_that_are_alike_lend_more() -> None:
     """More degrees of freedom where all have one variance than where they differ by a hundred times."""
     rng = np.random.default_rng(2)
