@@ -28,23 +28,23 @@ def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-untyped-def]
+def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of the bodies from `start` up to `stop`, and of their parts."""
     for i in range(start, stop):
-        _place(i, bodies, frame_rot, frame_at, out_rot, out_at)
+        _place(i, bodies, frame_rot, frame_at)
         for part in range(bodies.part[i], bodies.part[i] + bodies.parts[i]):
-            _place(part, bodies, frame_rot, frame_at, out_rot, out_at)
+            _place(part, bodies, frame_rot, frame_at)
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _place(b, bodies, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-untyped-def]
+def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of one body."""
-    f = bodies.carrier[b]
+    f, rot, at = bodies.carrier[b], bodies.placed_rot, bodies.placed_at
     for k in range(3):
-        out_at[b, k] = frame_at[f, k]
+        at[b, k] = frame_at[f, k]
         for m in range(3):
-            out_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
-            out_rot[b, k, m] = (
+            at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
+            rot[b, k, m] = (
                 frame_rot[f, k, 0] * bodies.rot[b, 0, m]
                 + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
                 + frame_rot[f, k, 2] * bodies.rot[b, 2, m]

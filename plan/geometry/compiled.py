@@ -1,16 +1,16 @@
-"""Shapes as the arrays that compiled loops read: bodies, and a tree of the ones that stand still."""
+"""A scene as the arrays that compiled loops read: bodies, a tree of the ones that stand still, and room for places."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ident.arrays import Array
+from ident.robot.chain import Chain
 from plan.geometry.boxes import Box
 from plan.geometry.simplex import simplex_gap
 from plan.geometry.solids import Solid
@@ -18,10 +18,11 @@ from plan.geometry.solids import Solid
 # Hulls of so many corners are searched as they are; of larger ones at most so many corners, or as many as it takes
 # until the others stand out by less than this [m], which a radius makes up for.
 FEW_CORNERS, MOST_CORNERS, STANDING_OUT = 32, 128, 2e-3
-# Deepest tree that can be searched, or built.
+# Deepest tree that can be searched.
 DEEPEST = 128
 # Sides of the prism round a cylinder: its corners stand out by 0.5 % of the radius.
 SIDES = 32
+NO_CORNERS = np.empty((0, 3))
 
 
 class CompiledBodies(NamedTuple):
@@ -33,6 +34,7 @@ class CompiledBodies(NamedTuple):
     Attributes:
         carrier: Number of the joint that carries each, 0 for the world.
         rot, at: Axes and centre in the joint frame.
+        placed_rot, placed_at: The same in the base frame; those of links are room that loops write into.
         half: Half lengths of the box around each [m].
         core: Half lengths of its core, for those that are boxes, rods or points with a radius [m].
         radius: By which the core is grown [m].
@@ -46,6 +48,8 @@ class CompiledBodies(NamedTuple):
     carrier: Array
     rot: Array
     at: Array
+    placed_rot: Array
+    placed_at: Array
     half: Array
     core: Array
     radius: Array
@@ -61,6 +65,8 @@ class CompiledBodies(NamedTuple):
 class Points(NamedTuple):
     """As much of `CompiledBodies` as it takes to find a farthest point."""
 
+    placed_rot: Array
+    placed_at: Array
     core: Array
     first: Array
     number: Array
@@ -85,98 +91,93 @@ class Tree(NamedTuple):
     root: Array
 
 
+class World(NamedTuple):
+    """A scene for compiled loops.
+
+    Attributes:
+        chain: The arm's kinematics.
+        links: Number of the arm's shapes, each of them one body, which come first.
+        bodies: Of all shapes.
+        tree: Of those that stand in the world.
+        frame_rot, frame_at: Room for axes and origins of the joint frames; frame 0 is the world.
+        reach: Room for a number of each joint.
+    """
+
+    chain: Chain
+    links: int
+    bodies: CompiledBodies
+    tree: Tree
+    frame_rot: Array
+    frame_at: Array
+    reach: Array
+
+
+def make_world(chain: Chain, links: int, bodies: CompiledBodies, tree: Tree) -> World:
+    """A world with room of its own: loops of different threads must not share one."""
+    n = len(chain.masses)
+    placed = bodies._replace(placed_rot=bodies.rot.copy(), placed_at=bodies.at.copy())
+    return World(chain, links, placed, tree, np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(n))
+
+
 def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
-    """The shapes' bodies, in the shapes' order."""
-    shapes = [_pieces(box, number) for number, box in enumerate(boxes)]
+    """The bodies of some shapes, in their order, and the parts of hulls behind them."""
     parted = [number for number, box in enumerate(boxes) if box.solid.parts]
-    parts = [*shapes, *(_pieces(part, number) for number in parted for part in boxes[number].parts)]
-    first, count = _parts_of(boxes, parted, shapes)
-    number = np.concatenate([part.number for part in parts]) if parts else np.empty(0, dtype=np.int64)
-    corners = [part.corners for part in parts if len(part.corners)]
+    behind = [len(boxes[number].parts) for number in parted]
+    shapes = [*boxes, *(part for number in parted for part in boxes[number].parts)]
+    axes, at, half, core, radius, ball, corners = zip(*map(_bodies_of, shapes), strict=True)
+    counts = [len(one) for one in at]
+    begin, number = np.cumsum([0, *counts]), np.repeat([one.shape[1] for one in corners], counts)
+    part, parts = np.zeros((2, begin[-1]), dtype=np.int64)
+    parts[begin[parted]], part[begin[parted]] = behind, begin[len(boxes)] + np.cumsum([0, *behind])[:-1]
+    rot, centres = np.repeat(axes, counts, axis=0), np.concatenate(at)
     return CompiledBodies(
-        carrier=_column(parts, "carrier", np.int64),
-        rot=_column(parts, "rot", float, 3, 3),
-        at=_column(parts, "at", float, 3),
-        half=_column(parts, "half", float, 3),
-        core=_column(parts, "core", float, 3),
-        radius=_column(parts, "radius", float),
-        ball=_column(parts, "ball", float),
-        first=np.concatenate([[0], np.cumsum(number)[:-1]]).astype(np.int64) if len(number) else number,
+        carrier=np.repeat([one.joint for one in shapes], counts),
+        rot=rot,
+        at=centres,
+        placed_rot=rot,
+        placed_at=centres,
+        half=np.concatenate(half),
+        core=np.concatenate(core),
+        radius=np.repeat(radius, counts),
+        ball=np.concatenate(ball),
+        first=1 + np.cumsum(number) - number,
         number=number,
-        corners=np.ascontiguousarray(np.concatenate(corners)) if corners else np.zeros((1, 3)),
-        owner=_column(parts, "owner", np.int64),
-        part=first,
-        parts=count,
+        corners=np.concatenate([np.zeros((1, 3)), *(one.reshape(-1, 3) for one in corners)]),
+        owner=np.repeat([*range(len(boxes)), *np.repeat(parted, behind)], counts).astype(np.int64),
+        part=part,
+        parts=parts,
     )
 
 
-def _parts_of(boxes: Sequence[Box], parted: Sequence[int], shapes: Sequence[CompiledBodies]) -> tuple[Array, Array]:
-    """The first of each body's parts, which stand behind the bodies of all shapes, and their number."""
-    before = [len(shape.owner) for shape in shapes]
-    own, begin = np.cumsum([0, *before]), sum(before)
-    counts = [len(boxes[number].parts) for number in parted]
-    first, count = np.zeros((2, begin + sum(counts)), dtype=np.int64)
-    count[own[list(parted)]], first[own[list(parted)]] = counts, begin + np.cumsum([0, *counts])[:-1]
-    return first, count
-
-
-def _column(parts: Sequence[CompiledBodies], name: str, kind: type, *shape: int) -> Array:
-    found: list[Array] = [np.asarray(getattr(part, name), dtype=kind) for part in parts]
-    return np.ascontiguousarray(np.concatenate(found)) if found else np.empty((0, *shape), dtype=kind)
-
-
-def _pieces(box: Box, number: int) -> CompiledBodies:
-    """The bodies of one shape; places of corners are left out."""
+def _bodies_of(box: Box) -> tuple[Array, Array, Array, Array, float, Array, Array]:
+    """Axes, centres, half lengths, cores, radius, balls and corners of a shape's bodies, which are all turned alike."""
     solid = box.solid
     if solid.kind == "cloud":
-        points, radius = box.centre + solid.points @ box.rotation.T, float(solid.size[0])
-        alike = np.full((len(points), 3), radius)
-        upright = replace(box, rotation=np.eye(3))  # a ball has no axes, and its box along the base's is the smallest
-        return _alike(upright, number, points, alike, np.zeros_like(alike), radius, alike[:, 0], np.empty((0, 0, 3)))
+        at, radius = box.centre + solid.points @ box.rotation.T, float(solid.size[0])
+        half = np.full((len(at), 3), radius)
+        # A ball has no axes, and its box along the base's is the smallest.
+        return np.eye(3), at, half, np.zeros_like(half), radius, half[:, 0], np.empty((len(at), 0, 3))
     if solid.kind in ("surface", "heights"):
         corners = solid.prisms() if solid.kind == "heights" else solid.points[solid.triangles]
         low, high = corners.min(axis=1), corners.max(axis=1)
         middle, half = (low + high) / 2, (high - low) / 2
         local = corners - middle[:, None]
         ball = np.linalg.norm(local, axis=2).max(axis=1)
-        return _alike(box, number, box.centre + middle @ box.rotation.T, half, half, 0.0, ball, local)
+        return box.rotation, box.centre + middle @ box.rotation.T, half, half, 0.0, ball, local
     core, radius, corners = _core(solid)
     extra = radius if len(corners) else 0.0
-    at, half, ball = box.centre[None], (box.half + extra)[None], np.array([solid.radius + extra])
-    return _alike(box, number, at, half, core[None], radius, ball, corners[None])
-
-
-def _alike(
-    box: Box, number: int, at: Array, half: Array, core: Array, radius: float, ball: Array, corners: Array
-) -> CompiledBodies:
-    """Bodies of one shape, all turned as it is and with as many corners each."""
-    count = len(at)
-    return CompiledBodies(
-        carrier=np.full(count, box.joint),
-        rot=np.repeat(box.rotation[None], count, axis=0),
-        at=at,
-        half=half,
-        core=core,
-        radius=np.full(count, radius),
-        ball=ball,
-        first=np.empty(0),
-        number=np.full(count, corners.shape[1] if len(corners) else 0, dtype=np.int64),
-        corners=corners.reshape(-1, 3),
-        owner=np.full(count, number),
-        part=np.empty(0),
-        parts=np.empty(0),
-    )
+    half, ball = (box.half + extra)[None], np.array([solid.radius + extra])
+    return box.rotation, box.centre[None], half, core[None], radius, ball, corners[None]
 
 
 def _core(solid: Solid) -> tuple[Array, float, Array]:
     """Half lengths of the core, radius, and corners: a simple body has no corners, any other nothing else."""
-    none = np.empty((0, 3))
     if solid.kind == "box":
-        return solid.size, 0.0, none
+        return solid.size, 0.0, NO_CORNERS
     if solid.kind == "sphere":
-        return np.zeros(3), float(solid.size[0]), none
+        return np.zeros(3), float(solid.size[0]), NO_CORNERS
     if solid.kind == "capsule":
-        return np.array([0.0, 0.0, solid.size[1]]), float(solid.size[0]), none
+        return np.array([0.0, 0.0, solid.size[1]]), float(solid.size[0]), NO_CORNERS
     if solid.kind == "cylinder":
         angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
         outer = solid.size[0] / np.cos(np.pi / SIDES)
@@ -208,17 +209,16 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
     for k in range(number):
         kept[k] = corners[chosen[k]]
     bound = np.full(count, 1e9)  # a corner never stands out more from a larger hull
-    axes, places = np.zeros((2, 3, 3)), np.zeros((2, 3))
+    axes, zero = np.zeros((2, 3, 3)), np.zeros((2, 3))
     axes[0] = axes[1] = np.eye(3)
-    core = np.zeros((2, 3))
     while True:
         worst, which = 0.0, -1
-        pair = Points(core, np.array([0, number]), np.array([number, 1]), np.empty((number + 1, 3)))
+        pair = Points(axes, zero, zero, np.array([0, number]), np.array([number, 1]), np.empty((number + 1, 3)))
         pair.corners[:number] = kept[:number]
         for k in range(count):
             if bound[k] > worst:
                 pair.corners[number] = corners[k]
-                bound[k] = max(simplex_gap(0, 1, axes, places, pair, 1e9, np.zeros(3)), 0.0)
+                bound[k] = max(simplex_gap(0, 1, pair, 1e9, np.zeros(3)), 0.0)
                 if bound[k] > worst:
                     worst, which = bound[k], k
         if worst <= small or number >= most:
@@ -230,59 +230,29 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
 def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     """The tree of the bodies of the shapes from number `first` on, all of which stand in the world."""
     owned = np.flatnonzero((bodies.owner >= first) & (bodies.owner < shapes))
-    count, most = len(owned), max(2 * len(owned), 1)
-    low, high = np.zeros((most, 3)), np.zeros((most, 3))
     extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[owned]), bodies.half[owned])
-    low[:count], high[:count] = bodies.at[owned] - extent, bodies.at[owned] + extent
-    links = np.full((3, most), -1, dtype=np.int64)  # left, right, body
-    links[2, :count] = owned
-    ends = np.searchsorted(bodies.owner[owned], np.arange(first, shapes + 1))
-    roots, used = [], count
-    for start, stop in itertools.pairwise(ends):
+    room = np.zeros((len(owned) + 1, 3))  # of which a root of nothing at all takes one
+    low, high = (np.concatenate([bodies.at[owned] + sign * extent, room]) for sign in (-1.0, 1.0))
+    links = np.full((3, len(low)), -1, dtype=np.int64)  # left, right, body
+    links[2, : len(owned)] = owned
+    roots, used = [], len(owned)
+    for start, stop in itertools.pairwise(np.searchsorted(bodies.owner[owned], np.arange(first, shapes + 1))):
         root, used = _join(np.arange(start, stop), low, high, links, used)
         roots.append(root)
-    root = -1
-    if roots:
-        root, used = _join(np.array(roots), low, high, links, used)
-    used = max(used, 1)
-    left, right, body = (np.ascontiguousarray(part[:used]) for part in links)
-    return Tree(low[:used], high[:used], left, right, body, np.array([*roots, root], dtype=np.int64))
+    whole = _join(np.array(roots), low, high, links, used)[0] if roots else -1
+    return Tree(low, high, *links, np.array([*roots, whole], dtype=np.int64))
 
 
 @njit(cache=True, nogil=True)
 def _join(items, low, high, links, used):  # type: ignore[no-untyped-def]
     """Joins nodes by halves along the longest side of what holds their middles; returns the root and the nodes used."""
-    items = items.copy()
-    waiting = np.empty((DEEPEST, 4), dtype=np.int64)  # from, to, parent, which child
-    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(items), -1, 0
-    count, root = 1, -1
-    while count > 0:
-        count -= 1
-        start, stop, parent, side = waiting[count]
-        node = items[start]
-        if stop - start > 1:
-            node, used = used, used + 1
-            low[node], high[node] = low[items[start]], high[items[start]]
-            spread = np.empty((2, 3))
-            spread[0] = spread[1] = low[items[start]] + high[items[start]]
-            for i in items[start:stop]:
-                for k in range(3):
-                    low[node, k], high[node, k] = min(low[node, k], low[i, k]), max(high[node, k], high[i, k])
-                    middle = low[i, k] + high[i, k]
-                    spread[0, k], spread[1, k] = min(spread[0, k], middle), max(spread[1, k], middle)
-            axis = int(np.argmax(spread[1] - spread[0]))
-            middles = np.empty(stop - start)
-            for m in range(stop - start):
-                middles[m] = low[items[start + m], axis] + high[items[start + m], axis]
-            items[start:stop] = items[start:stop][np.argsort(middles, kind="mergesort")]
-            half = start + (stop - start) // 2
-            for which in range(2):
-                place = waiting[count + which]
-                place[0], place[1] = (start, half) if which == 0 else (half, stop)
-                place[2], place[3] = node, which
-            count += 2
-        if parent < 0:
-            root = node
-        else:
-            links[side, parent] = node
-    return root, used
+    if len(items) == 1:
+        return items[0], used
+    middles, node = low[items] + high[items], used
+    sides = np.array([middles[:, k].max() - middles[:, k].min() for k in range(3)])
+    items = items[np.argsort(middles[:, np.argmax(sides)], kind="mergesort")]
+    left, used = _join(items[: len(items) // 2], low, high, links, node + 1)
+    right, used = _join(items[len(items) // 2 :], low, high, links, used)
+    links[0, node], links[1, node] = left, right
+    low[node], high[node] = np.minimum(low[left], low[right]), np.maximum(high[left], high[right])
+    return node, used

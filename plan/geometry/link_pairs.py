@@ -1,9 +1,10 @@
-"""Which pairs of links are looked at, which are left out, by an SRDF file too, and why."""
+"""Which pairs of shapes are looked at, which of the links' are left out, by an SRDF file too, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_text, read_xml
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
-from plan.geometry.compiled import build_tree, compile_bodies
+from plan.geometry.compiled import build_tree, compile_bodies, make_world
 from plan.geometry.sweep import ALL, gaps_of_states
 from plan.geometry.tool import CARRIED
 
@@ -25,6 +26,8 @@ PROBES = 500
 FLOOR = "floor"
 # Joints closer than this meet in one point [m].
 HUB = 1e-6
+# Why a pair is dropped that could hit: the shapes, as they are known here, do so nearly everywhere.
+OVERLAP = "their shapes overlap in most positions"
 
 
 @dataclass(frozen=True)
@@ -43,65 +46,59 @@ class Unchecked:
         return {"links": list(self.links), "reason": self.reason}
 
 
-def link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, int]], list[Unchecked]]:
-    """Pairs of links that can move against each other, parted into those to check and neighbours along the arm.
+def choose_pairs(
+    arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box], left_out: Mapping[frozenset[str], str]
+) -> tuple[list[tuple[int, int]], tuple[Unchecked, ...]]:
+    """Pairs to check, by numbers of links and then of obstacles, and those that could move and are not checked.
 
     Links whose joints meet in one point, as a shoulder's two, are neighbours too: the boxes round such a hub overlap
-    where the rounded castings do not.
+    where the rounded castings do not. A floor is not checked against what stands on it wherever the arm is.
+
+    Args:
+        arm: The arm.
+        links: Its shapes and what it carries, from the base on.
+        obstacles: Shapes fixed to the world.
+        left_out: Pairs of links to leave out, by name, with the reason.
     """
-    lengths = np.linalg.norm(arm.chain.offsets, axis=1)
-    pairs, unchecked = [], []
-    for i, a in enumerate(links):
-        for k, b in enumerate(links[i + 1 :], start=i + 1):
-            if a.joint == b.joint:
-                continue
-            if abs(b.body - a.body) <= 1:
-                unchecked.append(unchecked_pair(links, (i, k), "neighbours along the arm"))
-            elif max(a.body, b.body) < CARRIED and lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
-                unchecked.append(unchecked_pair(links, (i, k), "their joints meet in one point"))
-            else:
-                pairs.append((i, k))
-    return pairs, unchecked
+    lengths, boxes, count = np.linalg.norm(arm.chain.offsets, axis=1), (*links, *obstacles), len(links)
+    reasons: dict[tuple[int, int], str] = {}
+    pairs = [(i, k) for i, k in combinations(range(count), 2) if links[i].joint != links[k].joint]
+    for i, k in pairs:
+        a, b = links[i], links[k]
+        if abs(b.body - a.body) <= 1:
+            reasons[i, k] = "neighbours along the arm"
+        elif max(a.body, b.body) < CARRIED and lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
+            reasons[i, k] = "their joints meet in one point"
+        elif frozenset((a.name, b.name)) in left_out:
+            reasons[i, k] = left_out[frozenset((a.name, b.name))]
+    pairs = [pair for pair in pairs if pair not in reasons]
+    overlap = (_probe(arm, links, count, pairs) < 0.0).mean(axis=0) >= ALWAYS
+    reasons |= {pair: OVERLAP for pair, always in zip(pairs, overlap, strict=True) if always}
+    floors = [count + k for k, box in enumerate(obstacles) if box.name == FLOOR]
+    near = [(count + f, i) for f in range(len(floors)) for i in range(count) if links[i].joint == 1]
+    sunk = (_probe(arm, [*links, *(boxes[k] for k in floors)], count, near) < 0.0).all(axis=0)
+    standing = [(i, floors[f - count]) for (f, i), always in zip(near, sunk, strict=True) if always]
+    reasons |= dict.fromkeys(standing, "it stands there")
+    outside = [(k, i) for k in range(count, len(boxes)) for i in range(count) if links[i].joint > 0]
+    checked = [pair for pair in [*pairs, *outside] if pair not in reasons and pair[::-1] not in reasons]
+    unchecked = (Unchecked((boxes[i].name, boxes[k].name), reason) for (i, k), reason in reasons.items())
+    return checked, tuple(dict.fromkeys(unchecked))
 
 
-def names_of_pair(links: Sequence[Box], pair: tuple[int, int]) -> frozenset[str]:
-    return frozenset((links[pair[0]].name, links[pair[1]].name))
-
-
-def find_standing(arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box]) -> set[tuple[int, int]]:
-    """Floors, by number, and links that overlap with them wherever the arm is: those that turn on the base."""
-    floors = [k for k, box in enumerate(obstacles) if box.name == FLOOR]
-    near = [i for i, box in enumerate(links) if box.joint == 1]
-    pairs = [(k, i) for k in floors for i in near]
-    places = [(len(links) + floors.index(k), i) for k, i in pairs]
-    gaps = _probe(arm, (*links, *(obstacles[k] for k in floors)), len(links), places)
-    return {pair for k, pair in enumerate(pairs) if (gaps[:, k] < 0.0).all()}
-
-
-def unchecked_pair(links: Sequence[Box], pair: tuple[int, int], reason: str) -> Unchecked:
-    return Unchecked((links[pair[0]].name, links[pair[1]].name), reason)
-
-
-def drop_always(
-    arm: ArmModel, links: Sequence[Box], pairs: list[tuple[int, int]]
-) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Parts the pairs into those to check and those whose shapes overlap in half of 500 fixed positions."""
-    share = (_probe(arm, links, len(links), pairs) < 0).mean(axis=0)
-    kept = [pair for pair, often in zip(pairs, share, strict=True) if often < ALWAYS]
-    return kept, [pair for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS]
+def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
+    """Positions all over the joints' range, always the same: what is asked of them is a property of the arm [rad]."""
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    return np.random.default_rng(0).uniform(low, high, (count, arm.n))
 
 
 def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]) -> Float[Array, "500 p"]:
-    """Gaps of some pairs at fixed positions [m]."""
-    rng = np.random.default_rng(0)  # fixed: which pairs are checked must not depend on the run's seed
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    q = rng.uniform(low, high, (PROBES, arm.n))
+    """Gaps of some pairs at random positions [m]."""
     if not pairs:
         return np.empty((PROBES, 0))
-    bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
-    tree = build_tree(bodies, len(boxes), links)
-    room = bodies.rot.copy(), bodies.at.copy()
-    return np.asarray(gaps_of_states(arm.chain, bodies, links, room, numbers, tree, q, 1e9, ALL))
+    bodies = compile_bodies(boxes)
+    world = make_world(arm.chain, links, bodies, build_tree(bodies, len(boxes), links))
+    found = gaps_of_states(world, np.array(pairs, dtype=np.int64), random_positions(arm, PROBES), 1e9, ALL)
+    return np.asarray(found)
 
 
 def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
@@ -112,20 +109,17 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
     """
     if not path.exists():
         raise SceneError(path, "no such SRDF file", "give its path, from the scene file on")
-    text = read_text(path, "give an SRDF file", SceneError)
-    root = read_xml(text, path, "give an SRDF file", SceneError)
+    root = read_xml(read_text(path, "give an SRDF file", SceneError), path, "give an SRDF file", SceneError)
     if root.tag != "robot":
         raise SceneError(path, f"the root element is <{root.tag}>, not <robot>", "give an SRDF file")
     if root.get("name") != arm.name:
-        raise SceneError(
-            path, f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}", "give this robot's SRDF"
-        )
+        what = f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}"
+        raise SceneError(path, what, "give this robot's SRDF")
     links = {frame.name for frame in arm.model.frames if frame.type == pin.FrameType.BODY}
     found = {}
     for element in root.findall("disable_collisions"):
-        pair = [element.get("link1", ""), element.get("link2", "")]
-        unknown = [name for name in pair if name not in links]
-        if unknown:
-            raise SceneError(path, f"the robot has no link {unknown[0]!r}", "give this robot's SRDF")
-        found[frozenset(pair)] = f"left out by {path.name}: {element.get('reason', 'no reason given')}"
+        pair = frozenset((element.get("link1", ""), element.get("link2", "")))
+        for name in sorted(pair - links):
+            raise SceneError(path, f"the robot has no link {name!r}", "give this robot's SRDF")
+        found[pair] = f"left out by {path.name}: {element.get('reason', 'no reason given')}"
     return found

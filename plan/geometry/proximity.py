@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import coal
 import numpy as np
@@ -37,7 +37,6 @@ class Proximity:
             self._geometry.addGeometryObject(shape)
         for a, b in self._sides:
             self._geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
-        self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._data = self._model.createData()
         self._geometry_data = self._geometry.createData()
         self._request = coal.DistanceRequest()
@@ -75,49 +74,51 @@ class Proximity:
         return np.linalg.norm(outside, axis=1) - self._radius[second]
 
     def near_distances(
-        self, q: Float[Array, " n"], beyond: float | Array, known: Float[Array, " P"] | None = None
+        self, q: Float[Array, " n"], beyond: Float[Array, " P"], known: Float[Array, " P"]
     ) -> Float[Array, " P"]:
         """Signed distance of the pairs that may be nearer than a given distance, a lower bound of the others' [m].
 
         Args:
             q: Position [rad].
-            beyond: That distance, for all pairs or for each [m].
+            beyond: That distance, for each pair [m].
             known: Lower bounds that are known from elsewhere [m].
         """
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
         )
-        far = np.broadcast_to(np.asarray(beyond), len(self._pairs))[self._owner]
-        found = self._bounds(np.arange(len(self._sides)))
-        if known is not None:
-            found = np.maximum(found, known[self._owner])
-        for which in np.flatnonzero(found < far):
+        found = np.maximum(self._bounds(np.arange(len(self._sides))), known[self._owner])
+        for which in np.flatnonzero(found < beyond[self._owner]):
             pin.computeDistance(self._geometry, self._geometry_data, int(which))
             found[which] = self._geometry_data.distanceResults[int(which)].min_distance - self._grown[which]
         return self._least(found)
 
     def gradients(
-        self, q: Float[Array, "m n"], pairs: Int[Array, " m"], pieces: Sequence[Box | None]
+        self, q: Float[Array, "m n"], pairs: Int[Array, " m"], pieces: Mapping[int, Box]
     ) -> Float[Array, "m n"]:
         """Derivatives of some pairs' signed distances by the joints [m/rad], each at its own position.
 
         The distance along the normal n from the first shape to the second changes by nᵀ(J₂ − J₁), each Jacobian taken
         at its witness point.
+
+        Args:
+            q: Position for each pair [rad].
+            pairs: The pairs.
+            pieces: Of a shape of many bodies the nearest, by the pair's place in `pairs`: it is looked at in its place.
         """
         points, normals = np.zeros((len(q), 2, 3)), np.zeros((len(q), 3))
         q = np.ascontiguousarray(q, dtype=float)
         moved = np.append(True, np.any(q[1:] != q[:-1], axis=1))
-        for row, (pair, piece) in enumerate(zip(pairs, pieces, strict=True)):
+        for row, pair in enumerate(pairs):
             if moved[row]:
                 pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q[row])
-            found = self._nearest(int(pair), piece)
+            found = self._nearest(int(pair), pieces.get(row))
             points[row] = found.getNearestPoint1(), found.getNearestPoint2()
             normals[row] = found.normal
         joints = self._joints[self._pairs[np.asarray(pairs, dtype=np.int64)]]
         return np.asarray(slopes_of_points(self._chain, q, joints, points, normals))
 
     def _nearest(self, pair: int, piece: Box | None) -> coal.DistanceResult:
-        """Nearest points of a pair's nearest two parts; where the arm is stands in the data."""
+        """Nearest points of a pair's nearest two parts, or of a piece and its second shape, where the arm is now."""
         both = self._first[pair] + np.arange(self._counts[pair])
         bounds = self._bounds(both) if len(both) > 1 and piece is None else np.full(len(both), -np.inf)
         best = None
@@ -138,5 +139,5 @@ class Proximity:
         place = self._geometry_data.oMg[second]
         sides = (piece.solid.for_coal(), coal.Transform3s(np.array(piece.rotation), np.array(piece.centre)))
         there = coal.Transform3s(place.rotation, place.translation)
-        coal.distance(*sides, self._shapes[second], there, self._request, result)
+        coal.distance(*sides, self._geometry.geometryObjects[second].geometry, there, self._request, result)
         return result

@@ -8,23 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.robot.arm import ArmModel
-from ident.robot.chain import Chain
+from ident.robot.chain import compute_joint_poses
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, arm_shapes
 from plan.geometry.boxes import Box
-from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
-from plan.geometry.link_pairs import (
-    FLOOR,
-    Unchecked,
-    drop_always,
-    find_standing,
-    link_pairs,
-    names_of_pair,
-    unchecked_pair,
-)
+from plan.geometry.compiled import CompiledBodies, Tree, World, build_tree, compile_bodies, make_world
+from plan.geometry.link_pairs import FLOOR, OVERLAP, Unchecked, choose_pairs, random_positions
 from plan.geometry.margins import Margins
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
@@ -33,8 +24,6 @@ from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep
 from plan.geometry.tool import Carried, allowed_touches, place_carried
 from plan.spline import Splines
 
-# Why a pair is dropped that could hit: the shapes, as they are known here, do so nearly everywhere.
-OVERLAP = "their shapes overlap in most positions"
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
 SHARP = 0.01
 # Links with no more joints between them than this, the share of so many positions in which "hardly ever" is meant, and
@@ -78,7 +67,6 @@ class Scene:
         cls,
         arm: ArmModel,
         obstacles: Sequence[Box] = (),
-        self_collision: bool = True,
         stand_in: str | None = None,
         carried: Sequence[Carried] = (),
         disabled: Mapping[frozenset[str], str] | None = None,
@@ -88,7 +76,6 @@ class Scene:
         Args:
             arm: The arm.
             obstacles: Shapes fixed to the world.
-            self_collision: Whether link pairs are checked.
             stand_in: What stands in for links that the URDF gives no shape.
             carried: What the arm carries.
             disabled: Pairs of links to leave out, by name, with the reason.
@@ -98,24 +85,10 @@ class Scene:
         """
         shapes = arm_shapes(arm, stand_in)
         links = place_carried(arm, shapes.boxes, carried)
-        pairs, unchecked = link_pairs(arm, links)
-        left_out = {**(disabled or {}), **allowed_touches(carried)}
-        unchecked += [
-            unchecked_pair(links, pair, left_out[k]) for pair in pairs if (k := names_of_pair(links, pair)) in left_out
-        ]
-        pairs = [pair for pair in pairs if names_of_pair(links, pair) not in left_out]
-        if not self_collision:
-            unchecked += [unchecked_pair(links, pair, "self-collision is not asked for") for pair in pairs]
-            pairs = []
-        kept, always = drop_always(arm, links, pairs)
-        unchecked += [unchecked_pair(links, pair, OVERLAP) for pair in always]
-        moving = [i for i, box in enumerate(links) if box.joint > 0]
-        standing = find_standing(arm, links, obstacles)
-        unchecked += [Unchecked((links[i].name, obstacles[k].name), "it stands there") for k, i in standing]
-        outside = [(len(links) + k, i) for k in range(len(obstacles)) for i in moving if (k, i) not in standing]
-        every = np.array([*kept, *outside], dtype=np.int64).reshape(-1, 2)
+        pairs, unchecked = choose_pairs(arm, links, obstacles, {**(disabled or {}), **allowed_touches(carried)})
+        every = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         every.setflags(write=False)
-        return cls(arm, (*links, *obstacles), every, tuple(dict.fromkeys(unchecked)), shapes)
+        return cls(arm, (*links, *obstacles), every, unchecked, shapes)
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
@@ -132,14 +105,16 @@ class Scene:
         """The obstacles that a way leads round: all but the floor, which has no sides."""
         return tuple(box for box in self.obstacles if box.name != FLOOR)
 
-    def pair_name(self, pair: int) -> str:
-        """The two shapes of a pair, in words."""
-        return " and ".join(self.names_of(pair))
-
     def names_of(self, pair: int) -> tuple[str, str]:
         """Names of the two shapes of a pair, the one farther from the base first."""
         first, second = self.pairs[pair]
         return self.boxes[second].name, self.boxes[first].name
+
+    def pair_name(self, pair: int) -> str:
+        """The two shapes of a pair, in words."""
+        return " and ".join(self.names_of(pair))
+
+    # Compiled: gaps that are never above the distance, thousands of positions at a time.
 
     def gaps(
         self, q: Float[Array, "T n"], beyond: float = 1e9, wanted: Bool[Array, "T P"] | None = None
@@ -151,38 +126,12 @@ class Scene:
             beyond: Gap that may stand for any larger one: far pairs then cost next to nothing [m].
             wanted: Which pairs to look at, position by position, if not all; `beyond` stands for the others.
         """
-        which = ALL if wanted is None else wanted
-        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond, which))
+        return self._gaps(self.pairs, q, beyond, ALL if wanted is None else wanted)
 
-    def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
-        """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
-        pieces: list[Box | None] = [None] * len(pairs)
-        rows = np.flatnonzero(np.isin(pairs, self._pieced))
-        for row, piece in zip(rows, self._pieces(q[rows], pairs[rows]), strict=True):
-            pieces[row] = piece
-        return self.proximity.gradients(q, pairs, pieces)
-
-    @cached_property
-    def own(self) -> Bool[Array, " P"]:
-        """Which pairs are of the arm itself and what it carries; the others are with the world."""
-        return np.asarray(self.pairs[:, 0] < self._links)
-
-    @cached_property
-    def widest(self) -> Float[Array, " P"]:
-        """Gap that links beside one another hardly ever exceed, whatever the position [m]; infinite for other pairs."""
-        joint = np.array([box.joint for box in self.boxes])
-        beside = self.own & (joint[self.pairs[:, 1]] - joint[self.pairs[:, 0]] <= BESIDE)
-        low, high = np.maximum(self.arm.lower, -np.pi), np.minimum(self.arm.upper, np.pi)
-        q = np.random.default_rng(0).uniform(low, high, (DRAWN, self.arm.n))  # fixed: a property of the arm
-        found = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
-        usual = np.quantile(found, HARDLY, axis=0)
-        return freeze(np.where(beside & (usual > 0.0) & (usual < WIDE), usual, np.inf))
-
-    def by_body(self, pairs: Float[Array, " P"]) -> Float[Array, " c"]:
-        """Numbers of the pairs of links, then for each moving link the least of its pairs with the world."""
-        world = np.full(len(self._moving), np.inf)
-        np.minimum.at(world, np.searchsorted(self._moving, self.pairs[~self.own, 1]), pairs[~self.own])
-        return np.concatenate([pairs[self.own], world])
+    def _gaps(self, pairs: Array, q: Array, beyond: float, wanted: Array = ALL) -> Array:
+        if len(pairs) == 0:
+            return np.empty((len(q), 0))
+        return np.asarray(gaps_of_states(self._world, pairs, _rows(q), beyond, wanted))
 
     def separation(
         self, q: Float[Array, "T n"], margins: Margins | float = 0.0, most: float = 1.0
@@ -199,12 +148,13 @@ class Scene:
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
+        between, moving, levers = self._swept
+        kept = margins.bodies if isinstance(margins, Margins) else np.full(len(levers), float(margins))
         parts = (splines.points, splines.slopes, splines.durations)
-        bodies = self._between, self._moving, self._tree, self._sweep_levers
-        count = len(self._between) + len(self._moving)
-        kept = margins.bodies if isinstance(margins, Margins) else np.full(count, float(margins))
-        found = sweep(*self._world, *bodies, parts, kept)
+        found = sweep(self._world, between, moving, levers, parts, kept)
         return np.minimum(found[:, 0], 1.0), found[:, 1]
+
+    # Exact: by Coal, one position at a time.
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
@@ -226,23 +176,75 @@ class Scene:
             target: Distance that is asked about, of all pairs or of each; minus infinity for those not of interest [m].
             near: How far beyond it exact distances are wanted [m].
         """
-        if len(self._pieced) == 0:
-            return self.proximity.near_distances(q, target + near)
         known, beyond = np.full(len(self.pairs), -np.inf), np.zeros(len(self.pairs)) + target + near
-        pieced = self.pairs[self._pieced]
-        gaps = gaps_of_states(*self._world, pieced, self._tree, _rows(q[None]), float(np.max(beyond)), ALL)[0]
-        known[self._pieced], beyond[self._pieced] = gaps, beyond[self._pieced] - near + min(near, SHARP)
+        if len(self._pieced):
+            known[self._pieced] = self._gaps(self.pairs[self._pieced], q[None], float(np.max(beyond)))[0]
+            beyond[self._pieced] += min(near, SHARP) - near
         return self.proximity.near_distances(q, beyond, known)
+
+    def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
+        """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
+        rows = np.flatnonzero(np.isin(pairs, self._pieced))
+        bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], _rows(q[rows])) if len(rows) else ()
+        return self.proximity.gradients(q, pairs, dict(zip(rows, map(self._piece, bodies), strict=True)))
+
+    def _piece(self, number: int) -> Box:
+        """A body of what stands in the world as a shape by itself."""
+        bodies = self._compiled[0]
+        solid = Solid.simple("sphere", bodies.radius[number])
+        if bodies.number[number] > 0:
+            corners = bodies.corners[bodies.first[number] :][: bodies.number[number]]
+            flat = len(corners) == 3
+            solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
+        return Box.around(self.boxes[bodies.owner[number]].name, solid, 0, bodies.rot[number], bodies.at[number])
+
+    def _engulfed(self, q: Array, pair: int) -> bool:
+        """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
+        mesh, link = (self.boxes[i] for i in self.pairs[pair])
+        rotation, at = (part[0] for part in compute_joint_poses(self.arm.chain, q[None], [link.joint])[link.joint])
+        corner = link.solid.points[0] if len(link.solid.points) else np.zeros(3)
+        point = at + rotation @ (link.centre + link.rotation @ corner)
+        return holds(mesh.solid, mesh.rotation.T @ (point - mesh.centre))
+
+    # What is worked out once.
+
+    @cached_property
+    def own(self) -> Bool[Array, " P"]:
+        """Which pairs are of the arm itself and what it carries; the others are with the world."""
+        return np.asarray(self.pairs[:, 0] < self._links)
+
+    @cached_property
+    def widest(self) -> Float[Array, " P"]:
+        """Gap that links beside one another hardly ever exceed, whatever the position [m]; infinite for other pairs."""
+        joint = np.array([box.joint for box in self.boxes])
+        beside = self.own & (joint[self.pairs[:, 1]] - joint[self.pairs[:, 0]] <= BESIDE)
+        q = random_positions(self.arm, DRAWN)
+        found = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
+        usual = np.quantile(found, HARDLY, axis=0)
+        return freeze(np.where(beside & (usual > 0.0) & (usual < WIDE), usual, np.inf))
+
+    def by_body(self, pairs: Float[Array, " P"]) -> Float[Array, " c"]:
+        """Numbers of the pairs of links, then for each moving link the least of its pairs with the world."""
+        moving = self._swept[1]
+        world = np.full(len(moving), np.inf)
+        np.minimum.at(world, np.searchsorted(moving, self.pairs[~self.own, 1]), pairs[~self.own])
+        return np.concatenate([pairs[self.own], world])
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:
-        """Most that a pair's gap can change for a unit of each joint [m/rad, or m/m]."""
-        reach = _reaches(self.arm, self.boxes)
-        out = np.zeros((len(self.pairs), self.arm.n))
-        for row, (a, b) in enumerate(self.pairs):
-            low, high = self.boxes[a].joint, self.boxes[b].joint
-            out[row, low:high] = reach[b, low:high]
-        return freeze(out)
+        """Most that a pair's gap can change for a unit of each joint [m/rad, or m/m].
+
+        No point of the outer shape is farther from a joint's axis than the links between reach, stretched out.
+        """
+        chain, (inner, outer) = self.arm.chain, self.pairs.T
+        stroke = np.where(chain.sliding > 0, np.maximum(np.abs(self.arm.lower), np.abs(self.arm.upper)), 0.0)
+        ends = np.cumsum(np.append(0.0, np.linalg.norm(chain.offsets, axis=1) + stroke))
+        joints = np.array([box.joint for box in self.boxes], dtype=np.int64)
+        far = np.array([box.farthest for box in self.boxes])
+        reach = (far + ends[joints])[outer][:, None] - ends[1:]
+        each = np.arange(self.arm.n)
+        moved = (joints[inner][:, None] <= each) & (each < joints[outer][:, None])
+        return freeze(np.where(moved, np.where(chain.sliding > 0, 1.0, reach), 0.0))
 
     @cached_property
     def proximity(self) -> Proximity:
@@ -250,41 +252,17 @@ class Scene:
         return Proximity(self.arm, self.boxes, self.pairs)
 
     @cached_property
+    def _swept(self) -> tuple[Int[Array, "p 2"], Int[Array, " m"], Float[Array, "c n"]]:
+        """Pairs of links, links that are checked against the world, and the levers of the ones and of the others."""
+        moving, first = np.unique(self.pairs[~self.own, 1], return_index=True)
+        levers = np.concatenate([self.levers[self.own], self.levers[~self.own][first]])
+        return np.ascontiguousarray(self.pairs[self.own]), moving, levers
+
+    @cached_property
     def _pieced(self) -> Int[Array, " s"]:
         """Pairs whose first shape is many bodies: a closed mesh, a height field or a cloud."""
         kinds = (*CLOSED, "cloud")
         return np.array([i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in kinds], dtype=np.int64)
-
-    def _pieces(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> list[Box]:
-        """The body of each such pair's first shape that is nearest to its link, each at its own position."""
-        if len(pairs) == 0:
-            return []
-        bodies, rows = self._bodies, self.pairs[pairs]
-        found = []
-        for body in nearest_of_states(*self._world, rows, self._tree, _rows(q)):
-            name, rotation, at = self.boxes[bodies.owner[body]].name, bodies.rot[body], bodies.at[body]
-            solid = Solid.simple("sphere", bodies.radius[body])
-            if bodies.number[body] > 0:
-                corners = bodies.corners[bodies.first[body] :][: bodies.number[body]]
-                flat = len(corners) == 3
-                solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
-            found.append(Box.around(name, solid, 0, rotation, at))
-        return found
-
-    def _engulfed(self, q: Array, pair: int) -> bool:
-        """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
-        mesh, link = (self.boxes[i] for i in self.pairs[pair])
-        rotation, at = self._frame(q, link.joint)
-        corner = link.solid.points[0] if len(link.solid.points) else np.zeros(3)
-        point = at + rotation @ (link.centre + link.rotation @ corner)
-        return holds(mesh.solid, mesh.rotation.T @ (point - mesh.centre))
-
-    def _frame(self, q: Array, joint: int) -> tuple[Array, Array]:
-        if joint == 0:
-            return np.eye(3), np.zeros(3)
-        data = self.arm.model.createData()
-        pin.forwardKinematics(self.arm.model, data, np.asarray(q, dtype=float))
-        return data.oMi[joint].rotation.copy(), data.oMi[joint].translation.copy()
 
     @cached_property
     def _links(self) -> int:
@@ -292,60 +270,22 @@ class Scene:
         return sum(box.body >= 0 for box in self.boxes)
 
     @cached_property
-    def _bodies(self) -> CompiledBodies:
-        return compile_bodies(self.boxes)
-
-    @property
-    def _world(self) -> tuple[Chain, CompiledBodies, int, tuple[Array, Array]]:
-        return self.arm.chain, self._bodies, self._links, self._room
-
-    @property
-    def _room(self) -> tuple[Array, Array]:
-        """Room for placements, one for each thread: what stands in the world is in its place there already."""
-        if not hasattr(self._rooms, "found"):
-            self._rooms.found = (self._bodies.rot.copy(), self._bodies.at.copy())
-        found: tuple[Array, Array] = self._rooms.found
-        return found
+    def _compiled(self) -> tuple[CompiledBodies, Tree]:
+        bodies = compile_bodies(self.boxes)
+        return bodies, build_tree(bodies, len(self.boxes), self._links)
 
     @cached_property
     def _rooms(self) -> threading.local:
         return threading.local()
 
-    @cached_property
-    def _tree(self) -> Tree:
-        return build_tree(self._bodies, len(self.boxes), self._links)
-
-    @cached_property
-    def _between(self) -> Int[Array, "p 2"]:
-        """Pairs of links."""
-        return np.ascontiguousarray(self.pairs[self.pairs[:, 0] < self._links])
-
-    @cached_property
-    def _moving(self) -> Int[Array, " m"]:
-        """Links that are checked against what stands in the world."""
-        return np.unique(self.pairs[self.pairs[:, 0] >= self._links, 1])
-
-    @cached_property
-    def _sweep_levers(self) -> Float[Array, "c n"]:
-        """Levers of the pairs of links, then of each link against the world."""
-        reach = _reaches(self.arm, self.boxes)
-        carrier = np.array([box.joint for box in self.boxes], dtype=np.int64)[self._moving]
-        alone = np.arange(self.arm.n) < carrier[:, None]  # no joint beyond a link moves it
-        return np.concatenate([self.levers[: len(self._between)], reach[self._moving] * alone])
+    @property
+    def _world(self) -> World:
+        """For compiled loops, one for each thread."""
+        if not hasattr(self._rooms, "world"):
+            self._rooms.world = make_world(self.arm.chain, self._links, *self._compiled)
+        found: World = self._rooms.world
+        return found
 
 
 def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
     return np.ascontiguousarray(q, dtype=float)
-
-
-def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:
-    """Farthest that a point of each shape can be from each joint's axis [m]; 1 for a sliding joint."""
-    chain = arm.chain
-    stroke = np.where(chain.sliding > 0, np.maximum(np.abs(arm.lower), np.abs(arm.upper)), 0.0)
-    lengths = np.linalg.norm(chain.offsets, axis=1) + stroke
-    out = np.zeros((len(boxes), arm.n))
-    for i, box in enumerate(boxes):
-        far = box.farthest
-        for j in range(box.joint):
-            out[i, j] = 1.0 if chain.sliding[j] else far + lengths[j + 1 : box.joint].sum()
-    return out

@@ -52,20 +52,27 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
-    """Signed separation of two bodies by number, placed at `rot` and `at` [m]; `warm` as in `simplex_gap`.
+def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
+    """Gap of the balls round two bodies [m]."""
+    apart = 0.0
+    for k in range(3):
+        apart += (bodies.placed_at[i, k] - bodies.placed_at[j, k]) ** 2
+    return math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
+    """Signed separation of two bodies by number, in their places [m]; `warm` as in `simplex_gap`.
 
     What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower bound above it may
     come back.
     """
+    rot, at = bodies.placed_rot, bodies.placed_at
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
     known = min(band, enough)
     if not simple or extra > 0.0:
-        apart = 0.0
-        for k in range(3):
-            apart += (at[i, k] - at[j, k]) ** 2
-        bound = math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
+        bound = ball_gap(i, j, bodies)
         if bound > known:
             return bound
     if simple:
@@ -76,13 +83,13 @@ def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no
         bound = box_gap(rot[i], at[i], bodies.half[i], rot[j], at[j], bodies.half[j])
     if bound > known:
         return bound
-    return max(bound, simplex_gap(i, j, rot, at, bodies, known + extra, warm) - extra)
+    return max(bound, simplex_gap(i, j, bodies, known + extra, warm) - extra)
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def shape_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
+def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
     """As `body_gap`, of hulls that may have parts: where they are near, the smallest gap of any of these [m]."""
-    gap = body_gap(i, j, rot, at, bodies, warm, enough, band)
+    gap = body_gap(i, j, bodies, warm, enough, band)
     if bodies.parts[i] + bodies.parts[j] == 0 or gap > min(enough, band):
         return gap
     first, last = (bodies.part[i], bodies.part[i] + bodies.parts[i]) if bodies.parts[i] > 0 else (i, i + 1)
@@ -91,5 +98,5 @@ def shape_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[n
     for a in range(first, last):
         for b in range(begin, end):
             seen[:] = warm
-            least = min(least, body_gap(a, b, rot, at, bodies, seen, min(enough, least), band))
+            least = min(least, body_gap(a, b, bodies, seen, min(enough, least), band))
     return max(gap, least)

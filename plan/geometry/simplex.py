@@ -42,9 +42,9 @@ def _scaled(a, share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _farthest(d, i, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
     """The farthest point of a body's core along a direction of the base frame."""
-    r = rot[i]
+    r, at = bodies.placed_rot[i], bodies.placed_at[i]
     lx = r[0, 0] * d[0] + r[1, 0] * d[1] + r[2, 0] * d[2]
     ly = r[0, 1] * d[0] + r[1, 1] * d[1] + r[2, 1] * d[2]
     lz = r[0, 2] * d[0] + r[1, 2] * d[1] + r[2, 2] * d[2]
@@ -60,40 +60,39 @@ def _farthest(d, i, rot, at, bodies):  # type: ignore[no-untyped-def]
                 best, chosen = along, m
         x, y, z = bodies.corners[chosen, 0], bodies.corners[chosen, 1], bodies.corners[chosen, 2]
     return (
-        at[i, 0] + r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
-        at[i, 1] + r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
-        at[i, 2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
+        at[0] + r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
+        at[1] + r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
+        at[2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
     )
 
 
 @njit(cache=True, nogil=True)
-def _difference(d, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _difference(d, i, j, bodies):  # type: ignore[no-untyped-def]
     """The nearest point of the cores' difference along a direction from j to i."""
-    return _minus(_farthest((-d[0], -d[1], -d[2]), i, rot, at, bodies), _farthest(d, j, rot, at, bodies))
+    return _minus(_farthest((-d[0], -d[1], -d[2]), i, bodies), _farthest(d, j, bodies))
 
 
 @njit(cache=True, nogil=True)
-def simplex_gap(i, j, rot, at, bodies, enough, warm):  # type: ignore[no-untyped-def]
+def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies' cores, their radii left out [m].
 
     Args:
         i, j: Numbers of the bodies.
-        rot, at: Placements of all bodies.
-        bodies: See `compiled.CompiledBodies`.
+        bodies: See `compiled.CompiledBodies`, in their places.
         enough: A gap that is known to be larger than this need not be known closer [m].
         warm: A direction to start from, if not zero: the one that was found here last time. It is replaced.
     """
     simplex, count = np.empty((4, 3)), 0
     x = (warm[0], warm[1], warm[2])
     if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
-        x = _minus(at[i], at[j])
+        x = _minus(bodies.placed_at[i], bodies.placed_at[j])
     length = math.sqrt(_dot(x, x))
     if length < 1e-12:
         x, length = (0.0, 0.0, 1.0), 1.0
     kept, best = _scaled(x, 1.0 / length), -1e300
     for _ in range(ROUNDS):
         d = _scaled(x, 1.0 / length)
-        w = _difference(d, i, j, rot, at, bodies)
+        w = _difference(d, i, j, bodies)
         gap = _dot(w, d)
         if gap > best:
             best, kept = gap, d
@@ -110,14 +109,14 @@ def simplex_gap(i, j, rot, at, bodies, enough, warm):  # type: ignore[no-untyped
         if count == 4 or length < 1e-10:
             break
     warm[0], warm[1], warm[2] = kept
-    return best if best > min(enough, 0.0) else _deepest(kept, i, j, rot, at, bodies)
+    return best if best > min(enough, 0.0) else _deepest(kept, i, j, bodies)
 
 
 @njit(cache=True, nogil=True)
-def _deepest(first, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
     """The largest gap (the least depth) found among some directions, the best of them improved step by step."""
     chosen, point, best = first, first, -1e300
-    away = _minus(at[i], at[j])
+    away, rot = _minus(bodies.placed_at[i], bodies.placed_at[j]), bodies.placed_rot
     for k in range(7):
         d = first
         if k < 6:
@@ -125,7 +124,7 @@ def _deepest(first, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
             d = (rot[body, 0, k % 3], rot[body, 1, k % 3], rot[body, 2, k % 3])
             if _dot(d, away) < 0.0:
                 d = _scaled(d, -1.0)
-        w = _difference(d, i, j, rot, at, bodies)
+        w = _difference(d, i, j, bodies)
         if _dot(w, d) > best:
             best, chosen, point = _dot(w, d), d, w
     step = TURN
@@ -135,7 +134,7 @@ def _deepest(first, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
         if length < 1e-12:
             break
         d = _minus(_scaled(chosen, math.cos(step)), side, -math.sin(step) / length)
-        w = _difference(d, i, j, rot, at, bodies)
+        w = _difference(d, i, j, bodies)
         if _dot(w, d) > best:
             best, chosen, point = _dot(w, d), d, w
         else:

@@ -13,7 +13,7 @@ from numba import njit
 
 from plan.dynamics.placement import joint_axis, place_bodies, place_frames
 from plan.geometry.compiled import DEEPEST
-from plan.geometry.separation import BAND, shape_gap
+from plan.geometry.separation import BAND, ball_gap, shape_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
 STEPS = 24
@@ -32,7 +32,14 @@ REMEMBERED = 256
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
+def _place_links(world, q, first, last):  # type: ignore[no-untyped-def]
+    """Puts links into their places at a position."""
+    place_frames(world.chain, q, world.frame_rot, world.frame_at)
+    place_bodies(world.bodies, first, last, world.frame_rot, world.frame_at)
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _world_gap(world, link, root, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 
     The body that was nearest last time, `hint`, is looked at first, and each from the direction in which it was seen
@@ -41,14 +48,15 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  
     """
     if root < 0:
         return most
+    tree, bodies = world.tree, world.bodies
     known, places = hint[0], seen.shape[0]
     low, high, anew = np.empty(3), np.empty(3), np.zeros(3)
-    _extent(link, rot, at, bodies, low, high)
+    _extent(bodies, link, low, high)
     stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
         warm = seen[known % places] if places > 0 else anew
-        best = min(best, shape_gap(known, link, rot, at, bodies, warm, best, band))
+        best = min(best, shape_gap(known, link, bodies, warm, best, band))
     while top > 0:
         top -= 1
         if bounds[top] >= best:
@@ -59,13 +67,12 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  
             if body == known:
                 continue
             anew[:] = 0.0
-            gap = shape_gap(body, link, rot, at, bodies, seen[body % places] if places > 0 else anew, best, band)
+            gap = shape_gap(body, link, bodies, seen[body % places] if places > 0 else anew, best, band)
             if gap < best:
                 best, hint[0] = gap, body
             continue
         a, b = tree.left[node], tree.right[node]
-        near_a = _node_gap(a, tree, low, high, link, rot, at, bodies, best)
-        near_b = _node_gap(b, tree, low, high, link, rot, at, bodies, best)
+        near_a, near_b = _node_gap(world, a, link, low, high, best), _node_gap(world, b, link, low, high, best)
         if near_a < near_b:  # the nearer child is put on top
             a, b, near_a, near_b = b, a, near_b, near_a
         if near_a < best:
@@ -78,12 +85,13 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _node_gap(node, tree, low, high, link, rot, at, bodies, enough):  # type: ignore[no-untyped-def]
+def _node_gap(world, node, link, low, high, enough):  # type: ignore[no-untyped-def]
     """Lower bound of a link's signed separation from whatever a node holds [m].
 
     The boxes along the base's axes are looked at first; where these are nearer than `enough`, the node's box against
     the link's own, along the link's axes: a long link that lies askew fills little of its box along the base's axes.
     """
+    tree, rot, at = world.tree, world.bodies.placed_rot, world.bodies.placed_at
     deep, square = -1e300, 0.0
     for k in range(3):
         apart = max(tree.low[node, k] - high[k], low[k] - tree.high[node, k])
@@ -94,7 +102,7 @@ def _node_gap(node, tree, low, high, link, rot, at, bodies, enough):  # type: ig
         return bound
     deep, square = -1e300, 0.0
     for m in range(3):
-        middle, reach = 0.0, bodies.half[link, m]
+        middle, reach = 0.0, world.bodies.half[link, m]
         for k in range(3):
             r = rot[link, k, m]
             middle += r * (0.5 * (tree.low[node, k] + tree.high[node, k]) - at[link, k])
@@ -103,6 +111,16 @@ def _node_gap(node, tree, low, high, link, rot, at, bodies, enough):  # type: ig
         deep = max(deep, apart)
         square += max(apart, 0.0) ** 2
     return max(bound, math.sqrt(square) if square > 0.0 else deep)
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _extent(bodies, body, low, high):  # type: ignore[no-untyped-def]
+    """Box along the base frame's axes round a body [m]."""
+    for k in range(3):
+        extent = 0.0
+        for m in range(3):
+            extent += abs(bodies.placed_rot[body, k, m]) * bodies.half[body, m]
+        low[k], high[k] = bodies.placed_at[body, k] - extent, bodies.placed_at[body, k] + extent
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -123,20 +141,26 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _ahead(link, low, spare, levers, peaks, t, duration, chain, frame_rot, at, frame_at, bodies, reach):  # type: ignore[no-untyped-def]
-    """Time from t on in which no point of a link moves farther than `spare` against a frame; the section ends at most.
+def _ahead(world, link, low, spare, levers, section):  # type: ignore[no-untyped-def]
+    """Time in which no point of a link moves farther than `spare` against frame `low`; the section ends at most.
 
     A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
+
+    Args:
+        world, link, low, spare: Whose motion, and how far.
+        levers: Most that a gap can change for a unit of each joint.
+        section: Top speeds of the joints in each of its parts, the time in it, and its duration.
     """
+    chain, bodies, reach, (peaks, t, duration) = world.chain, world.bodies, world.reach, section
     top = bodies.carrier[link]
     for j in range(low, top):
         if chain.sliding[j]:
             reach[j] = 1.0
             continue
-        axis = joint_axis(chain, frame_rot, j)
+        axis = joint_axis(chain, world.frame_rot, j)
         along, square = 0.0, 0.0
         for k in range(3):
-            away = at[link, k] - frame_at[j + 1, k]
+            away = bodies.placed_at[link, k] - world.frame_at[j + 1, k]
             along += axis[k] * away
             square += away * away
         reach[j] = min(levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare)
@@ -154,25 +178,20 @@ def _ahead(link, low, spare, levers, peaks, t, duration, chain, frame_rot, at, f
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond, wanted):  # type: ignore[no-untyped-def]
+def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
     Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: that itself stands for
     them. So of a hundred obstacles only those near the arm cost something.
 
     Args:
-        chain: The arm's kinematics.
-        bodies: Links first, then what stands in the world.
-        links: Number of links' bodies.
-        room: Axes and places of all bodies in the base frame; those of the links are overwritten.
-        pairs: Pairs of shapes; the first of a pair with the world is the world's, its number counted from the links.
-        tree: Of the world.
+        world: See `compiled.World`.
+        pairs: Pairs of shapes; the first of a pair with the world is the world's.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
         wanted: Which pairs are looked at, position by position, shape (T, P); all if it is empty.
     """
-    n, rot, at, root = q.shape[1], room[0], room[1], tree.root[-1]
-    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    tree, bodies, links, root = world.tree, world.bodies, world.links, world.tree.root[-1]
     out = np.full((q.shape[0], pairs.shape[0]), beyond)
     low, high = np.empty(3), np.empty(3)
     hints, warm, anew = np.full((pairs.shape[0], 1), -1), np.zeros(3), np.empty((0, 3))
@@ -182,23 +201,22 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond, wanted): 
         if pairs[p, 0] >= links:
             column[pairs[p, 1], pairs[p, 0] - links] = p
     for t in range(q.shape[0]):
-        place_frames(chain, q[t], frame_rot, frame_at)
-        place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+        _place_links(world, q[t], 0, links)
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0], pairs[p, 1]
             if a < links and (len(wanted) == 0 or wanted[t, p]):
                 warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
-                gap = _ball_gap(a, b, at, bodies)
-                out[t, p] = gap if gap > beyond else shape_gap(a, b, rot, at, bodies, warm, FAR)
+                gap = ball_gap(a, b, bodies)
+                out[t, p] = gap if gap > beyond else shape_gap(a, b, bodies, warm, FAR)
         for b in range(links):
             if root < 0 or column[b].max() < 0:
                 continue
-            _extent(b, rot, at, bodies, low, high)
+            _extent(bodies, b, low, high)
             stack[0], top = root, 1
             while top > 0:
                 top -= 1
                 node = stack[top]
-                if _node_gap(node, tree, low, high, b, rot, at, bodies, beyond) > beyond:
+                if _node_gap(world, node, b, low, high, beyond) > beyond:
                     continue
                 if tree.left[node] >= 0:
                     stack[top], stack[top + 1] = tree.left[node], tree.right[node]
@@ -208,64 +226,36 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond, wanted): 
                 p = column[b, shape]
                 if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
                     done[p] = t
-                    out[t, p] = world_gap(b, tree.root[shape], tree, rot, at, bodies, 1e9, hints[p], anew)
+                    out[t, p] = _world_gap(world, b, tree.root[shape], 1e9, hints[p], anew)
     return out
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def nearest_of_states(chain, bodies, links, room, pairs, tree, q):  # type: ignore[no-untyped-def]
+def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     """The body of the world's shape that is nearest to the link, each pair at a position of its own, shape (m,).
 
     Args:
-        chain, bodies, links, room, tree: As in `gaps_of_states`.
+        world: See `compiled.World`.
         pairs: Shape of the world and link of each, shape (m, 2).
         q: Positions, shape (m, n) [rad].
     """
-    n, rot, at = q.shape[1], room[0], room[1]
-    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     out, hint, anew = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.empty((0, 3))
     for t in range(q.shape[0]):
         a, b = pairs[t, 0], pairs[t, 1]
-        place_frames(chain, q[t], frame_rot, frame_at)
-        place_bodies(bodies, b, b + 1, frame_rot, frame_at, rot, at)
+        _place_links(world, q[t], b, b + 1)
         if t > 0 and a != pairs[t - 1, 0]:
             hint[0] = -1  # a body of another shape
-        world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, hint, anew, 1e9)
+        _world_gap(world, b, world.tree.root[a - world.links], 1e9, hint, anew, 1e9)
         out[t] = hint[0]
     return out
 
 
-@njit(cache=True, nogil=True)
-def _unseen(links, bodies):  # type: ignore[no-untyped-def]
-    """Places for the directions in which each link sees what stands in the world."""
-    return np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
-
-
 @njit(cache=True, fastmath=True, nogil=True)
-def _ball_gap(a, b, at, bodies):  # type: ignore[no-untyped-def]
-    """Gap of the balls round two bodies [m]."""
-    apart = 0.0
-    for k in range(3):
-        apart += (at[a, k] - at[b, k]) ** 2
-    return math.sqrt(apart) - bodies.ball[a] - bodies.ball[b]
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def _extent(body, rot, at, bodies, low, high):  # type: ignore[no-untyped-def]
-    """Box along the base frame's axes round a body [m]."""
-    for k in range(3):
-        extent = 0.0
-        for m in range(3):
-            extent += abs(rot[body, k, m]) * bodies.half[body, m]
-        low[k], high[k] = at[body, k] - extent, at[body, k] + extent
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, margins):  # type: ignore[no-untyped-def]
+def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-untyped-def]
     """Smallest gap beyond its margin along each trajectory, skipping as far as gap and top speed allow.
 
     Args:
-        chain, bodies, links, room, tree: As in `gaps_of_states`.
+        world: See `compiled.World`.
         pairs: Pairs of links.
         moving: Links that are checked against the world, each as a whole.
         levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
@@ -276,12 +266,12 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
         Smallest gap − margin seen [m] and the mean over time of the worst max(margin − gap, 0) [m], shape (B, 2).
     """
     points, slopes, h = splines
+    bodies, links, root = world.bodies, world.links, world.tree.root[-1]
     batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
-    rot, at, frame_rot, frame_at = room[0], room[1], np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    between, count, root = pairs.shape[0], pairs.shape[0] + moving.shape[0], tree.root[-1]
-    q, clear, hints = np.empty(n), np.empty(count), np.full((links + 1, 1), -1)
-    warm, seen, out = np.zeros((between, 3)), _unseen(links, bodies), np.empty((batch, 2))
-    parts, reach = np.empty((PARTS, n)), np.empty(n)
+    between, count = pairs.shape[0], pairs.shape[0] + moving.shape[0]
+    q, clear, hints, peaks = np.empty(n), np.empty(count), np.full((links + 1, 1), -1), np.empty((PARTS, n))
+    seen = np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
+    warm, out = np.zeros((between, 3)), np.empty((batch, 2))
     for b in range(batch):
         least, violation, total = 1e9, 0.0, 0.0
         for k in range(sections):
@@ -289,7 +279,7 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
             total += duration
             for p in range(count):
                 clear[p] = 0.0
-            _top_speeds(points[b, k : k + 2], slopes[b, k : k + 2], duration, parts)
+            _top_speeds(points[b, k : k + 2], slopes[b, k : k + 2], duration, peaks)
             coarse, t = duration / STEPS, 0.0
             while True:
                 s = t / duration
@@ -298,43 +288,26 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                     v0, v1 = slopes[b, k, j] * duration, slopes[b, k + 1, j] * duration
                     d = q1 - q0
                     q[j] = q0 + s * (v0 + s * (3.0 * d - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * d)))
-                place_frames(chain, q, frame_rot, frame_at)
-                place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+                _place_links(world, q, 0, links)
                 worst, ahead = 1e9, duration
                 for p in range(count):
                     if clear[p] <= t:
                         if p < between:
                             low, link = bodies.carrier[pairs[p, 0]], pairs[p, 1]
-                            gap = shape_gap(pairs[p, 0], link, rot, at, bodies, warm[p], FAR)
+                            gap = shape_gap(pairs[p, 0], link, bodies, warm[p], FAR)
                         else:
                             low, link = 0, moving[p - between]
-                            gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], seen[link])
+                            gap = _world_gap(world, link, root, FAR, hints[link], seen[link])
                         gap -= margins[p]
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.
-                        spare = max(abs(gap), FINE)
-                        ahead_p = _ahead(
-                            link,
-                            low,
-                            spare,
-                            levers[p],
-                            parts,
-                            t,
-                            duration,
-                            chain,
-                            frame_rot,
-                            at,
-                            frame_at,
-                            bodies,
-                            reach,
-                        )
-                        clear[p] = t + (ahead_p if gap > 0.0 else min(max(ahead_p, SHORTEST * coarse), coarse))
+                        safe = _ahead(world, link, low, max(abs(gap), FINE), levers[p], (peaks, t, duration))
+                        clear[p] = t + (safe if gap > 0.0 else min(max(safe, SHORTEST * coarse), coarse))
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)
-                step = ahead - t
-                violation += max(-worst, 0.0) * step
+                violation += max(-worst, 0.0) * (ahead - t)
                 if t >= duration:
                     break
-                t = min(t + step, duration)
+                t = min(ahead, duration)
         out[b, 0], out[b, 1] = least, violation / total
     return out
