@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
 from ident.model.joint_nets import ROWS, JointNets, NetBounds, silu
@@ -16,18 +17,30 @@ from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNe
 Layers = list[tuple[Array, Array]]
 
 
-class ResidualTerm(Protocol):
-    """What the planner needs of a net."""
+@dataclass(frozen=True, eq=False)
+class ResidualTerm(ABC):
+    """A residual net for a planner.
+
+    Attributes:
+        weights: One array a layer.
+        biases: One array a layer.
+    """
+
+    weights: tuple[Array, ...]
+    biases: tuple[Array, ...]
 
     @property
     def products(self) -> int:
         """Multiplications of one evaluation."""
+        return sum(weight.size for weight in self.weights)
 
+    @abstractmethod
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
     ) -> Float[Array, "T n"]:
         """Residual torque, computed in single precision [N m]."""
 
+    @abstractmethod
     def add_slopes(self, states: list[Array], rigid: Float[Array, "T n"], sums: tuple[Array, Array, Array]) -> Array:
         """Residual torque in double precision; its derivatives are added to the rigid torque's.
 
@@ -37,6 +50,7 @@ class ResidualTerm(Protocol):
             sums: Derivatives of the rigid torque by these three, each shape (T, n, n).
         """
 
+    @abstractmethod
     def frozen(self, positions: Float[Array, " k"]) -> ResidualTerm:
         """The net of the first joints, with the last k joints at rest at given positions [rad]: exact."""
 
@@ -46,17 +60,11 @@ def read_residual(net: ResidualNet) -> ResidualTerm:
     return (CompiledJointNets if isinstance(net.network, JointNets) else CompiledDenseNet).from_residual(net)
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledDenseNet:
+class CompiledDenseNet(ResidualTerm):
     """The paper's kind: one fully connected net from (q, dq, ddq) to all torques, tanh inside.
 
-    Attributes:
-        weights: One matrix a layer, shape (out, in).
-        biases: One vector a layer.
+    A layer's weights have shape (out, in), its biases (out,).
     """
-
-    weights: tuple[Float[Array, "o i"], ...]
-    biases: tuple[Float[Array, " o"], ...]
 
     @classmethod
     def from_residual(cls, net: ResidualNet) -> CompiledDenseNet:
@@ -79,11 +87,6 @@ class CompiledDenseNet:
         biases = (self.biases[0] + self.weights[0] @ fixed, *self.biases[1:-1], self.biases[-1][:kept])
         weights = (self.weights[0][:, columns], *self.weights[1:-1], self.weights[-1][:kept])
         return CompiledDenseNet(weights, biases)
-
-    @property
-    def products(self) -> int:
-        """Multiplications of one evaluation."""
-        return sum(weight.size for weight in self.weights)
 
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
@@ -116,19 +119,16 @@ class CompiledDenseNet:
 
 
 @dataclass(frozen=True, eq=False)
-class CompiledJointNets:
+class CompiledJointNets(ResidualTerm):
     """The default kind: small nets for each joint, averaged over members, SiLU inside.
 
     A joint's inputs are dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, and √(τ² + ε²) tanh(dq / v₁).
+    A layer's weights have shape (members, n, in, out), its biases (members, n, out).
 
     Attributes:
-        weights: One array a layer, shape (members, n, in, out).
-        biases: One array a layer, shape (members, n, out).
         bounds: Speeds, accelerations and loads of the training; beyond them the net gives what it gives at their edge.
     """
 
-    weights: tuple[Float[Array, "m n i o"], ...]
-    biases: tuple[Float[Array, "m n o"], ...]
     bounds: NetBounds | None = None
 
     @classmethod
@@ -161,11 +161,6 @@ class CompiledJointNets:
         if self.bounds is None:
             return inputs
         return np.clip(inputs, self.bounds.low[:, j, None], self.bounds.high[:, j, None])
-
-    @property
-    def products(self) -> int:
-        """Multiplications of one evaluation."""
-        return sum(weight.size for weight in self.weights)
 
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
@@ -228,7 +223,7 @@ class CompiledJointNets:
         weights, biases = [w[:, j] for w in self.weights], [b[:, j] for b in self.biases]
         members = len(weights[0])
         layers = [(np.concatenate(list(weights[0]), axis=1), biases[0].reshape(-1))]
-        layers += [(_block_diagonal(w), b.reshape(-1)) for w, b in zip(weights[1:-1], biases[1:-1], strict=True)]
+        layers += [(block_diag(*w), b.reshape(-1)) for w, b in zip(weights[1:-1], biases[1:-1], strict=True)]
         return [*layers, (weights[-1].reshape(-1, 1) / members, biases[-1].mean(axis=0))]
 
     @cached_property
@@ -245,13 +240,6 @@ def _features(v: Float[Array, " T"], a: Float[Array, " T"], load: Float[Array, "
 def _chunks(x: Float[Array, "T k"]) -> list[Float[Array, "t k"]]:
     """Rows in pieces whose hidden units stay in the processor's cache."""
     return [x[start:stop] for start, stop in pairwise([*range(0, max(len(x), 1), ROWS), len(x)])]
-
-
-def _block_diagonal(blocks: Float[Array, "m i o"]) -> Float[Array, "mi mo"]:
-    members, rows, columns = blocks.shape
-    out = np.zeros((members, rows, members, columns))
-    out[np.arange(members), :, np.arange(members)] = blocks
-    return out.reshape(members * rows, members * columns)
 
 
 def _to_single(layers: Layers) -> Layers:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.robot.arm import ArmModel
-from plan.dynamics.placement import frame_states
+from plan.dynamics.placement import frame_states, random_positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,4 @@ class Manipulability:
 
     @cached_property
     def _largest(self) -> float:
-        rng = np.random.default_rng(0)  # fixed: the scale is a property of the arm
-        low, high = np.maximum(self.arm.lower, -np.pi), np.minimum(self.arm.upper, np.pi)
-        return float(self._raw(rng.uniform(low, high, (2000, self.arm.n))).max())
+        return float(self._raw(random_positions(self.arm, 2000)).max())

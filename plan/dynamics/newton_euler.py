@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-
-from ident.arrays import Array, Float
-from ident.robot.chain import Chain
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -69,7 +65,7 @@ def _carried(a, alpha, omega, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=True, nogil=True)
 def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
-    """Newton-Euler of one state.
+    """Newton-Euler of one state: M ddq + C dq + G. Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
 
     Args:
         chain: The arm.
@@ -110,26 +106,3 @@ def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
             for k in range(3):
                 work[i - 1, 9 + k] += force[k]
                 work[i - 1, 12 + k] += moment[k]
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def _rnea_states(chain, q, dq, ddq):  # type: ignore[no-untyped-def]
-    tau, work = np.empty(q.shape), np.empty((q.shape[1], 18))
-    for t in range(q.shape[0]):
-        rnea(chain, q[t], dq[t], ddq[t], work, tau[t])
-    return tau
-
-
-def inverse_dynamics(
-    chain: Chain, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> Float[Array, "T n"]:
-    """Torque of the rigid chain, M ddq + C dq + G [N m].
-
-    Args:
-        chain: The arm.
-        q, dq, ddq: Joint states [rad, rad/s, rad/s²].
-
-    Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
-    """
-    states = (np.ascontiguousarray(values, dtype=float) for values in (q, dq, ddq))
-    return np.asarray(_rnea_states(chain, *states))

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ident.arrays import Array, Float
+from ident.robot.arm import ArmModel
 from plan.dynamics.newton_euler import cross, place_joint
+
+
+def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
+    """Positions all over the joints' range, always the same: what is asked of them is a property of the arm [rad]."""
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    return np.random.default_rng(0).uniform(low, high, (count, arm.n))
 
 
 @njit(cache=True, fastmath=True, nogil=True)

@@ -41,8 +41,9 @@ class TorqueModel(Protocol):
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _torque_states(chain, bm, cm, fc, offset, width, q, dq, ddq):  # type: ignore[no-untyped-def]
+def _torque_states(chain, losses, q, dq, ddq):  # type: ignore[no-untyped-def]
     """Rigid torque with losses, and rigid torque alone."""
+    bm, cm, fc, offset, width = losses
     tau, rigid = np.empty(q.shape), np.empty(q.shape)
     work = np.empty((q.shape[1], 18))
     for t in range(q.shape[0]):
@@ -84,7 +85,7 @@ class ChainTorque:
         )
         loss = self.losses
         parts = loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
-        tau, rigid = _torque_states(self.chain, *parts, flat_q, flat_dq, flat_ddq)
+        tau, rigid = _torque_states(self.chain, parts, flat_q, flat_dq, flat_ddq)
         if self.named:
             tau += named_torque(self.named, flat_q, flat_dq, rigid, self.losses.transition_speed)
         if self.net is not None:

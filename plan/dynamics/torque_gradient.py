@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.laws.carried import JointStates, NamedLaw, states_of
+from ident.laws.carried import states_of
 from plan.dynamics.newton_euler import rnea
 from plan.dynamics.power import ChainTorque
 
@@ -83,48 +83,27 @@ def differentiate_torque(
     states = [np.ascontiguousarray(part, dtype=float) for part in (q, dq, ddq)]
     rigid, by_q, by_v, by_a = _rigid_partials(model.chain, *states, STEP)  # type: ignore[call-arg]
     tau, losses, joints = rigid.copy(), model.losses, np.arange(model.n)
-    slip, slope = _rounded_sign(states[1], losses.transition_speed)
+    # Sign of the speed, rounded by tanh(v / width), and its slope; where the width is zero, that is not seen.
+    width = np.where(losses.transition_speed > 0.0, losses.transition_speed, np.inf)
+    slip = np.where(width < np.inf, np.tanh(states[1] / width), np.sign(states[1]))
+    slope = np.where(width < np.inf, (1.0 - slip**2) / width, 0.0)
     by_state = by_q, by_v, by_a
     # By what the load of each law's joint changes, before anything else is added to it.
     by_state_of_load = [[part[:, law.joint].copy() for part in by_state] for law in model.named]
     if model.net is not None:
         tau += model.net.add_slopes(states, rigid, by_state)
     for law, slopes_of_load in zip(model.named, by_state_of_load, strict=True):
-        j, at = law.joint, states_of(law.joint, states[0], states[1], rigid, slip)
+        j, at, found = law.joint, states_of(law.joint, states[0], states[1], rigid, slip), {}
+        for name in ("q", "dq", "slip", "load"):  # moduli have corners: there this is the mean of both sides
+            ends = (replace(at, **{name: getattr(at, name) + step}) for step in (LAW_STEP, -LAW_STEP))
+            up, down = map(law.torque, ends)
+            found[name] = (up - down) / (2.0 * LAW_STEP)
         tau[:, j] += law.torque(at)
-        by_own, by_rate, by_load = _law_slopes(law, at, slope[:, j])
         for part, rows in zip(by_state, slopes_of_load, strict=True):
-            part[:, j] += by_load[:, None] * rows
-        by_q[:, j, j] += by_own
-        by_v[:, j, j] += by_rate
+            part[:, j] += found["load"][:, None] * rows
+        by_q[:, j, j] += found["q"]
+        by_v[:, j, j] += found["dq"] + slope[:, j] * found["slip"]
     tau += losses.motor_inertia * states[2] + losses.viscous * states[1] + losses.coulomb * slip + losses.offset
     by_a[:, joints, joints] += losses.motor_inertia
     by_v[:, joints, joints] += losses.viscous + losses.coulomb * slope
     return TorqueDerivatives(tau, by_q, by_v, by_a)
-
-
-def _rounded_sign(v: Float[Array, "T n"], width: Float[Array, " n"]) -> tuple[Float[Array, "T n"], Float[Array, "T n"]]:
-    """tanh(v / width) and its slope; the sign and zero where the width is zero."""
-    safe = np.where(width > 0.0, width, 1.0)
-    rounded = np.tanh(v / safe)
-    return np.where(width > 0.0, rounded, np.sign(v)), np.where(width > 0.0, (1.0 - rounded**2) / safe, 0.0)
-
-
-def _law_slopes(
-    law: NamedLaw, at: JointStates, turning: Float[Array, " T"]
-) -> tuple[Float[Array, " T"], Float[Array, " T"], Float[Array, " T"]]:
-    """Derivatives of a friction law's torque by its joint's position, speed and load.
-
-    Moduli have corners: there a derivative is the mean of both sides.
-
-    Args:
-        law: Fitted.
-        at: States of its joint.
-        turning: Derivative of the direction by the speed [s/rad].
-    """
-
-    def slope(name: str) -> Float[Array, " T"]:
-        up, down = (law.torque(replace(at, **{name: getattr(at, name) + step})) for step in (LAW_STEP, -LAW_STEP))
-        return (up - down) / (2.0 * LAW_STEP)
-
-    return slope("q"), slope("dq") + turning * slope("slip"), slope("load")

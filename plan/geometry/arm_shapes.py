@@ -8,21 +8,20 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from plan.errors import MethodError
 from plan.geometry.boxes import Box
 from plan.geometry.convex_parts import convex_parts
-from plan.geometry.solids import Solid
+from plan.geometry.solids import Solid, mesh_triangles
 
 StandIn = Literal["visual", "capsules", "boxes"]
 STAND_INS: tuple[StandIn, ...] = get_args(StandIn)
@@ -56,13 +55,8 @@ class ArmShapes:
         """What is to be told of the links without a shape; None where all have one."""
         if not self.bare:
             return None
-        return TelemetryIssue(
-            "no_shape",
-            (),
-            "warning",
-            f"no <collision> of {', '.join(self.bare)}: {WORDS[self.stand_in or 'visual']} stand in",
-            "add <collision> to these links",
-        )
+        evidence = f"no <collision> of {', '.join(self.bare)}: {WORDS[self.stand_in or 'visual']} stand in"
+        return TelemetryIssue("no_shape", (), "warning", evidence, "add <collision> to these links")
 
     @property
     def coarser(self) -> str:
@@ -109,23 +103,21 @@ def arm_shapes(arm: ArmModel, wanted: str | None = None) -> ArmShapes:
     if stand_in is None and wanted is not None:
         raise MethodError("--shapes", f"{wanted!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
     meshes: list[tuple[str, int, float | None]] = []
-    found = _read(arm, arm.geometry.geometryObjects, meshes)
-    bare = bare_links(arm)
-    if not bare:
-        return ArmShapes(tuple(_ordered(arm, found)), meshes=tuple(meshes))
-    where = arm.source or arm.name
-    if stand_in is None:
+    found, bare, where = _read(arm, arm.geometry.geometryObjects, meshes), bare_links(arm), arm.source or arm.name
+    if bare and stand_in is None:
         remedy = f"add <collision> to them, or say what stands in: --shapes {', '.join(STAND_INS[:-1])} or boxes"
         raise RobotError(where, f"no_shape: no <collision> of {_list(bare)}, so nothing is known to keep clear", remedy)
-    if stand_in == "visual":
-        frames = [one for one in arm.visual_geometry.geometryObjects if _name(arm, one) in bare]
-        made = _read(arm, frames, meshes)
-        without = [name for name in bare if name not in {box.name for box in made}]
+    if bare and stand_in == "visual":
+        found += _read(arm, [one for one in arm.visual_geometry.geometryObjects if _name(arm, one) in bare], meshes)
+        without = tuple(name for name in bare if name not in {box.name for box in found})
         if without:
             raise RobotError(where, f"no_shape: {_list(without)}: no <visual> either", "use --shapes capsules or boxes")
-    else:
-        made = [_limb(arm, name, stand_in) for name in bare]
-    return ArmShapes(tuple(_ordered(arm, [*found, *made])), bare, stand_in, tuple(meshes))
+    elif bare:
+        found += [_limb(arm, name, stand_in == "capsules") for name in bare]
+    # Base to tip, and bodies numbered in that order: Pinocchio lists frames so.
+    frames = sorted({box.body for box in found})
+    ordered = (replace(box, body=frames.index(box.body)) for box in sorted(found, key=lambda box: box.body))
+    return ArmShapes(tuple(ordered), bare, stand_in if bare else None, tuple(meshes))
 
 
 def bare_links(arm: ArmModel) -> tuple[str, ...]:
@@ -136,67 +128,50 @@ def bare_links(arm: ArmModel) -> tuple[str, ...]:
     links = {link.get("name", ""): link for link in ET.fromstring(arm.urdf).findall("link")}
     carried = {frame.name: frame.parentJoint for frame in arm.model.frames if frame.type == pin.FrameType.BODY}
     shaped = {carried[name] for name, link in links.items() if link.find("collision/geometry") is not None}
-    bodies = [(name, link, carried[name]) for name, link in links.items() if name in carried]
     found = []
-    for name, link, joint in bodies:
-        if link.find("collision/geometry") is not None:
+    for name, link in links.items():
+        if name not in carried or link.find("collision/geometry") is not None:
             continue
+        mass = link.find("inertial/mass")
         if link.find("visual/geometry") is not None:
             found.append(name)
-        elif joint not in shaped and _mass(link) > WEIGHTLESS:
+        elif carried[name] not in shaped and mass is not None and float(mass.get("value", "0")) > WEIGHTLESS:
             found.append(name)
-            shaped.add(joint)  # one name a body is enough
-    order = {name: i for i, name in enumerate(carried)}
-    return tuple(sorted(found, key=lambda name: order[name]))
+            shaped.add(carried[name])  # one name a body is enough
+    return tuple(sorted(found, key=list(carried).index))
 
 
-def _mass(link: ET.Element) -> float:
-    element = link.find("inertial/mass")
-    return 0.0 if element is None else float(element.get("value", "0"))
-
-
-def _list(names: tuple[str, ...] | list[str]) -> str:
-    some = ", ".join(names[:6])
-    return some if len(names) <= 6 else f"{some} and {len(names) - 6} more"
-
-
-def _read(
-    arm: ArmModel, objects: Sequence[pin.GeometryObject], meshes: list[tuple[str, int, float | None]]
-) -> list[Box]:
-    """Boxes round Pinocchio's geometry objects; the exact shape is kept, a mesh as convex parts, which are entered."""
-    found = []
-    for shape in objects:
-        name, solid = _name(arm, shape), simple_solid(shape.geometry)
-        rotation, centre = shape.placement.rotation.copy(), shape.placement.translation.copy()
-        if solid is not None:
-            found.append(Box.around(name, solid, shape.parentJoint, rotation, centre, shape.parentFrame))
-            continue
-        parts = convex_parts(_triangles(arm, shape))
-        meshes.append((name, len(parts.corners), parts.excess))
-        found.append(Box.around_parts(name, parts.corners, shape.parentJoint, rotation, centre, shape.parentFrame))
-    return found
+def _list(names: tuple[str, ...]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _name(arm: ArmModel, shape: pin.GeometryObject) -> str:
     return str(arm.model.frames[shape.parentFrame].name)
 
 
-def _triangles(arm: ArmModel, shape: pin.GeometryObject) -> Float[Array, "m 3 3"]:
-    """Corners of a mesh's triangles [m].
+def _read(
+    arm: ArmModel, objects: Sequence[pin.GeometryObject], meshes: list[tuple[str, int, float | None]]
+) -> list[Box]:
+    """Boxes round Pinocchio's geometry objects; the exact shape is kept, a mesh as convex parts, which are entered.
 
     Raises:
-        RobotError: It has none, or one that is not finite.
+        RobotError: A mesh has no triangle, or one that is not finite.
     """
-    model = shape.geometry
-    points = np.array(model.vertices()) if hasattr(model, "vertices") else np.empty((0, 3))
-    if len(points) < 3 or not np.isfinite(points).all():
-        raise RobotError(
-            arm.source or arm.name,
-            f"link {_name(arm, shape)}: the mesh {shape.meshPath} has no finite triangle",
-            "mend or replace that mesh",
-        )
-    corners = [[corner[k] for k in range(3)] for corner in map(model.tri_indices, range(model.num_tris))]
-    return points[np.array(corners, dtype=np.int64).reshape(-1, 3)]
+    found = []
+    for shape in objects:
+        name, solid, model = _name(arm, shape), simple_solid(shape.geometry), shape.geometry
+        place = shape.parentJoint, shape.placement.rotation.copy(), shape.placement.translation.copy()
+        if solid is not None:
+            found.append(Box.around(name, solid, *place, shape.parentFrame))
+            continue
+        points = np.array(model.vertices()) if hasattr(model, "vertices") else np.empty((0, 3))
+        if len(points) < 3 or not np.isfinite(points).all():
+            what = f"link {name}: the mesh {shape.meshPath} has no finite triangle"
+            raise RobotError(arm.source or arm.name, what, "mend or replace that mesh")
+        parts = convex_parts(points[mesh_triangles(model)])
+        meshes.append((name, len(parts.corners), parts.excess))
+        found.append(Box.around_parts(name, parts.corners, *place, shape.parentFrame))
+    return found
 
 
 def simple_solid(geometry: coal.CollisionGeometry) -> Solid | None:
@@ -212,52 +187,30 @@ def simple_solid(geometry: coal.CollisionGeometry) -> Solid | None:
     return None
 
 
-def _ordered(arm: ArmModel, boxes: list[Box]) -> list[Box]:
-    """Base to tip, and bodies numbered in that order: Pinocchio lists frames so."""
-    frames = sorted({box.body for box in boxes})
-    ranked = sorted(boxes, key=lambda box: box.body)
-    return [Box(b.name, b.joint, b.rotation, b.centre, b.half, frames.index(b.body), b.solid) for b in ranked]
+def _limb(arm: ArmModel, link: str, round_: bool) -> Box:
+    """A capsule or a box as thick as the link's mass lets it be, from its joint to where it ends.
 
-
-def _limb(arm: ArmModel, link: str, stand_in: StandIn) -> Box:
-    """A capsule or a box from a link's joint to the next, as thick as its mass lets it be."""
-    number = arm.model.getFrameId(link, pin.FrameType.BODY)
-    joint = int(arm.model.frames[number].parentJoint)
-    a, b = np.zeros(3), _far_end(arm, joint)
-    length = float(np.linalg.norm(b - a))
-    radius = _radius(float(arm.model.inertias[joint].mass), length)
-    axis = (b - a) / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-    rotation = _turn_to(axis)
-    if stand_in == "capsules":
-        solid = Solid.simple("capsule", radius, length / 2)
-    else:
-        solid = Solid.simple("box", radius, radius, length / 2 + radius)
-    return Box.around(link, solid, joint, rotation, (a + b) / 2, number)
-
-
-def _far_end(arm: ArmModel, joint: int) -> Float[Array, " 3"]:
-    """Where a link ends: at the next joint, at its farthest frame, or twice as far as its centre of mass [m]."""
+    That is the next joint, or else its farthest frame, or twice as far as its centre of mass.
+    """
     model = arm.model
+    number = model.getFrameId(link, pin.FrameType.BODY)
+    joint = int(model.frames[number].parentJoint)
+    inertia = model.inertias[joint]
+    ends = [frame.placement.translation for frame in model.frames if frame.parentJoint == joint]
     if joint < arm.n:
-        return np.array(model.jointPlacements[joint + 1].translation)
-    ends = [np.array(frame.placement.translation) for frame in model.frames if frame.parentJoint == joint]
-    ends.append(2.0 * np.array(model.inertias[joint].lever))
-    return max(ends, key=lambda end: float(np.linalg.norm(end)))
-
-
-def _radius(mass: float, length: float) -> float:
-    """Radius of a capsule of a mass and a length between its ends, at the density of water [m]."""
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        filled = DENSITY * np.pi * middle**2 * (length + 4.0 * middle / 3.0)
-        low, high = (middle, high) if filled < mass else (low, middle)
-    return max(high, LEAST_RADIUS)
-
-
-def _turn_to(axis: Float[Array, " 3"]) -> Float[Array, "3 3"]:
-    """A rotation whose third column is a given unit vector."""
-    side = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = np.cross(side, axis)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
+        ends = [model.jointPlacements[joint + 1].translation]
+    else:
+        ends.append(2.0 * inertia.lever)
+    end = np.array(max(ends, key=np.linalg.norm))
+    length = float(np.linalg.norm(end))
+    # A capsule of that length between its ends, at the density of water.
+    roots = np.roots([4.0 / 3.0, length, 0.0, -float(inertia.mass) / (DENSITY * np.pi)])
+    radius = max(float(roots[np.isreal(roots)].real.max()), LEAST_RADIUS)
+    axis = end / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+    side = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
+    side /= np.linalg.norm(side)
+    rotation = np.column_stack([side, np.cross(axis, side), axis])
+    solid = Solid.simple("box", radius, radius, length / 2 + radius)
+    if round_:
+        solid = Solid.simple("capsule", radius, length / 2)
+    return Box.around(link, solid, joint, rotation, end / 2, number)

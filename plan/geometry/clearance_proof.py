@@ -66,45 +66,34 @@ def prove_clearance(
         samples: Places at which a first guess of the smallest distance is taken.
         asked: What is to be proven if it can be; where less than the slack is left above it, the walk is finer [m].
     """
-    total = float(splines.total[0])
     wanted = np.ones(len(scene.pairs), dtype=bool) if wanted is None else wanted
     if not wanted.any():
         return Clearance(1.0, 1.0, 0.0, "nothing to hit", 0)
-    times = np.linspace(0.0, total, samples)
-    seen, when, name = _least(scene, splines, times, wanted)
+    seen, when, which = np.inf, 0.0, 0
+    for time in np.linspace(0.0, float(splines.total[0]), samples):
+        q = splines.at(np.array([time]))[0][0]
+        # The start is looked at inside of meshes too.
+        distances = np.where(wanted, scene.distances(q), np.inf) if time == 0.0 else _near(scene, q, wanted, seen, 0.0)
+        if distances.min() < seen:
+            seen, when, which = float(distances.min()), float(time), int(np.argmin(distances))
     checks, since = samples, 0.0
     while seen > 0.0:
         target = max(seen - SLACK, 0.5 * seen, asked if seen > asked + CLOSEST else 0.0)
         least, where, worst, count = _walk(scene, splines, target, since, wanted)
         checks += count
         if least >= target:
-            return Clearance(float(target), min(seen, least), when, name, checks)
+            return Clearance(float(target), min(seen, least), when, scene.pair_name(which), checks)
         # What was walked with a higher target holds for the lower one, too.
-        seen, when, since, name = least, where, where, scene.pair_name(worst)
-    return Clearance(min(seen, 0.0), seen, when, name, checks)
+        seen, when, since, which = least, where, where, worst
+    return Clearance(min(seen, 0.0), seen, when, scene.pair_name(which), checks)
 
 
-def _least(
-    scene: Scene, splines: Splines, times: Float[Array, " T"], wanted: Bool[Array, " P"]
-) -> tuple[float, float, str]:
-    """Smallest distance at some times [m], when, and of which pair; the start is looked at inside of meshes too."""
-    positions = splines.at(times)[0]
-    distances = np.where(wanted, scene.distances(positions[0]), np.inf)
-    pair = int(np.argmin(distances))
-    seen, when, which = float(distances[pair]), float(times[0]), pair
-    for time, q in zip(times[1:], positions[1:], strict=True):
-        distances = _distances(scene, q, max(seen, 0.0), 0.0, wanted)
-        pair = int(np.argmin(distances))
-        if distances[pair] < seen:
-            seen, when, which = float(distances[pair]), float(time), pair
-    return seen, when, scene.pair_name(which)
-
-
-def _distances(
-    scene: Scene, q: Float[Array, " n"], target: float, near: float, wanted: Bool[Array, " P"]
+def _near(
+    scene: Scene, q: Float[Array, " n"], wanted: Bool[Array, " P"], target: float, near: float
 ) -> Float[Array, " P"]:
     """Distances of the wanted pairs, exact where they come near the target [m]; infinite of the others."""
-    return np.where(wanted, scene.near_distances(q, np.where(wanted, target, -np.inf), near), np.inf)
+    beyond = np.where(wanted, max(target, 0.0), -np.inf)
+    return np.where(wanted, scene.near_distances(q, beyond, near), np.inf)
 
 
 def _walk(
@@ -119,16 +108,14 @@ def _walk(
     # Top change of each pair's distance in each section, exact for the cubic's speed [m/s].
     rates = np.maximum(splines.section_speeds[0] @ scene.levers.T, 1e-9)
     least, where, worst, count, t = np.inf, since, 0, 0, since
-    clear = np.zeros(len(scene.pairs))
     while True:
         section = min(int(np.searchsorted(knots, t, side="right")) - 1, len(rates) - 1)
-        q: Float[Array, " n"] = splines.at(np.array([t]))[0][0]
-        distances = _distances(scene, q, target, NEAR, wanted)
+        distances = _near(scene, splines.at(np.array([t]))[0][0], wanted, target, NEAR)
         count += 1
         if distances.min() < least:
             least, where, worst = float(distances.min()), t, int(np.argmin(distances))
         if least < target or t >= knots[-1]:
             return least, where, worst, count
-        clear = t + (distances - target) / rates[section]
+        clear = t + float(((distances - target) / rates[section]).min())
         # Rates hold for the section: look again where it ends.
-        t = min(max(float(clear.min()), t + FINEST), float(knots[section + 1]))
+        t = min(max(clear, t + FINEST), float(knots[section + 1]))

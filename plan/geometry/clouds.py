@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import struct
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,10 @@ MOST_POINTS = 100_000
 COARSER = 1.1
 # No arm reaches this far [m]: a cloud so wide is in another unit.
 WIDEST = 1e3
-CLOUDS = (".ply", ".pcd", ".npy", ".csv", ".xyz", ".txt")
 # A file of more is no cloud of one cell, but of a building [bytes].
 LARGEST = 400_000_000
 MOST_LINES = 1000  # of a header
 AXES = ("x", "y", "z")
-REMEDY = "give three columns of numbers, x, y and z in metres"
 
 
 def read_cloud(path: Path, radius: float, scale: Float[Array, " 3"]) -> tuple[Solid, Float[Array, " 3"]]:
@@ -69,15 +68,10 @@ def thin_points(points: Float[Array, "k 3"], most: int) -> tuple[Float[Array, "m
         if len(starts) <= most:
             break
         size *= COARSER
-    return _joined(points[order], starts)
-
-
-def _joined(points: Array, starts: Array) -> tuple[Array, float]:
-    """The middle of each group of points that stand in a row, and the farthest of any point from its group's."""
+    points = points[order]
     middles = (np.minimum.reduceat(points, starts) + np.maximum.reduceat(points, starts)) / 2
     counts = np.diff(np.append(starts, len(points)))
-    away = np.linalg.norm(points - np.repeat(middles, counts, axis=0), axis=1)
-    return middles, float(away.max())
+    return middles, float(np.linalg.norm(points - np.repeat(middles, counts, axis=0), axis=1).max())
 
 
 def read_points(path: Path) -> Float[Array, "k 3"]:
@@ -87,29 +81,49 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
         path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns, `.csv` or `.xyz`.
 
     Raises:
-        SceneError: The file is missing, of no such kind, too large, empty, or holds a point that is no number.
+        SceneError: As `read_scan`.
     """
-    if path.suffix.lower() not in CLOUDS:
-        raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(CLOUDS)}")
-    size = require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
-    readers = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": read_array}
+    readers = {".ply": _read_ply, ".pcd": _read_pcd, **TABLES, ".xyz": read_table}
+    return read_scan(path, "point cloud", readers, 3, "leave points without a reading out of the file")
+
+
+def read_scan(
+    path: Path, what: str, readers: Mapping[str, Callable[[Path], Array]], columns: int | None, remedy: str
+) -> Float[Array, "r c"]:
+    """The rows of numbers in a file that holds a scan.
+
+    Args:
+        path: The file.
+        what: What it should be, for messages.
+        readers: By the ends of names.
+        columns: How many count, the first ones; None for a grid, of two or more either way.
+        remedy: What to do about cells that are no numbers.
+
+    Raises:
+        SceneError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
+    """
+    kind = path.suffix.lower()
+    if kind not in readers:
+        raise SceneError(path, f"no {what} that can be read", f"give one of: {', '.join(readers)}")
+    size = require_regular(path, f"give the path of a {what}, from the scene file on", SceneError, LARGEST)
     try:
         require_unpacked(size, _announced(path))
-        points = np.asarray(readers.get(path.suffix.lower(), read_table)(path), dtype=float)
+        found = np.asarray(readers[kind](path), dtype=float)
     except SceneError:
         raise
     except Exception as error:  # each library raises its own, and memory may end
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise SceneError(path, f"the cloud can't be read ({reason})", "mend or replace the file") from None
-    if points.ndim != 2 or points.shape[1] < 3 or len(points) == 0:
-        raise SceneError(path, f"it holds an array of shape {points.shape}, no points", REMEDY)
-    points = np.ascontiguousarray(points[:, :3])
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+        raise SceneError(path, f"the {what} can't be read ({reason})", "mend or replace the file") from None
+    rows, wide = (2, 2) if columns is None else (1, columns)
+    if found.ndim != 2 or len(found) < rows or found.shape[1] < wide:
+        what = f"it holds an array of shape {found.shape}, no {what}"
+        raise SceneError(path, what, f"give {rows} or more rows of {wide} or more numbers")
+    found = np.ascontiguousarray(found[:, :columns])
+    bad = np.argwhere(~np.isfinite(found))
     if len(bad):
-        some = f"point {bad[0] + 1} of {len(points)} is no number"
-        what = some if len(bad) == 1 else f"{some}, nor are {len(bad) - 1} others"
-        raise SceneError(path, what, "leave points without a reading out of the file")
-    return points
+        first = f"row {bad[0][0] + 1}, column {bad[0][1] + 1} is no number"
+        raise SceneError(path, first + f", nor are {len(bad) - 1} others" * (len(bad) > 1), remedy)
+    return found
 
 
 def _announced(path: Path) -> int:
@@ -160,14 +174,14 @@ def read_table(path: Path) -> Array:
     with path.open(encoding="utf-8-sig") as lines:
         head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     parts = next((mark for mark in ",;" if mark in head), None)
-    named = any(_is_name(cell) for cell in head.split(parts))
-    with path.open(encoding="utf-8-sig") as lines:
-        return np.loadtxt(lines, delimiter=parts, skiprows=int(named), ndmin=2, comments="#")
-
-
-def _is_name(cell: str) -> bool:
     try:
-        float(cell)
+        np.array(head.split(parts), dtype=float)
+        named = 0
     except ValueError:
-        return True
-    return False
+        named = 1
+    with path.open(encoding="utf-8-sig") as lines:
+        return np.loadtxt(lines, delimiter=parts, skiprows=named, ndmin=2, comments="#")
+
+
+# Plain numbers, by the ends of names.
+TABLES: dict[str, Callable[[Path], Array]] = {".npy": read_array, ".csv": read_table, ".txt": read_table}

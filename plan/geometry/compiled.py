@@ -91,7 +91,7 @@ class Tree(NamedTuple):
     root: Array
 
 
-class World(NamedTuple):
+class CompiledScene(NamedTuple):
     """A scene for compiled loops.
 
     Attributes:
@@ -112,11 +112,11 @@ class World(NamedTuple):
     reach: Array
 
 
-def make_world(chain: Chain, links: int, bodies: CompiledBodies, tree: Tree) -> World:
+def make_compiled(chain: Chain, links: int, bodies: CompiledBodies, tree: Tree) -> CompiledScene:
     """A world with room of its own: loops of different threads must not share one."""
     n = len(chain.masses)
     placed = bodies._replace(placed_rot=bodies.rot.copy(), placed_at=bodies.at.copy())
-    return World(chain, links, placed, tree, np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(n))
+    return CompiledScene(chain, links, placed, tree, np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(n))
 
 
 def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
@@ -240,7 +240,8 @@ def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
         root, used = _join(np.arange(start, stop), low, high, links, used)
         roots.append(root)
     whole = _join(np.array(roots), low, high, links, used)[0] if roots else -1
-    return Tree(low, high, *links, np.array([*roots, whole], dtype=np.int64))
+    left, right, body = links
+    return Tree(low, high, left, right, body, np.array([*roots, whole], dtype=np.int64))
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -50,11 +49,16 @@ def convex_parts(triangles: Float[Array, "m 3 3"]) -> ConvexParts:
     """
     triangles = np.ascontiguousarray(triangles, dtype=float)
     cache, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
-    found = None if cache is None else _read(cache / "parts" / name)
-    if found is None:
-        found = _cut(triangles)
-        if cache is not None:
-            _keep(cache / "parts" / name, found)
+    kept = None if cache is None else cache / "parts" / name
+    with suppress(InputError, ValueError, KeyError, TypeError):  # what can't be read is made anew
+        arrays = read_arrays(kept, "remove it") if kept is not None and kept.is_file() else {}
+        excess = float(arrays["excess"])
+        return ConvexParts(tuple(np.split(arrays["corners"], arrays["ends"])), None if np.isnan(excess) else excess)
+    found = _cut(triangles)
+    if kept is not None:
+        ends = np.cumsum([len(part) for part in found.corners])[:-1]
+        with suppress(OSError, InputError), atomic_write(kept) as file:  # nobody may write everywhere
+            np.savez(file, corners=np.concatenate(found.corners), ends=ends, excess=np.array(found.excess, dtype=float))
     return found
 
 
@@ -124,22 +128,3 @@ def _volume(triangles: Array) -> float | None:
     if np.linalg.norm(areas.sum(axis=0)) > CLOSED * np.linalg.norm(areas, axis=1).sum():
         return None
     return float(abs(np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0])).sum()) / 6.0) or None
-
-
-def _read(path: Path) -> ConvexParts | None:
-    """Parts that were kept; None where there are none that can be read."""
-    if not path.is_file():
-        return None
-    try:
-        kept = read_arrays(path, "remove it")
-        corners = tuple(np.split(kept["corners"], kept["ends"]))
-        return ConvexParts(corners, None if np.isnan(kept["excess"]) else float(kept["excess"]))
-    except (InputError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _keep(path: Path, parts: ConvexParts) -> None:
-    """Keeps parts for the processes to come; nothing happens where nobody may write."""
-    ends = np.cumsum([len(part) for part in parts.corners])[:-1]
-    with suppress(OSError, InputError), atomic_write(path) as part:
-        np.savez(part, corners=np.concatenate(parts.corners), ends=ends, excess=np.array(parts.excess, dtype=float))

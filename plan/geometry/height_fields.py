@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
-from ident.safe_read import require_regular
 from plan.errors import SceneError
-from plan.geometry.clouds import LARGEST, read_array, read_table
+from plan.geometry.clouds import TABLES, read_scan
 from plan.geometry.solids import Solid
 
-FIELDS = (".npy", ".csv", ".txt")
 # Of more corners the near ones are put together: at this number a motion is planned in seconds.
 MOST_CORNERS = 50_000
 # Where nothing else is said a field is so thick below its lowest point: thicker than a link is long [m].
@@ -34,7 +32,8 @@ def read_heights(
     Raises:
         SceneError: The file is missing, too large, no grid, not finite, or its lowest point lies below the base.
     """
-    heights = _read(path) * scale
+    remedy = "fill heights without a reading, with the highest that may be there"
+    heights = read_scan(path, "height field", TABLES, None, remedy) * scale
     count, note = heights.size, ""
     if count > MOST_CORNERS:
         heights = coarser(heights, MOST_CORNERS)
@@ -50,26 +49,6 @@ def read_heights(
     points, triangles = _closed(heights, x, y, floor)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return Solid("heights", freeze(np.array([floor - middle[2]])), freeze(points - middle), triangles, note), middle
-
-
-def _read(path: Path) -> Float[Array, "y x"]:
-    if path.suffix.lower() not in FIELDS:
-        raise SceneError(path, "no height field that can be read", f"give one of: {', '.join(FIELDS)}")
-    remedy = f"give the path of a height field ({', '.join(FIELDS)}), from the scene file on"
-    require_regular(path, remedy, SceneError, LARGEST)
-    try:
-        found = (read_array if path.suffix.lower() == ".npy" else read_table)(path)
-    except Exception as error:  # NumPy raises its own, and memory may end
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise SceneError(path, f"the height field can't be read ({reason})", "mend or replace the file") from None
-    if found.ndim != 2 or min(found.shape) < 2:
-        raise SceneError(path, f"it holds an array of shape {found.shape}, no grid", "give rows and columns of heights")
-    bad = np.argwhere(~np.isfinite(found))
-    if len(bad):
-        some = f"the height in row {bad[0][0] + 1}, column {bad[0][1] + 1} is no number"
-        what = some if len(bad) == 1 else f"{some}, nor are {len(bad) - 1} others"
-        raise SceneError(path, what, "fill heights without a reading, with the highest that may be there")
-    return found
 
 
 def coarser(heights: Float[Array, "y x"], most: int) -> Float[Array, "v u"]:

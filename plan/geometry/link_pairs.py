@@ -13,9 +13,10 @@ import pinocchio as pin
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_text, read_xml
+from plan.dynamics.placement import random_positions
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
-from plan.geometry.compiled import build_tree, compile_bodies, make_world
+from plan.geometry.compiled import build_tree, compile_bodies, make_compiled
 from plan.geometry.sweep import ALL, gaps_of_states
 from plan.geometry.tool import CARRIED
 
@@ -72,11 +73,11 @@ def choose_pairs(
         elif frozenset((a.name, b.name)) in left_out:
             reasons[i, k] = left_out[frozenset((a.name, b.name))]
     pairs = [pair for pair in pairs if pair not in reasons]
-    overlap = (_probe(arm, links, count, pairs) < 0.0).mean(axis=0) >= ALWAYS
-    reasons |= {pair: OVERLAP for pair, always in zip(pairs, overlap, strict=True) if always}
+    share = (_probe(arm, links, count, pairs) < 0.0).mean(axis=0)
+    reasons |= {pair: OVERLAP for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS}
     floors = [count + k for k, box in enumerate(obstacles) if box.name == FLOOR]
     near = [(count + f, i) for f in range(len(floors)) for i in range(count) if links[i].joint == 1]
-    sunk = (_probe(arm, [*links, *(boxes[k] for k in floors)], count, near) < 0.0).all(axis=0)
+    sunk = np.asarray((_probe(arm, [*links, *(boxes[k] for k in floors)], count, near) < 0.0).all(axis=0))
     standing = [(i, floors[f - count]) for (f, i), always in zip(near, sunk, strict=True) if always]
     reasons |= dict.fromkeys(standing, "it stands there")
     outside = [(k, i) for k in range(count, len(boxes)) for i in range(count) if links[i].joint > 0]
@@ -85,18 +86,12 @@ def choose_pairs(
     return checked, tuple(dict.fromkeys(unchecked))
 
 
-def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
-    """Positions all over the joints' range, always the same: what is asked of them is a property of the arm [rad]."""
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    return np.random.default_rng(0).uniform(low, high, (count, arm.n))
-
-
 def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]) -> Float[Array, "500 p"]:
     """Gaps of some pairs at random positions [m]."""
     if not pairs:
         return np.empty((PROBES, 0))
     bodies = compile_bodies(boxes)
-    world = make_world(arm.chain, links, bodies, build_tree(bodies, len(boxes), links))
+    world = make_compiled(arm.chain, links, bodies, build_tree(bodies, len(boxes), links))
     found = gaps_of_states(world, np.array(pairs, dtype=np.int64), random_positions(arm, PROBES), 1e9, ALL)
     return np.asarray(found)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.robot.names import require_mesh
 from plan.errors import SceneError
-from plan.geometry.solids import Solid, hull_points
+from plan.geometry.solids import Solid, hull_points, mesh_triangles
 
 # A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a thing.
 MOST_TRIANGLES = 100_000
@@ -60,8 +60,7 @@ def _load(path: Path, scale: Array) -> tuple[Float[Array, "k 3"], Int[Array, "m 
         lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
         reason = next((line for line in lines if "resource" in line), "the reader refused it")
         raise SceneError(path, f"the mesh can't be read ({reason})", "mend or replace the mesh") from None
-    triangles = [[corner[k] for k in range(3)] for corner in map(model.tri_indices, range(model.num_tris))]
-    return np.array(model.vertices()), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    return np.array(model.vertices()), mesh_triangles(model)
 
 
 def _merge(points: Array, triangles: Array, near: float) -> tuple[Array, Array]:

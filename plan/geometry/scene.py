@@ -12,10 +12,11 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
+from plan.dynamics.placement import random_positions
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, arm_shapes
 from plan.geometry.boxes import Box
-from plan.geometry.compiled import CompiledBodies, Tree, World, build_tree, compile_bodies, make_world
-from plan.geometry.link_pairs import FLOOR, OVERLAP, Unchecked, choose_pairs, random_positions
+from plan.geometry.compiled import CompiledBodies, CompiledScene, Tree, build_tree, compile_bodies, make_compiled
+from plan.geometry.link_pairs import FLOOR, OVERLAP, Unchecked, choose_pairs
 from plan.geometry.margins import Margins
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
@@ -279,11 +280,11 @@ class Scene:
         return threading.local()
 
     @property
-    def _world(self) -> World:
+    def _world(self) -> CompiledScene:
         """For compiled loops, one for each thread."""
         if not hasattr(self._rooms, "world"):
-            self._rooms.world = make_world(self.arm.chain, self._links, *self._compiled)
-        found: World = self._rooms.world
+            self._rooms.world = make_compiled(self.arm.chain, self._links, *self._compiled)
+        found: CompiledScene = self._rooms.world
         return found
 
 

@@ -130,6 +130,12 @@ def hull_points(points: Float[Array, "k 3"]) -> Float[Array, "m 3"]:
         return grown[ConvexHull(grown).vertices]
 
 
+def mesh_triangles(model: coal.BVHModelBase) -> Int[Array, "m 3"]:
+    """Corners of a mesh's triangles, by number."""
+    corners = [[corner[k] for k in range(3)] for corner in map(model.tri_indices, range(model.num_tris))]
+    return np.array(corners, dtype=np.int64).reshape(-1, 3)
+
+
 def _vector(points: Float[Array, "k 3"]) -> coal.StdVec_Vec3s:
     out = coal.StdVec_Vec3s()
     for point in points:

@@ -185,7 +185,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
     them. So of a hundred obstacles only those near the arm cost something.
 
     Args:
-        world: See `compiled.World`.
+        world: See `compiled.CompiledScene`.
         pairs: Pairs of shapes; the first of a pair with the world is the world's.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
@@ -235,7 +235,7 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     """The body of the world's shape that is nearest to the link, each pair at a position of its own, shape (m,).
 
     Args:
-        world: See `compiled.World`.
+        world: See `compiled.CompiledScene`.
         pairs: Shape of the world and link of each, shape (m, 2).
         q: Positions, shape (m, n) [rad].
     """
@@ -255,7 +255,7 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
     """Smallest gap beyond its margin along each trajectory, skipping as far as gap and top speed allow.
 
     Args:
-        world: See `compiled.World`.
+        world: See `compiled.CompiledScene`.
         pairs: Pairs of links.
         moving: Links that are checked against the world, each as a whole.
         levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].

@@ -15,7 +15,6 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from ident.arrays import Array, Float
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -55,18 +54,12 @@ class Ppo(Planner):
         spent = 0
         for agent in agents:
             spent += agent.learn(self.round_length, ledger)
-        while spent < self.epochs:
-            agent = agents[_draw(agents, rng)]
+        while spent < self.epochs:  # whose turn it is is drawn by the level reached, and by what the last round gained
+            level, gain = (np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain"))
+            score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
+            weight = np.exp(np.clip(score, -50.0, None))
+            agent = agents[rng.choice(len(agents), p=weight / weight.sum())]
             spent += agent.learn(min(self.round_length, self.epochs - spent), ledger)
-
-
-def _draw(agents: Sequence[_Agent], rng: np.random.Generator) -> int:
-    """Draws an agent: by the level it has reached, and by what its last round gained."""
-    level = np.array([agent.best for agent in agents])
-    gain = np.array([agent.gain for agent in agents])
-    score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
-    weight = np.exp(np.clip(score, -50.0, None))
-    return int(rng.choice(len(agents), p=weight / weight.sum()))
 
 
 class _Net(torch.nn.Module):
@@ -125,7 +118,9 @@ class _Agent:
         share = min(self.learned / max(self.options.epochs, 1), 1.0)
         for group in self.adam.param_groups:
             group["lr"] = self.options.learning_rate * (1.0 - 0.9 * share)
-        self._fit(torch.from_numpy(action[: len(reward)]).float(), _normalise(reward))
+        # Mean zero and spread one within a batch: the rewards' scale carries no meaning.
+        scaled = (reward - reward.mean()) / (reward.std() + 1e-9)
+        self._fit(torch.from_numpy(action[: len(reward)]).float(), torch.from_numpy(scaled).float())
 
     def _fit(self, action: torch.Tensor, reward: torch.Tensor) -> None:
         options, old = self.options, None
@@ -144,8 +139,3 @@ class _Agent:
             self.adam.zero_grad(set_to_none=True)
             loss.backward()
             self.adam.step()
-
-
-def _normalise(reward: Float[Array, " B"]) -> torch.Tensor:
-    """Rewards of a batch with mean zero and spread one: their scale carries no meaning."""
-    return torch.from_numpy((reward - reward.mean()) / (reward.std() + 1e-9)).float()

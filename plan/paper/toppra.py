@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from toppra.algorithm import TOPPRA
 from toppra.constraint import DiscretizationType, JointVelocityConstraint, SecondOrderConstraint
+from toppra.interpolator import SplineInterpolator
 
 from ident.arrays import Array, Float
-from plan.dynamics.newton_euler import inverse_dynamics
+from ident.model.loss import LossParameters
 from plan.dynamics.power import ChainTorque
 from plan.errors import MethodError
 from plan.planners.base import Candidate, Ledger, Planner
@@ -55,7 +55,9 @@ class Toppra(Planner):
         for problem in problems:
             if problem.objective != "time" or not isinstance(problem.model, ChainTorque):
                 raise MethodError("--method toppra", "it finds the time of a path only", "use --objective time")
-            motion = self._iterate(problem, problem.model, ledger)
+            model = problem.model
+            linear = replace(LossParameters.zero(model.n), motor_inertia=model.losses.motor_inertia)
+            motion = self._iterate(problem, ChainTorque(model.chain, linear), ledger)
             if motion is None:
                 ledger.notes.append(f"toppra ({problem.label}): no time law keeps the limits on this path")
                 continue
@@ -63,19 +65,20 @@ class Toppra(Planner):
             ledger.notes.append(f"toppra ({problem.label}): {times[-1]:.4f} s, a bound for its model on this path")
             _stretch(problem, times, points, ledger)
 
-    def _iterate(self, problem: PlanningProblem, model: ChainTorque, ledger: Ledger) -> tuple[Array, Array] | None:
-        path = _Path(problem)
-        grid = np.linspace(0.0, path.end, GRID + 1)
+    def _iterate(self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger) -> tuple[Array, Array] | None:
+        """Times and positions of the motion; `linear` is as much of the model as is of toppra's form."""
+        path = _path(problem)
+        grid = np.linspace(0.0, path.duration, GRID + 1)
         rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
         for turn in range(self.rounds):
-            speed, push = _solve(problem, model, path, grid, rest)
+            speed, push = _solve(problem, linear, path, grid, rest)
             if speed is None:
                 return motion
             ledger.count(1)
             q, q1, q2 = path(grid), path(grid, 1), path(grid, 2)
             dq, ddq = q1 * speed[:, None], q1 * push[:, None] + q2 * speed[:, None] ** 2
-            linear = inverse_dynamics(model.chain, q, dq, ddq) + model.losses.motor_inertia * ddq
-            new = model.torque(q[None], dq[None], ddq[None])[0] - linear
+            states = q[None], dq[None], ddq[None]
+            new = (problem.model.torque(*states) - linear.torque(*states))[0]
             rest = new if turn == 0 else 0.5 * (rest + new)
             motion = _sample(path, grid, speed)
             if abs(motion[0][-1] - last) < self.tolerance * last:
@@ -84,52 +87,31 @@ class Toppra(Planner):
         return motion
 
 
-class _Path:
+def _path(problem: PlanningProblem) -> SplineInterpolator:
     """The initial trajectory as a path over its length in joint space.
 
     Its own time is no good parameter: it starts and ends at rest, and where the path's derivative vanishes toppra can't
     tell what pushes the arm.
     """
-
-    def __init__(self, problem: PlanningProblem) -> None:
-        splines = problem.decode(problem.initial)
-        q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
-        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-        even = np.linspace(0.0, length[-1], PATH_KNOTS)
-        places = np.stack([np.interp(even, length, column) for column in q.T], axis=1)
-        self._spline = CubicSpline(even, places)
-        self.dof, self.end = problem.n, float(length[-1])
-        self.path_interval = np.array([0.0, self.end])
-        self.duration = self.end
-
-    def __call__(self, s: Any, order: int = 0) -> Array:
-        return np.asarray(self._spline(s, order))
-
-    def eval(self, s: Any) -> Array:
-        return self(s)
-
-    def evald(self, s: Any) -> Array:
-        return self(s, 1)
-
-    def evaldd(self, s: Any) -> Array:
-        return self(s, 2)
+    splines = problem.decode(problem.initial)
+    q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    even = np.linspace(0.0, length[-1], PATH_KNOTS)
+    return SplineInterpolator(even, np.stack([np.interp(even, length, column) for column in q.T], axis=1))
 
 
 def _solve(
-    problem: PlanningProblem, model: ChainTorque, path: _Path, grid: Array, rest: Array
+    problem: PlanningProblem, linear: ChainTorque, path: SplineInterpolator, grid: Array, rest: Array
 ) -> tuple[Array | None, Array]:
     """Speed and acceleration of the path's parameter on the grid, with given torques beyond toppra's model."""
     limit = SHARE * problem.limits.torque
     eye = np.vstack([np.eye(problem.n), -np.eye(problem.n)])
 
-    def linear(q: Array, dq: Array, ddq: Array) -> Array:
-        return inverse_dynamics(model.chain, q[None], dq[None], ddq[None])[0] + model.losses.motor_inertia * ddq
-
     def beyond(_: Any, s: float) -> Array:
         return np.array([np.interp(s, grid, rest[:, j]) for j in range(problem.n)])
 
     torque = SecondOrderConstraint(
-        linear,
+        linear.torque,
         lambda _: eye,
         lambda _: np.concatenate([limit, limit]),
         problem.n,
@@ -149,7 +131,7 @@ def _solve(
     return np.asarray(pace), np.append(push, push[-1])
 
 
-def _sample(path: _Path, grid: Float[Array, " G"], speed: Float[Array, " G"]) -> tuple[Array, Array]:
+def _sample(path: SplineInterpolator, grid: Float[Array, " G"], speed: Float[Array, " G"]) -> tuple[Array, Array]:
     """The motion as KNOTS positions at equal steps of time."""
     steps = 2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9)
     clock = np.concatenate([[0.0], np.cumsum(steps)])
@@ -158,27 +140,29 @@ def _sample(path: _Path, grid: Float[Array, " G"], speed: Float[Array, " G"]) ->
     # Between grid points the squared speed is linear in s, so the path's acceleration is constant.
     push = np.diff(speed**2) / (2.0 * np.diff(grid))
     since = times - clock[cell]
-    return times, path(np.clip(grid[cell] + speed[cell] * since + 0.5 * push[cell] * since**2, 0.0, path.end))
+    return times, path(np.clip(grid[cell] + speed[cell] * since + 0.5 * push[cell] * since**2, 0.0, path.duration))
 
 
 def _stretch(problem: PlanningProblem, times: Array, points: Array, ledger: Ledger) -> None:
     """Slows the spline through the motion down until every limit holds, and enters it."""
     found = Splines(points[None], np.diff(times)[None])
     carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
+
+    def slowed(factor: float) -> Candidate:
+        x = carrier.encode(carrier.vias, carrier.durations * factor)
+        trial = carrier.evaluate(x[None])
+        return Candidate(carrier, x, float(trial.cost[0]), float(trial.violation[0]))
+
     low, high = 1.0, 1.0
     for _ in range(40):
-        trial = carrier.evaluate(carrier.encode(carrier.vias, carrier.durations * high)[None])
         ledger.count(1)
-        if trial.feasible[0]:
+        if slowed(high).feasible:
             break
         low, high = high, high * 1.02
     for _ in range(12):
         if high - low < 1e-4:
             break
         middle = 0.5 * (low + high)
-        trial = carrier.evaluate(carrier.encode(carrier.vias, carrier.durations * middle)[None])
         ledger.count(1)
-        low, high = (low, middle) if trial.feasible[0] else (middle, high)
-    x = carrier.encode(carrier.vias, carrier.durations * high)
-    trial = carrier.evaluate(x[None])
-    ledger.offer(Candidate(carrier, x, float(trial.cost[0]), float(trial.violation[0])))
+        low, high = (low, middle) if slowed(middle).feasible else (middle, high)
+    ledger.offer(slowed(high))

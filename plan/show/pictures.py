@@ -57,8 +57,10 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     curves, places = np.asarray(figure.subfigures(2, 1, height_ratios=(7, 4)), dtype=object)
     axes = curves.subplots(3, n, sharex=True, squeeze=False)
     _draw_places(places, problem, result.splines)
-    before = problem.decode(problem.initial)
-    for splines, colour, label in ((before, BEFORE, _initial_words(problem)), (result.splines, AFTER, "this plan")):
+    before, found, words = problem.decode(problem.initial), problem.initial_evaluation, f"initial ({problem.label})"
+    if not found.feasible[0]:
+        words += ": not allowed, it " + ("hits something" if found.collision[0] > 0 else "breaks a limit")
+    for splines, colour, label in ((before, BEFORE, words), (result.splines, AFTER, "this plan")):
         times, q, dq, tau = _profiles(problem, splines)
         for j in range(n):
             axes[0, j].plot(times, np.degrees(q[:, j]), color=colour, label=label)
@@ -150,14 +152,6 @@ def draw_before_after(problem: PlanningProblem, result: PlanResult) -> Figure:
     return figure
 
 
-def _initial_words(problem: PlanningProblem) -> str:
-    """What the search started from, and whether that would have been allowed."""
-    found = problem.initial_evaluation
-    if found.collision[0] > 0:
-        return f"initial ({problem.label}): not allowed, it hits something"
-    return f"initial ({problem.label})" + ("" if found.feasible[0] else ": not allowed, it breaks a limit")
-
-
 def _motion_title(result: PlanResult) -> str:
     splines, certificate = result.splines, result.certificate
     if splines is None or certificate is None or not result.solved:
@@ -172,62 +166,37 @@ def _motion_title(result: PlanResult) -> str:
 def draw_comparison(comparison: Comparison) -> Figure:
     """Best allowed cost so far against evaluations and time: each method's median run; its other seeds thinner."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True)
-    colours = plt.get_cmap("tab10")
-    everything = []
+    timed, everything = comparison.objective == "time", []
     for i, method in enumerate(comparison.methods):
-        runs = comparison.of(method)
-        order = np.argsort([run.cost for run in runs])
-        middle = runs[int(order[len(order) // 2])]
-        for axis, column in zip(axes, (0, 1), strict=True):
-            for run in runs:
-                _draw_history(axis, run, column, colours(i), run is middle, _method_words(comparison, middle))
-        everything += [row[2] for run in runs for row in run.history if np.isfinite(row[2])]
+        runs = sorted(comparison.of(method), key=lambda run: run.cost)
+        middle, colour = runs[len(runs) // 2], plt.get_cmap("tab10")(i)
+        cost = f"{middle.cost:.4g}{' s' * timed}" if middle.solved else "no plan"
+        for run in runs:
+            rows = np.array([row for row in run.history if np.isfinite(row[2])])
+            if len(rows) == 0:
+                continue
+            everything += rows[:, 2].tolist()
+            thick, alpha, dot = (1.8, 1.0, 4) if run is middle else (0.6, 0.4, 2)
+            costs, label = np.append(rows[:, 2], rows[-1, 2]), f"{method}: {cost}" if run is middle else None
+            for axis, column, spent in zip(axes, (0, 1), (run.evaluations, run.cpu_seconds), strict=True):
+                x = np.maximum(rows[:, column], 1e-3)
+                x = np.append(x, max(spent, x[-1]))
+                axis.step(x, costs, where="post", color=colour, lw=thick, alpha=alpha, label=label)
+                axis.plot(x[-1], costs[-1], "o", color=colour, ms=dot)
     if everything:
         low, high = min(everything), float(np.quantile(everything, 0.9))
         axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
-    axes[0].set_ylabel("best allowed plan so far: " + _cost_words(comparison))
+    metric = comparison.results[0].metric
+    unit = "duration [s]" if timed else "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"
+    axes[0].set_ylabel(f"best allowed plan so far: {unit}")
     for axis, name in zip(axes, ("trajectories evaluated", "processor time of the search [s]"), strict=True):
-        axis.set_xscale("log")
-        axis.set_xlabel(name)
+        axis.set(xscale="log", xlabel=name)
         axis.grid(alpha=0.25)
     axes[0].legend(frameon=False, fontsize=8)
-    figure.suptitle(
-        f"{comparison.name}. Lower is better; thick: the median seed, thin: the others, dot: the search's end",
-        parse_math=False,
-    )
+    words = "Lower is better; thick: the median seed, thin: the others, dot: the search's end"
+    figure.suptitle(f"{comparison.name}. {words}", parse_math=False)
     figure.tight_layout()
     return figure
-
-
-def _method_words(comparison: Comparison, middle: PlanResult) -> str:
-    unit = "s" if comparison.objective == "time" else ""
-    return f"{middle.method}: {middle.cost:.4g} {unit}".rstrip() if middle.solved else f"{middle.method}: no plan"
-
-
-def _cost_words(comparison: Comparison) -> str:
-    if comparison.objective == "time":
-        return "duration [s]"
-    metric = comparison.results[0].metric
-    return "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"
-
-
-def _draw_history(axis: Any, run: PlanResult, column: int, colour: Any, middle: bool, label: str) -> None:
-    rows = [row for row in run.history if np.isfinite(row[2])]
-    if not rows:
-        return
-    x = [max(row[column], 1e-3) for row in rows]
-    x.append(max(run.evaluations if column == 0 else run.cpu_seconds, x[-1]))
-    y = [row[2] for row in rows]
-    axis.step(
-        x,
-        [*y, y[-1]],
-        where="post",
-        color=colour,
-        lw=1.8 if middle else 0.6,
-        alpha=1.0 if middle else 0.4,
-        label=label if middle else None,
-    )
-    axis.plot(x[-1], y[-1], "o", color=colour, ms=4 if middle else 2)
 
 
 def _draw_limits(axis: Any, limit: float) -> None:

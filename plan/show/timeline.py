@@ -12,46 +12,48 @@ from ident.files import atomic_write
 from plan.geometry.boxes import Box
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.spline import Splines
 
 FRAMES = 120
 LINK, GHOST, OBSTACLE = (11, 110, 153), (154, 165, 177), (179, 38, 30)
 
 
 def save_timeline(problem: PlanningProblem, result: PlanResult, path: str | Path) -> None:
-    """Writes a `.rrd` file: the planned motion, and the initial one beside it as a ghost."""
+    """Writes a `.rrd` file: the planned motion with its curves, and the initial one beside it as a ghost.
+
+    Links' boxes are static shapes under moving frames; a frame is logged only where it is needed.
+    """
     assert result.splines is not None
-    stream = rr.RecordingStream("armgap plan")
+    stream, arm, boxes = rr.RecordingStream("armgap plan"), problem.scene.arm, problem.scene.boxes
+    joints, data = sorted({box.joint for box in boxes if box.body >= 0}), arm.model.createData()
     with atomic_write(path) as part:
         stream.save(str(part))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for box in problem.scene.obstacles:
             _log_box(stream, f"world/obstacles/{box.name}", box, OBSTACLE)
         before = problem.decode(problem.initial)
-        motions = ((result.splines, "world/arm", LINK), (before, "world/initial", GHOST))
-        for splines, root, colour in motions:
-            _log_motion(stream, problem, splines, root, colour)
-        _log_curves(stream, problem, result.splines)
+        for splines, root, colour in ((result.splines, "world/arm", LINK), (before, "world/initial", GHOST)):
+            for i, box in enumerate(box for box in boxes if box.body >= 0):
+                _log_box(stream, f"{root}/joint_{box.joint}/{i}_{box.name}", box, colour)
+            times = np.linspace(0.0, float(splines.total[0]), FRAMES)
+            q, dq, ddq = splines.at(times)
+            for time, pose in zip(times, q, strict=True):
+                stream.set_time("motion", duration=float(time))
+                pin.forwardKinematics(arm.model, data, pose)
+                for joint in joints:
+                    place = data.oMi[joint]
+                    moved = rr.Transform3D(translation=place.translation, mat3x3=place.rotation)
+                    stream.log(f"{root}/joint_{joint}", moved)
+            if splines is before:
+                continue
+            tau, gaps = problem.model.torque(q[None], dq[None], ddq[None])[0], problem.scene.separation(q)
+            for i, time in enumerate(times):
+                stream.set_time("motion", duration=float(time))
+                for j, name in enumerate(arm.joint_names):
+                    stream.log(f"torque_Nm/{name}", rr.Scalars(float(tau[i, j])))
+                    stream.log(f"power_W/{name}", rr.Scalars(float(tau[i, j] * dq[i, j])))
+                stream.log("clearance_m", rr.Scalars(float(gaps[i])))
         stream.flush()
         stream.disconnect()
-
-
-def _log_motion(
-    stream: rr.RecordingStream, problem: PlanningProblem, splines: Splines, root: str, colour: tuple[int, int, int]
-) -> None:
-    """The links' boxes as static shapes under moving frames; a frame is logged only where it is needed."""
-    arm = problem.scene.arm
-    links = [box for box in problem.scene.boxes if box.body >= 0]
-    for i, box in enumerate(links):
-        _log_box(stream, f"{root}/joint_{box.joint}/{i}_{box.name}", box, colour)
-    data = arm.model.createData()
-    for time in np.linspace(0.0, float(splines.total[0]), FRAMES):
-        stream.set_time("motion", duration=float(time))
-        pin.forwardKinematics(arm.model, data, splines.at(np.array([time]))[0][0])
-        for joint in sorted({box.joint for box in links}):
-            place = data.oMi[joint]
-            pose = rr.Transform3D(translation=place.translation, mat3x3=place.rotation)
-            stream.log(f"{root}/joint_{joint}", pose)
 
 
 def _log_box(stream: rr.RecordingStream, path: str, box: Box, colour: tuple[int, int, int]) -> None:
@@ -60,16 +62,3 @@ def _log_box(stream: rr.RecordingStream, path: str, box: Box, colour: tuple[int,
         half_sizes=[box.half], centers=[box.centre], quaternions=[rr.Quaternion(xyzw=quaternion)], colors=[colour]
     )
     stream.log(path, shape, static=True)
-
-
-def _log_curves(stream: rr.RecordingStream, problem: PlanningProblem, splines: Splines) -> None:
-    times = np.linspace(0.0, float(splines.total[0]), FRAMES)
-    q, dq, ddq = splines.at(times)
-    tau = problem.model.torque(q[None], dq[None], ddq[None])[0]
-    gaps = problem.scene.separation(q)
-    for i, time in enumerate(times):
-        stream.set_time("motion", duration=float(time))
-        for j, name in enumerate(problem.scene.arm.joint_names):
-            stream.log(f"torque_Nm/{name}", rr.Scalars(float(tau[i, j])))
-            stream.log(f"power_W/{name}", rr.Scalars(float(tau[i, j] * dq[i, j])))
-        stream.log("clearance_m", rr.Scalars(float(gaps[i])))

@@ -9,46 +9,15 @@ from pypcd4 import PointCloud
 
 from ident.errors import InputError
 from plan.geometry.boxes import Box
-from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.clouds import thin_points
-from plan.geometry.height_fields import coarser, read_heights
+from plan.geometry.height_fields import coarser
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Solid
 from plan.problem.task_file import load_task
 from plan.solving.set_up import set_up
-from plan.spline import Splines
-from tests.plan.geometry.test_real_scenes import CUBE, TASK
-from tests.plan.worlds import random_rotation, three_joints
-
-RADIUS = 0.02
-AWAY = np.array([0.3, 0.0, 0.0])
-
-
-def scanned(seed: int, count: int = 3000) -> np.ndarray:
-    """Points on balls round the arm."""
-    rng = np.random.default_rng(seed)
-    angle, middles = rng.uniform(-np.pi, np.pi, 8), np.empty((8, 3))
-    middles[:, 0], middles[:, 1], middles[:, 2] = 0.6 * np.cos(angle), 0.6 * np.sin(angle), rng.uniform(0.2, 1.0, 8)
-    around = rng.normal(size=(count, 3))
-    around *= 0.12 / np.linalg.norm(around, axis=1, keepdims=True)
-    points: np.ndarray = middles[rng.integers(8, size=count)] + around
-    return points
-
-
-def hills(rows: int = 12, columns: int = 15) -> np.ndarray:
-    """Heights over a grid: two waves."""
-    y, x = np.mgrid[0.0 : 1.0 : rows * 1j, 0.0 : 1.0 : columns * 1j]
-    heights: np.ndarray = 0.25 * np.sin(6.0 * x) * np.cos(5.0 * y) + 0.1
-    return heights
-
-
-@pytest.fixture(scope="module")
-def cloud() -> Scene:
-    points = scanned(0)
-    rotation = random_rotation(np.random.default_rng(1))
-    box = Box.around("scan", Solid.cloud(points @ rotation, RADIUS), 0, rotation, np.zeros(3))
-    return Scene.build(three_joints(), [box])
+from tests.plan.geometry.worlds import AWAY, CUBE, RADIUS, TASK, hills, scanned, scene_of
+from tests.plan.worlds import three_joints
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +25,6 @@ def balls() -> Scene:
     """The cloud's balls one by one."""
     ball = Solid.simple("sphere", RADIUS)
     return Scene.build(three_joints(), [Box.around(str(i), ball, 0, None, p) for i, p in enumerate(scanned(0)[:150])])
-
-
-@pytest.fixture(scope="module")
-def field(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    path = tmp_path_factory.mktemp("field") / "hills.npy"
-    np.save(path, hills())
-    solid, middle = read_heights(path, np.array([1.6, 1.2]), 1.0, None)
-    return Scene.build(three_joints(), [Box.around("hills", solid, 0, None, middle + AWAY)])
 
 
 def test_a_cloud_is_its_balls(balls: Scene) -> None:
@@ -88,43 +49,9 @@ def test_a_cloud_is_its_balls(balls: Scene) -> None:
     assert far > 20
 
 
-@pytest.mark.parametrize("name", ["cloud", "field"])
-def test_gaps_are_never_above_the_distance(name: str, request: pytest.FixtureRequest) -> None:
-    """No compiled gap is above Coal's distance, near contact they agree, and both see the same collisions."""
-    scene: Scene = request.getfixturevalue(name)
-    q = np.random.default_rng(3).uniform(-2.5, 2.5, (150, 3))
-    ours, exact = scene.gaps(q), np.array([scene.distances(row) for row in q])
-    assert np.all((ours <= exact + 1e-6)[exact > 0.0])
-    near = (exact > 0.0) & (exact < 0.045)
-    assert near.sum() > 10
-    assert (exact - ours)[near].max() < 1e-4
-    assert np.array_equal(ours < -1e-6, exact < -1e-6)
-    assert (exact < 0.0).sum() > 10
-    some = np.array([scene.near_distances(row, 0.02, 0.2) for row in q])
-    assert np.all((some <= exact + 1e-6)[exact > 0.0])
-    assert some[exact < 0.02] == pytest.approx(np.maximum(exact, some)[exact < 0.02], abs=1e-9)
-
-
-@pytest.mark.parametrize("name", ["cloud", "field"])
-def test_the_proof_holds(name: str, request: pytest.FixtureRequest) -> None:
-    """Proven clearance lies just below the least of dense exact distances; no collision is missed."""
-    scene: Scene = request.getfixturevalue(name)
-    rng, free = np.random.default_rng(4), 0
-    for _ in range(14):
-        points = rng.uniform(-1.5, 1.5, (1, 1, 3)) + np.cumsum(rng.normal(size=(1, 3, 3)) * 0.15, axis=1)
-        motion = Splines(points, np.full((1, 2), 0.3))
-        proof = prove_clearance(scene, motion, samples=40)
-        least = min(float(scene.distances(row).min()) for row in motion.at(np.linspace(0.0, 0.6, 400))[0])
-        assert proof.collision_free == (least > 0.0) or abs(least) < 1e-3
-        if proof.collision_free:
-            free += 1
-            assert min(least - 2e-3, 0.5 * least) - 1e-9 < proof.proven <= least + 1e-9
-    assert 0 < free < 14
-
-
-def test_a_link_under_a_height_field_collides(field: Scene) -> None:
+def test_a_link_under_a_height_field_collides() -> None:
     """The body under the heights is solid: points in it are inside, and links in it have no free place."""
-    box = field.obstacles[0]
+    box = scene_of("field").obstacles[0]
     rng = np.random.default_rng(5)
     places = rng.uniform([-0.8, -0.6, -1.2], [0.8, 0.6, 0.6], (300, 3))
     grid = hills()
@@ -196,19 +123,19 @@ def test_clouds_of_all_files_are_the_same(tmp_path: Path, name: str) -> None:
     ("table", "words"),
     [
         ('cloud = "none.ply"\nradius_m = 0.01', "none.ply.*can't be read .No such file"),
-        ('cloud = "nan.npy"\nradius_m = 0.01', "point 3 of 40 is no number, nor are 2 others; leave"),
+        ('cloud = "nan.npy"\nradius_m = 0.01', "row 3, column 2 is no number, nor are 2 others; leave"),
         ('cloud = "bad.ply"\nradius_m = 0.01', "bad.ply.*can't be read"),
         ('cloud = "bad.pcd"\nradius_m = 0.01', "bad.pcd.*can't be read"),
         ('cloud = "scan.stl"\nradius_m = 0.01', "give one of: .ply"),
         ('cloud = "wide.npy"\nradius_m = 0.01', "give scale = 0.001"),
-        ('cloud = "flat.npy"\nradius_m = 0.01', "no points; give three columns"),
+        ('cloud = "flat.npy"\nradius_m = 0.01', "no point cloud; give 1 or more rows of 3 or more numbers"),
         ('cloud = "good.npy"', "obstacle 1.radius_m is missing; add it, in metres"),
         ('cloud = "good.npy"\nradius_m = 0', "radius_m is 0, not a number above zero"),
         ('cloud = "good.npy"\nradius_m = 0.01\nsize_m = [1, 1, 1]', "unknown key 'size_m'"),
         ('heights = "nan.npy"\nsize_m = [1, 1]', "row 3, column 2 is no number"),
         ('heights = "good.npy"\nsize_m = [1, 1]\nbase_m = 5', "give a lower base_m"),
         ('heights = "good.npy"\nsize_m = [1, 0]', "not above zero"),
-        ('heights = "one.npy"\nsize_m = [1, 1]', "no grid"),
+        ('heights = "one.npy"\nsize_m = [1, 1]', "no height field; give 2 or more rows"),
         ('heights = "none.npy"\nsize_m = [1, 1]', "No such file"),
     ],
 )

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial import ConvexHull
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
@@ -17,123 +16,8 @@ from plan.geometry.solids import Solid
 from plan.geometry.tool import Carried, name_links
 from plan.problem.task_file import load_task
 from plan.solving.set_up import require_valid_ends, set_up
-from plan.spline import Splines
+from tests.plan.geometry.worlds import CUBE, TASK
 from tests.plan.worlds import random_rotation, three_joints
-
-KINDS = ("box", "sphere", "capsule", "cylinder", "hull", "surface")
-TASK = 'robot = "tm5-900"\n[task]\nstart_deg = [50, 0, -120]\ngoal_deg = [80, 30, -90]\nduration_s = 0.65\n'
-CUBE = """v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1
-f 1 3 2\nf 1 4 3\nf 5 6 7\nf 5 7 8\nf 1 2 6\nf 1 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5\nf 4 5 8\n"""
-
-
-def a_solid(kind: str, rng: np.random.Generator) -> Solid:
-    """A shape of a kind, 5 to 25 cm large."""
-    if kind == "box":
-        return Solid.simple("box", *rng.uniform(0.03, 0.12, 3))
-    if kind == "sphere":
-        return Solid.simple("sphere", rng.uniform(0.03, 0.12))
-    if kind in ("capsule", "cylinder"):
-        return Solid.simple("capsule" if kind == "capsule" else "cylinder", *rng.uniform(0.03, 0.12, 2))
-    points = rng.normal(size=(20, 3)) * 0.06
-    hull = ConvexHull(points)
-    return Solid.hull(points) if kind == "hull" else Solid.surface(points, hull.simplices)
-
-
-def a_scene(arm: ArmModel, count: int, seed: int) -> Scene:
-    """Obstacles of all kinds round an arm."""
-    rng, found = np.random.default_rng(seed), []
-    while len(found) < count:
-        place = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.2])
-        if np.hypot(*place[:2]) > 0.3:
-            kind = KINDS[len(found) % len(KINDS)]
-            found.append(Box.around(f"{kind} {len(found)}", a_solid(kind, rng), 0, random_rotation(rng), place))
-    return Scene.build(arm, found)
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return a_scene(three_joints(), 12, 0)
-
-
-@pytest.fixture(scope="module")
-def panda() -> Scene:
-    return a_scene(ArmModel.load("panda"), 6, 1)
-
-
-@pytest.mark.parametrize("name", ["scene", "panda"])
-def test_gaps_of_all_shapes_equal_coal(name: str, request: pytest.FixtureRequest) -> None:
-    """No gap is above the exact distance; near contact all are within the two that thinned hulls give away a side."""
-    world: Scene = request.getfixturevalue(name)
-    low, high = np.maximum(world.arm.lower, -2.5), np.minimum(world.arm.upper, 2.5)
-    q = np.random.default_rng(2).uniform(low, high, (150, world.arm.n))
-    ours, exact = world.gaps(q), np.array([world.proximity.distances(row) for row in q])
-    assert np.all(ours <= exact + 1e-6)
-    near = (exact > 0.0) & (exact < 0.045)
-    assert near.sum() > 30
-    assert (exact - ours)[near].max() < 4.3e-3
-    assert np.all((ours < 0.0)[exact < -1e-6])
-    assert (exact < 0.0).sum() > 30
-    least, together = ours.min(axis=1), world.separation(q)
-    close = (least > 0.0) & (least < 0.045)
-    assert together[close] == pytest.approx(least[close], abs=1e-4)  # beyond, both are bounds, each its own
-    assert np.array_equal(together < 0.0, least < 0.0)
-
-
-def test_far_pairs_may_be_left_out(scene: Scene) -> None:
-    """Gaps up to 5 cm are what they are without a bound; all others lie beyond, and none above the distance."""
-    q = np.random.default_rng(3).uniform(-2.5, 2.5, (100, 3))
-    whole, some = scene.gaps(q), scene.gaps(q, 0.06)
-    near = whole <= 0.05
-    assert 0 < near.sum() < near.size
-    assert np.array_equal(some[near], whole[near])
-    assert np.all(some[~near] > 0.05)
-    assert np.all(some <= np.array([scene.proximity.distances(row) for row in q]) + 1e-6)
-
-
-def test_gradients_of_all_shapes_equal_finite_differences(scene: Scene) -> None:
-    """The witness points' gradient is the distance's derivative for every kind of shape."""
-    rng, checked, h = np.random.default_rng(3), set(), 1e-5
-    for _ in range(400):
-        q, pair = rng.uniform(-2, 2, 3), int(rng.integers(len(scene.pairs)))
-        kind = scene.boxes[scene.pairs[pair][0]].solid.kind
-        if kind in checked or not 0.01 < scene.distances(q)[pair] < 0.3:
-            continue
-        steps = [scene.proximity.distances(q + sign * h * e)[pair] for e in np.eye(3) for sign in (1, 0, -1)]
-        forward, backward = np.diff(np.reshape(steps, (3, 3)), axis=1).T / -h
-        if np.abs(forward - backward).max() < 1e-4:  # no kink
-            assert np.abs(scene.gradients(q[None], np.array([pair]))[0] - (forward + backward) / 2).max() < 2e-5
-            checked.add(kind)
-    assert checked == set(KINDS)
-
-
-def test_the_proof_holds_for_all_shapes(scene: Scene) -> None:
-    """Proven clearance lies within 2 mm below the least of dense exact distances; no collision is missed."""
-    rng, free = np.random.default_rng(4), 0
-    for _ in range(16):
-        points = rng.uniform(-1.5, 1.5, (1, 1, 3)) + np.cumsum(rng.normal(size=(1, 3, 3)) * 0.2, axis=1)
-        motion = Splines(points, np.full((1, 2), 0.3))
-        proof = prove_clearance(scene, motion, samples=40)
-        q = motion.at(np.linspace(0.0, 0.6, 700))[0]
-        least = min(float(scene.distances(row).min()) for row in q)
-        assert proof.collision_free == (least > 0.0) or abs(least) < 1e-3
-        if proof.collision_free:
-            free += 1
-            assert min(least - 2e-3, 0.5 * least) - 1e-9 < proof.proven <= least + 1e-9
-    assert 0 < free < 16
-
-
-def test_sweeps_find_what_dense_samples_find(scene: Scene) -> None:
-    """The skipping sweep over the tree calls the same motions short of the margin as dense samples do."""
-    rng = np.random.default_rng(5)
-    points = rng.uniform(-1.5, 1.5, (60, 1, 3)) + np.cumsum(rng.normal(size=(60, 4, 3)) * 0.2, axis=1)
-    motions = Splines(points, np.full((60, 3), 0.3))
-    gap, shortfall = scene.sweep(motions, 0.01)
-    q = motions.states(np.linspace(0, 1, 200))[0]
-    dense = scene.separation(q.reshape(-1, 3)).reshape(60, -1).min(axis=1)
-    clear = np.abs(dense - 0.01) > 1e-3
-    assert np.array_equal((gap < 0.01)[clear], (dense < 0.01)[clear])
-    assert np.array_equal(shortfall > 0, gap < 0.01)
-    assert 5 < (gap < 0.01).sum() < 55
 
 
 def test_a_link_inside_a_closed_mesh_collides(tmp_path: Path) -> None:

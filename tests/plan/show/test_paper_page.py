@@ -16,17 +16,20 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     """Paper's and our figures stand side by side, a failed trial says so, and every picture named is there."""
     task = problem()
     result = solve(task, SolveOptions(method="reference", gap=False))
-    failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
+    failed = Line("RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
     details = _details("ga", task.vias, 4.25, 0.125)
-    lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0), Line("Table 3", "GA", "J", (), (3.0,), 1.0, details))
+    searched, first = Line("sqp", "J", (), (3.0,), 1.0), Line("GA", "J", (), (3.0,), 1.0, details)
+    tables = {"Table 6": [failed], "Fig. 10": [searched], "Table 3": [first]}
     compared = Comparison("fig. 10 of a$x^{$b", "energy", 100, 1.0, (result,))
-    repeat = Repeat(
-        lines, compared, {"figure_11": (task, result), "figure_13_6": (task, result)}, PaperOptions(epochs=7)
-    )
+    motions = {"figure_11": (task, result), "figure_13_6": (task, result)}
+    repeat = Repeat(tables, compared, motions, PaperOptions(epochs=7))
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
     assert "7 epochs" in text
+    assert "## Table 6\n\n| | paper" in text
+    assert "|\n\n| | paper | ours |\n" in text
+    assert "\n\n\n" not in text
     assert "can't be repeated" in text
     assert "(72.4, 22.9, -98.6) deg; 417 s; gain 10.5 %" in text
     assert "deg; 4.25 s; gain 12.5 %" in text
@@ -40,8 +43,7 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
 def test_every_table_is_run_again() -> None:
     """With little effort all of Tables 3 to 7 and Figs. 10 and 11 have rows, and brute force lies below the start."""
     found = repeat_paper(None, PaperOptions(epochs=25, generations=5, trials=1, levels=4))
-    tables = {line.table for line in found.lines}
-    assert tables == {"Table 3", "Table 4", "Table 5", "Table 6", "Table 7", "Fig. 10", "Fig. 11"}
-    first = {line.name: line.ours[0] for line in found.lines if line.table == "Table 3"}
+    assert set(found.tables) == {"Table 3", "Table 4", "Table 5", "Table 6", "Table 7", "Fig. 10", "Fig. 11"}
+    first = {line.name: line.ours[0] for line in found.tables["Table 3"]}
     assert first["brute force"] <= first["initial"] + 1e-9
     assert PAPER["brute"] == (45.46,)
