@@ -86,7 +86,6 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
     return mappings[0] if len(mappings) == 1 else {}
 
 
-# Named columns -> a recording: which columns are used, what they are called, and what torque they hold.
 TIME = "time"
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 

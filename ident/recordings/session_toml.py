@@ -181,18 +181,13 @@ def _numbers(data: dict[str, Any], key: str, path: Path) -> dict[str, float]:
 
 def _columns(data: dict[str, Any], path: Path) -> dict[str, str]:
     table = _table(data, "columns", path)
-    for name, native in table.items():
-        if not isinstance(native, str):
-            raise RecordingError(
-                path, f"[columns] {name} = {native!r}", 'write foreign = "native", such as 2 = "joint_1/position"'
-            )
     seen: dict[str, str] = {}
     for name, native in table.items():
-        if native in seen:
-            raise RecordingError(
-                path, f"[columns] gives {native!r} to both {seen[native]!r} and {name!r}", "name it once"
-            )
-        seen[native] = name
+        if not isinstance(native, str):
+            remedy = 'write foreign = "native", such as 2 = "joint_1/position"'
+            raise RecordingError(path, f"[columns] {name} = {native!r}", remedy)
+        if (first := seen.setdefault(native, name)) != name:
+            raise RecordingError(path, f"[columns] gives {native!r} to both {first!r} and {name!r}", "name it once")
     return dict(table)
 
 

@@ -52,10 +52,11 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         raise RecordingError(path, "has no whole row", "give a table with samples")
     text = b"\n".join([lines[number].rstrip(b"\r").replace(b"\r", b"?") for number in good])
     try:
-        raw = _parse(text, layout, chosen)
+        cells = _parse(text, layout, chosen, dict.fromkeys(chosen.values(), pa.binary()), quoted=False)
     except pa.ArrowException as error:
         reason = str(error).partition(":")[0]
         raise RecordingError(path, f"its rows can't be parted ({reason})", "write the table again") from None
+    raw = [column.combine_chunks() for column in cells]
     values, masks = zip(*(_to_numbers(column, layout.decimal) for column in raw), strict=True)
     bad = [
         mask[-1] or not (np.isfinite(column[-1]) or native.endswith("/temperature"))
@@ -77,19 +78,35 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
     ).screen()
 
 
-def _parse(text: bytes, layout: TextLayout, chosen: Mapping[int, str]) -> list[pa.Array]:
-    """The chosen columns of lines that have the right number of cells, as they stand."""
+def _parse(
+    data: bytes | pa.Buffer,
+    layout: TextLayout,
+    chosen: Mapping[int, str],
+    kinds: Mapping[str, pa.DataType],
+    skipped: int = 0,
+    quoted: str | bool = '"',
+) -> list[pa.ChunkedArray]:
+    """The chosen columns by Arrow's reader; raises `ArrowInvalid` at the first cell or row that is none of its kind.
+
+    Args:
+        data: The file's bytes, or those of its good lines.
+        layout: How it is written.
+        chosen: Index of the column -> native name.
+        kinds: What the cells of a native name are; floats where it has no entry.
+        skipped: Lines before the first row.
+        quoted: What cells may be quoted by.
+    """
     positions = [f"f{index}" for index in range(len(layout.names))]
-    wanted = [positions[index] for index in chosen]
+    types = {positions[index]: kinds.get(native, pa.float64()) for index, native in chosen.items()}
     table = pacsv.read_csv(
-        pa.BufferReader(text),
-        read_options=pacsv.ReadOptions(column_names=positions, block_size=1 << 24),
-        parse_options=pacsv.ParseOptions(delimiter=layout.separator, quote_char=False),
+        pa.BufferReader(data),
+        read_options=pacsv.ReadOptions(column_names=positions, skip_rows=skipped, block_size=BLOCK_BYTES),
+        parse_options=pacsv.ParseOptions(delimiter=layout.separator, quote_char=quoted),
         convert_options=pacsv.ConvertOptions(
-            column_types=dict.fromkeys(wanted, pa.binary()), include_columns=wanted, strings_can_be_null=False
+            column_types=types, include_columns=list(types), decimal_point=layout.decimal
         ),
     )
-    return [table.column(name).combine_chunks() for name in wanted]
+    return [table.column(name) for name in types]
 
 
 def _to_numbers(cells: pa.Array, decimal: str) -> tuple[Float[Array, " R"], Bool[Array, " R"]]:
@@ -106,7 +123,6 @@ def _to_numbers(cells: pa.Array, decimal: str) -> tuple[Float[Array, " R"], Bool
     return values.to_numpy(zero_copy_only=False), text
 
 
-# CSV and other text tables: how one is written, by its first lines; then all cells at once, by Arrow, to numbers.
 SNIFF_BYTES = 1 << 16
 COMMENTS = ("#", "%")
 
@@ -126,10 +142,6 @@ class TextLayout:
     separator: str
     first_line: int
     decimal: str = "."
-
-    def split(self, line: str) -> list[str]:
-        """The cells of a line."""
-        return split_cells(line, self.separator)
 
 
 def split_cells(line: str, separator: str) -> list[str]:
@@ -215,7 +227,9 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
         tail = stream.read()
     if tail.endswith((b"\n", b"\r")):
         return False
-    *before, last = [layout.split(line)[-1:] for line in tail.decode(errors="replace").splitlines()[-20:]] or [[]]
+    *before, last = [
+        split_cells(line, layout.separator)[-1:] for line in tail.decode(errors="replace").splitlines()[-20:]
+    ] or [[]]
     decimals = {len(cell[0].partition(layout.decimal)[2]) for cell in before[1:] if cell}
     cut = len(last[0].partition(layout.decimal)[2]) if last else 0
     return len(before) > 5 and len(decimals) == 1 and cut < decimals.pop()
@@ -239,7 +253,7 @@ def open_text(path: Path) -> NamedColumns:
     def numbers() -> dict[str, Float[Array, " T"]]:
         with path.open("rb") as stream:
             head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
-        rows = [cells for line in head if len(cells := layout.split(line)) == len(layout.names)]
+        rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
         filled = [i for i in range(len(layout.names)) if sum(is_number(row[i]) for row in rows) > len(rows) / 2]
         if not filled:
             raise RecordingError(path, "has no column of numbers", "give a table of samples")
@@ -258,7 +272,8 @@ def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     columns = None
     for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
         try:
-            columns = _read_fast(data, layout, chosen, clock)
+            found = zip(chosen.values(), _parse(data, layout, chosen, {TIME: clock}, layout.first_line), strict=True)
+            columns = {native: column_numbers(column, native, "time") for native, column in found}
             break
         except pa.ArrowInvalid:
             continue
@@ -284,35 +299,3 @@ def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
         return pa.memory_map(str(path)).read_buffer()
     data = path.read_bytes().replace(b"\t", b" ")
     return re.sub(rb"^ +| +$", b"", re.sub(rb" {2,}", b" ", data), flags=re.MULTILINE)
-
-
-def _read_fast(
-    data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str], clock: pa.DataType
-) -> dict[str, np.ndarray]:
-    """Arrow's own reader, straight to columns of floats; raises `ArrowInvalid` at the first bad cell or row.
-
-    Args:
-        data: The file's bytes.
-        layout: How it is written.
-        chosen: Index of the column -> native name.
-        clock: What the cells of the time are, one of `CLOCKS`.
-    """
-    positions = [f"f{index}" for index in range(len(layout.names))]
-    wanted = [positions[index] for index in chosen]
-    table = pacsv.read_csv(
-        pa.BufferReader(data),
-        read_options=pacsv.ReadOptions(column_names=positions, skip_rows=layout.first_line, block_size=BLOCK_BYTES),
-        parse_options=pacsv.ParseOptions(delimiter=layout.separator),
-        convert_options=pacsv.ConvertOptions(
-            column_types={
-                position: clock if native == TIME else pa.float64()
-                for position, native in zip(wanted, chosen.values(), strict=True)
-            },
-            include_columns=wanted,
-            decimal_point=layout.decimal,
-        ),
-    )
-    return {
-        native: column_numbers(table.column(name), native, "time")
-        for name, native in zip(wanted, chosen.values(), strict=True)
-    }

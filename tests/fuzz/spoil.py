@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.io import loadmat, savemat
 
-from tests.ident.robot.test_xacro import HARMFUL
+from tests.ident.robot.test_xacro import GROWING, HARMFUL
 
 Rng = np.random.Generator
 Spoil = Callable[[bytes, Rng], bytes]
@@ -40,12 +40,7 @@ TAGS += ['<xacro:call macro="segment"/>', '<xacro:property name="p" value="${p}$
 TAGS += ['<xacro:property name="pi" value="3"/>']
 TAGS += ['<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>']
 TAGS += ['<xacro:property name="reach" value="$(env HOME)"/>', '<xacro:element xacro:name="${reach}"/>']
-TAGS += ["<xacro:if/>"]
-TAGS += [
-    '<xacro:property name="g0" value="aa"/>'
-    + "".join(f'<xacro:property name="g{k + 1}" value="{f"${{g{k}}}" * 9}"/>' for k in range(12))
-    + '<link name="${g12}"/>'
-]
+TAGS += ["<xacro:if/>", GROWING["texts"]]
 VALUES = [None, True, -1, 1e308, float("nan"), float("inf"), 10**400, "x", [], {}, [[]], "\ud800", "__import__('os')"]
 
 
@@ -327,10 +322,12 @@ def change_words(data: bytes, rng: Rng) -> bytes:
 
 
 def lengthen(data: bytes, rng: Rng) -> bytes:
-    """Its length fields lie: eight bytes become a very large or a negative number."""
+    """Its lengths or kinds lie: eight bytes become a very large or a negative number, or four of them a small one."""
     if len(data) < 16:
         return data
     at = int(rng.integers(len(data) - 8))
+    if rng.random() < 0.5:
+        return data[: at // 4 * 4] + int(rng.integers(20)).to_bytes(4, "little") + data[at // 4 * 4 + 4 :]
     number = int(rng.choice([2**31 - 1, 2**32 - 1, 2**40, 2**62, -1]))
     return data[:at] + number.to_bytes(8, "little", signed=True) + data[at + 8 :]
 

@@ -110,6 +110,16 @@ def test_arrays_of_two_dimensions_are_columns(kind: str, run: Recording, tmp_pat
     np.testing.assert_array_equal(read.position, run.position)
 
 
+@pytest.mark.parametrize(("word", "value"), [(144, 5), (160, 2**31 - 1), (176, 0), (176, 14)])
+def test_a_matlab_file_by_which_its_reader_crashes_is_told(word: int, value: int, tmp_path: Path) -> None:
+    """Law: sparse arrays, sizes beyond the file, elements of no kind, or of others, never come to scipy's reader."""
+    savemat(tmp_path / "a.mat", {"q": np.zeros((3, 20))})
+    data = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(data[:word] + value.to_bytes(4, "little") + data[word + 4 :])
+    with pytest.raises(RecordingError, match="not a MATLAB file"):
+        load_session(tmp_path / "a.mat")
+
+
 def test_what_is_no_matlab_file_is_told(tmp_path: Path) -> None:
     """A damaged file, and MATLAB's HDF5."""
     (tmp_path / "a.mat").write_bytes(b"nothing of the kind" * 20)
