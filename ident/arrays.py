@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["Array", "Bool", "Float", "Int", "freeze", "in_a_line"]
+__all__ = ["Array", "Bool", "Float", "Int", "freeze", "in_a_line", "least_squares"]
 
 Array = np.ndarray
 # Longest text or tuple that a line shows as it is [characters].
@@ -38,6 +38,24 @@ def freeze(values: Any) -> Float[Array, "..."]:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def least_squares(table: Float[Array, "T k"], target: Float[Array, "..."], least: float | None = None) -> Array:
+    """Least-squares solution of least norm.
+
+    LAPACK's fastest way, by divided singular values, may not come to an end where a column is zero; pivoted ones do.
+
+    Args:
+        table: The columns.
+        target: What they are to make.
+        least: Smallest singular value that counts, as a share of the largest; by rounding if None.
+    """
+    try:
+        return np.asarray(np.linalg.lstsq(table, target, rcond=least)[0])
+    except np.linalg.LinAlgError:
+        from scipy.linalg import lstsq  # slow to load, and hardly ever needed
+
+        return np.asarray(lstsq(table, target, cond=least, lapack_driver="gelsy")[0])
 
 
 def in_a_line(record: Any) -> str:

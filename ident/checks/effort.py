@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of, joints_at
 from ident.recordings.recording import Session, TelemetryIssue
@@ -133,7 +133,7 @@ def jackknife(
     whole = np.column_stack([table / size, target])
     each = np.stack([whole[steps == k].T @ whole[steps == k] for k in range(pieces)])
     found, *parts = (
-        np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0] / size
+        least_squares(sums[:-1, :-1], sums[:-1, -1], 1e-10) / size
         for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
     )
     return found, np.sqrt((pieces - 1) * np.var(parts, axis=0))
@@ -258,7 +258,7 @@ def _without_friction(
     columns, target = triangle[:, :-1], triangle[:, -1]
     left = []
     for count in (columns.shape[1] - 2, columns.shape[1]):
-        weights, *_ = np.linalg.lstsq(columns[:, :count], target, rcond=1e-8)
+        weights = least_squares(columns[:, :count], target, 1e-8)
         left.append(float(np.linalg.norm(target - columns[:, :count] @ weights)) / np.sqrt(len(tau)))
     spread = float(tau.std())
     gain = 1.0 - (left[1] / left[0]) ** 2 if left[0] > 0.0 else 0.0

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arrays import least_squares
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, TelemetryReport, issue_of, joints_at
@@ -214,7 +215,7 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
     for j in np.flatnonzero(states.alive & states.moving):
         dq, tau = states.dq[:, j], states.tau[:, j]
         table = np.column_stack([swings, states.q[:, j], dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))])
-        left = tau - table @ np.linalg.lstsq(table, tau, rcond=None)[0]
+        left = tau - table @ least_squares(table, tau)
         found[int(j)] = 1.0 - float(left.var() / tau.var())
     worst = min(found, key=lambda j: found[j], default=None)
     if worst is None or found[worst] > LIMIT.own_motion[1]:

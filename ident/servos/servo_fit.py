@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Bool, Float, Int, least_squares
 from ident.errors import RecordingError
 from ident.motion.filter import USUAL_MOTION
 from ident.motion.motion import Motion, prepare_run, session_noise
@@ -253,7 +253,7 @@ def _held_out(rows: _Rows, without: int | None = None) -> Float[Array, " P"]:
     for k in range(PARTS):
         out = part == k
         own = x[out]
-        beta = np.linalg.lstsq(whole - own.T @ own, target - own.T @ rows.error[out], rcond=1e-10)[0]
+        beta = least_squares(whole - own.T @ own, target - own.T @ rows.error[out], 1e-10)
         left[out] = rows.error[out] - own @ beta
     return np.bincount(index, left**2, minlength=len(names))
 
