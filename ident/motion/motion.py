@@ -24,11 +24,7 @@ from ident.recordings.recording import Payload, Recording, Session
 FILTER_ORDER = 4
 # Arms' motions last seconds: a filter that leaves only what is slower leaves nothing of them [Hz].
 LEAST_CUTOFF_HZ = 0.1
-
-
-@lru_cache(maxsize=64)
-def _sections(rate: float, cutoff: float) -> Float[Array, "s 6"]:
-    return design_lowpass(FILTER_ORDER, cutoff, rate)
+_design = lru_cache(maxsize=64)(design_lowpass)
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ class Lowpass:
     def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
         """The same of several signals, all of their columns side by side."""
         padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
-        return filter_together(_sections(self.rate, self.cutoff), parts, padding)[:: self.factor]
+        return filter_together(_design(FILTER_ORDER, self.cutoff, self.rate), parts, padding)[:: self.factor]
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,11 +97,15 @@ class SpooledMotions(OnDemand[Motion]):
     def __init__(self, motions: Iterable[Motion], most: int | None = None) -> None:
         self.recorded, self.samples, self.most = 0, 0, most or HELD_SAMPLES
         self._bare: list[Motion] = []
-        self._channels = {name: SpooledArrays() for name in CHANNELS}
+        self._channels, nothing = {name: SpooledArrays() for name in CHANNELS}, np.zeros(0)
         for motion in motions:
             self.recorded += 1
             for piece in cut(motion, PIECE_SAMPLES):
-                self._append(piece)
+                for name, channel in self._channels.items():
+                    values = getattr(piece, name)
+                    channel.append(nothing if values is None else values)
+                self._bare.append(_with_channels(piece, dict.fromkeys(CHANNELS, nothing)))
+                self.samples += len(piece.time)
 
     def __len__(self) -> int:
         return len(self._bare)
@@ -121,14 +125,6 @@ class SpooledMotions(OnDemand[Motion]):
     def every(self) -> int:
         """One of how many motions is asked where a few are enough."""
         return max(1, -(-self.samples // self.most))
-
-    def _append(self, motion: Motion) -> None:
-        nothing = np.zeros(0)
-        for name, channel in self._channels.items():
-            values = getattr(motion, name)
-            channel.append(nothing if values is None else values)
-        self._bare.append(_with_channels(motion, dict.fromkeys(CHANNELS, nothing)))
-        self.samples += len(motion.time)
 
     def _make(self, index: int) -> Motion:
         return _with_channels(self._bare[index], {name: values[index] for name, values in self._channels.items()})
