@@ -176,7 +176,7 @@ class EncoderOffset(Effect):
         return super().untestable(session, joint)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant(shape={"about_rad": about}) for about in (0.0, LARGE_OFFSET, -LARGE_OFFSET))
+        return (Variant(shape={"about_rad": 0.0}),)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         return tuple(Variant(shape={"about_rad": share * LARGE_OFFSET}) for share in FINE_OFFSETS)

@@ -216,10 +216,14 @@ class SpringTorque(Effect):
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """A spring pulls towards its rest, which lies where the joint can go or, with preload, half a turn beyond."""
+        """A spring pulls towards its rest, which lies where the joint can go or, with preload, half a turn beyond.
+
+        A balancer may pull, from one end of the motion to the other, from all that the motor can hold to as much the
+        other way.
+        """
         seen = travel(session, joint)
         low, high = joint_range(session, joint, seen)
-        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / max(seen[1] - seen[0], LEAST_SPRING_RANGE)
+        most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LEAST_SPRING_RANGE)
         return {
             "stiffness_Nm_rad": Range(0.0, most, "a spring that pushes away from its rest, or is beyond the motor"),
             "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),

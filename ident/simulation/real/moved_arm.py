@@ -170,13 +170,29 @@ class MovedArm:
         return {name: _basis(columns) for name, columns in kinds.items()}
 
     def visible(self, torque: Float[Array, "N n"], view: View, local: bool = False) -> Float[Array, " n"]:
-        """What a refit leaves of a torque, in units of the noise, at each joint; of a local one, while it acts."""
-        basis, y = self._bases[view], self.rows(torque) * self.moving / self.noise
-        left = y - (basis @ (basis.T @ y.ravel())).reshape(y.shape)
+        """What a refit leaves of a torque at each joint; of a local one, while it acts.
+
+        In units of what the same refit leaves of the recording as it is: where the URDF is held fixed, that holds the
+        URDF's own errors, among which a small body more is none.
+        """
+        y = self.rows(torque) * self.moving / self.noise
+        left = self._left(y, view)
         if local:
             acts = np.any(np.abs(y) > 0.1 * np.abs(y).max(), axis=1)
-            return np.sqrt(np.mean(left[acts] ** 2, axis=0))
-        return self._rms(left)
+            left = left[acts]
+            return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / self._own[view])
+        return np.asarray(self._rms(left) / self._own[view])
+
+    def _left(self, y: Float[Array, "M n"], view: View) -> Float[Array, "M n"]:
+        basis = self._bases[view]
+        return y - (basis @ (basis.T @ y.ravel())).reshape(y.shape)
+
+    @cached_property
+    def _own(self) -> dict[View, Float[Array, " n"]]:
+        """What each refit leaves of the recorded torque, in units of the noise; one at the least."""
+        torques: dict[View, Array] = {"refit": self.tau, "loss": self.tau - self.rigid, "no_offset": self.tau}
+        rows = {view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()}
+        return {view: np.maximum(self._rms(self._left(y, view)), 1.0) for view, y in rows.items()}
 
 
 def _basis(columns: Float[Array, "M p"]) -> Float[Array, "M r"]:
