@@ -31,6 +31,7 @@ from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
 from ident.diagnosis.from_reports import diagnose_reports
+from ident.diagnosis.regression.decimation import moved_inertia
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, log_error
@@ -99,7 +100,7 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
         raise InputError(twin.name, f"its verdict is {oracle.verdict}", "simulate another case")
     arm = arm.keeping(twin.joints)
     opened = open_sessions([other], options.robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
-    held_out = within_band(opened.motions)
+    held_out = within_band(opened.motions, moved_inertia(arm, opened.motions))
     models = {
         "edited": edited_arm(diagnosis, arm, true),
         "oracle": tuned_arm(oracle.to_dict(), arm),

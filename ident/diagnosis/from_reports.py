@@ -11,7 +11,7 @@ import numpy as np
 from ident.checks import TelemetryReport
 from ident.checks.report import TOO_LITTLE
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.user_model import with_own_model
@@ -57,8 +57,6 @@ def diagnose_reports(
     heard = _Heard()
     stage("reading, checking, smoothing", 0.0, 0.2)
     motions = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
-    if cutoff is None:
-        motions = within_band(motions)
     fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
@@ -68,6 +66,8 @@ def diagnose_reports(
         raise no_motion(heard.session, settings.motion)
     arm = arm.keeping(heard.joints)
     arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
+    if cutoff is None:
+        motions = within_band(motions, moved_inertia(arm, motions))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share

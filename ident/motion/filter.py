@@ -24,6 +24,7 @@ class MotionSettings(Settings, table="motion"):
     caution: float = number()
     noise_known_to: float = number()
     whole_share: float = number()
+    lost_share: float = number()
     cutoff_hz: float = number()
     cutoff_share: float = number()
     oversampling: float = number()

@@ -16,7 +16,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
-from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band
+from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band, mean_spectrum
 from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_together
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
@@ -83,6 +83,7 @@ class Motion:
         state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
             made of the states is what the noise that is in them does.
         band: Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
+        density: Power density of each joint's encoder noise [rad²/Hz], or None where nobody knows.
         log_interval: Sampling interval of the recording [s]; 0 where nobody knows.
         settings: How it was made, and what of it counts as settled.
     """
@@ -104,6 +105,7 @@ class Motion:
     continues: bool = False
     state_noise: Float[Array, "T n 3"] | None = None
     band: Float[Array, " n"] | None = None
+    density: Float[Array, " n"] | None = None
     log_interval: float = 0.0
     settings: MotionSettings = USUAL_MOTION
 
@@ -201,18 +203,42 @@ class Motion:
         names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
         kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
-        band = None if self.band is None else freeze(self.band[columns])
-        return replace(self, joints=tuple(joints), band=band, **cut)
+        own = {name: getattr(self, name) for name in ("band", "density")}
+        cut |= {name: freeze(values[columns]) for name, values in own.items() if values is not None}
+        return replace(self, joints=tuple(joints), **cut)
 
 
 def whole_band(motions: Iterable[Motion]) -> float:
     """Frequency up to which the states of most joints follow their motion in most runs [Hz]; infinite if not known.
 
     Where torque is looked at beyond, speeds and accelerations that are half kept stand against torques that are whole:
-    that looks like elasticity, whose torque grows towards its resonance.
+    where that is more than a little (`torque_band`) it looks like elasticity, whose torque grows towards its resonance.
     """
     known = [(motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None]
     return known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
+
+
+def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> float:
+    """Frequency up to which what a run's states lack of its motion is little in any torque [Hz].
+
+    Beyond a corner the states lack motion that is less than `caution` times the encoder's noise: in the torque at most
+    caution · M² (2π f)⁴ · density. Up to some frequency that is a small share (`lost_share`) of what the torque has
+    there, at each joint.
+
+    Args:
+        motion: The run.
+        inertia: What each joint moves, M [kg m²].
+        corner: Up to where the states are whole [Hz].
+    """
+    if motion.density is None or len(motion.time) < 2:
+        return corner
+    rate, settings = motion.lowpass.rate, motion.settings
+    length = min(len(motion.time), max(16, round(settings.band_stretch_s * rate)))
+    f, torque = mean_spectrum(np.asarray(motion.tau), rate, length)
+    beyond = f > corner
+    lost = settings.caution * motion.density * (inertia * (2.0 * np.pi * f[beyond, None]) ** 2) ** 2
+    little = np.cumsum(lost, axis=0) <= settings.lost_share * np.cumsum(torque[beyond], axis=0)
+    return float(np.append(corner, f[beyond])[np.argmin(np.append(little.all(axis=1), False))])
 
 
 def session_noise(session: Session, settings: MotionSettings = USUAL_MOTION) -> NoiseLevels:
@@ -264,6 +290,7 @@ def prepare_run(
         position_command=on_grid(run.position_command),
         state_noise=None if noise is None else freeze(noise),
         band=freeze(np.minimum(band, levels.bandwidth(1.0 / rate))),
+        density=freeze(2.0 * levels.position / rate),
         log_interval=1.0 / rate,
         settings=settings,
     )

@@ -21,7 +21,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.motion.motion import Motion, whole_band
+from ident.motion.motion import Motion, torque_band, whole_band
 
 # Samples of a session that are held in memory; those of a longer one are spooled.
 HELD_SAMPLES = 200_000
@@ -143,15 +143,18 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
     return tuple(held)
 
 
-def within_band(motions: Sequence[Motion]) -> Sequence[Motion]:
-    """The same motions, their common filter's corner no higher than what the encoders tell of the motion.
+def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> Sequence[Motion]:
+    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques.
 
     Args:
         motions: All runs of a session.
+        inertia: What each joint moves, typically [kg m²].
     """
+    corner = whole_band(motions.bare if isinstance(motions, SpooledMotions) else motions)
+    if np.isfinite(corner):
+        corner = float(np.median([torque_band(motion, inertia, corner) for motion in few(motions)]))
     if isinstance(motions, SpooledMotions):
-        return motions.below(whole_band(motions.bare))
-    corner = whole_band(motions)
+        return motions.below(corner)
     return tuple(motion.below(corner) for motion in motions)
 
 

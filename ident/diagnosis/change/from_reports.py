@@ -9,7 +9,7 @@ from ident.checks import TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
-from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion, no_motion
@@ -60,7 +60,7 @@ def compare_reports(
     earlier, later = (_motions(side, corner) for side in (before, after))
     motions: Sequence[Motion] = [*earlier, *later]
     if cutoff is None:
-        motions = within_band(motions)
+        motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     currents = any(run.current is not None for report in reports for run in report.session.runs)
     doubt = BY_CURRENT if currents else STATED
     sets = motions[: len(earlier)], motions[len(earlier) :]

@@ -7,7 +7,7 @@ the common one, so that neither side is changed below it; every eighth sample is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,8 +16,12 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.motion.motion import Lowpass, Motion, prepare_each
+from ident.motion.out_of_core import few
 from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
 
+# Poses of a session by which a typical inertia is judged.
+SAMPLED_POSES = 200
 # Of the encoder noise that is drawn: the same session gives the same diagnosis.
 NOISE_SEED = 0
 
@@ -60,3 +64,12 @@ def prepare_slower(
     """
     rng = np.random.default_rng(NOISE_SEED)
     return map(decimate, prepare_each(session, cutoff, settings, rng))
+
+
+def moved_inertia(arm: ArmModel, motions: Sequence[Motion]) -> Float[Array, " n"]:
+    """What each joint moves of the arm's links, on average over the poses of a session [kg m²]."""
+    some = few(motions)
+    every = max(1, sum(len(motion.time) for motion in some) // SAMPLED_POSES)
+    q = np.concatenate([np.asarray(motion.q[::every]) for motion in some])
+    mass = arm.derivatives(q, np.zeros_like(q), np.zeros_like(q))[2]
+    return np.asarray(np.diagonal(mass, axis1=1, axis2=2).mean(axis=0))

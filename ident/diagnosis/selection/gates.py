@@ -37,7 +37,8 @@ class Gates:
         log_score: Gain on held-out runs [nats], and its standard error.
         closed: Fall of the squared error on held-out runs, as a share, and its standard error.
         rms_fall: Largest share by which a joint's held-out error falls.
-        gap_fall: The same as a share of the mean square above the noise that was left.
+        gap_fall: The same as a share of the mean square above the noise that was left; of what happens once, of what
+            the blocks of time in which it does have beyond usual ones.
         own_share: Share of its joint's gap that it closes, of what there was before anything was named.
         evidence: Log evidence [nats]: with its share the only gate of an absorbed effect, and one of an event.
         absorbed: Whether it is one.
@@ -102,10 +103,14 @@ class Named:
 
     @property
     def shown(self) -> list[int]:
-        """Joints at which it shows: its own, or those where the error falls by at least a third of the most."""
+        """Joints at which it shows: its own, or those where the error falls by at least a third of the most.
+
+        What happens once may happen at rest, where no error in N m is counted: there the whitened misfit says it.
+        """
         if self.group.effect.rows == "own":
             return [self.group.joint]
-        fall = self.after.fall_from(self.before)
+        once = self.group.effect.event
+        fall = (self.before.misfit - self.after.misfit).sum(axis=0) if once else self.after.fall_from(self.before)
         return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
 
 
