@@ -32,6 +32,8 @@ def test_power_adds_up_to_the_variance() -> None:
 
 
 RATE, NOISE = 200.0, 1e-4
+# What a joint moves [kg m²].
+HEAVY, LIGHT = np.array([100.0]), np.array([1e-3])
 
 
 def slow_run(rng: np.random.Generator, seconds: float = 20.0) -> tuple[Recording, np.ndarray]:
@@ -60,24 +62,27 @@ def test_slow_motions_lose_the_noise_above_them() -> None:
 
 
 def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
-    """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states; where
+    """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states, unless
 
-    the encoder tells the motion up to the corner, the corner stays, in memory as on disk.
+    what the joint moves is so light that motion beyond is little in its torque; where the encoder tells the motion up
+    to the corner, the corner stays, in memory as on disk.
     """
     run, _ = slow_run(np.random.default_rng(3))
+    run = replace(run, effort=np.random.default_rng(5).standard_normal(run.effort.shape))
     coarse = prepare_run(run, session_noise(Session("s", (run,))), cutoff=25.0)
     assert coarse.band is not None
     assert coarse.band[0] < 20.0
     for held in ([coarse, coarse], SpooledMotions([coarse, coarse])):
-        corner = within_band(held)[1].lowpass.cutoff
+        corner = within_band(held, HEAVY)[1].lowpass.cutoff
         assert corner == pytest.approx(0.8 * coarse.band[0])
+        assert corner < within_band(held, LIGHT)[1].lowpass.cutoff <= 25.0
         assert held[1].lowpass.cutoff == 25.0
         tone = np.sin(2 * np.pi * corner * coarse.time)[:, None]
         states = np.stack([0 * tone, 0 * tone, tone], axis=2)
         kept = keep_band(states, RATE, coarse.band, 50.0)[200:-200, 0, 2]
         assert np.abs(kept - tone[200:-200, 0]).max() < 0.02
     fine = replace(coarse, band=np.array([60.0]))
-    assert within_band([fine])[0] is fine
+    assert within_band([fine], HEAVY)[0] is fine
 
 
 def test_the_second_draw_is_as_large_as_the_noise_that_is_there() -> None:
