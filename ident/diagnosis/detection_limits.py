@@ -199,7 +199,7 @@ class _Look:
         columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
         power = float(scaled @ self.views[0].rest[np.ix_(columns, columns)] @ scaled)
-        needed = np.sqrt(2.0 * self._nats(group, absorbed, beta)) + NINE_IN_TEN
+        needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + NINE_IN_TEN
         by_noise = needed * np.sqrt((1.0 if absorbed else self.spare) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])

@@ -126,7 +126,7 @@ def diagnose(
     links = measure_tuned_links(baseline, evidence, after, prior, spare)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
-    names, heldout = believed(estimates, beside.laws, settings.verdict), _together(found, floors, reach)
+    names, heldout = believed(estimates, found.named, beside.laws, settings.verdict), _together(found, floors, reach)
     verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
     findings = _findings(found, names, arm, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
@@ -218,7 +218,7 @@ def _beside_discrepancy(
     Each is weighed beside all others: what one explains must not count against its neighbour when it goes.
     """
     beside = _weigh(sure, session, baseline, settings)
-    names = believed(sure.estimates, beside.laws, settings.verdict)
+    names = believed(sure.estimates, sure.found.named, beside.laws, settings.verdict)
     kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.least_believed]
     if len(kept) < len(names):
         laws = tuple(beside.laws[k] for k in kept)

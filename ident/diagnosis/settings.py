@@ -23,6 +23,7 @@ class VerdictSettings(Settings, table="verdict"):
     even_odds: float = number()
     trust_nats: float = number()
     trust_exponents: tuple[float, float] = number()
+    least_share: float = number()
     widening_per_fold: float = number()
     least_believed: float = number()
     least_gap_share: float = number()
@@ -32,14 +33,19 @@ class VerdictSettings(Settings, table="verdict"):
     far_left: float = number()
     loud: float = number()
 
-    def trust(self, law: Beside) -> float:
-        """How far a law is believed beside a discrepancy at its joints.
+    def trust(self, law: Beside, closed: float) -> float:
+        """How far a law is believed at its joints.
 
-        Odds grow with what it adds to the evidence of a flexible function, and with its part of what can be explained.
+        Odds grow with what it adds to the evidence of a flexible function, and with the share of the gap it closes.
+
+        Args:
+            law: What it is worth beside a discrepancy.
+            closed: Share of the mean square above noise that it closes on runs that it was not fitted on.
         """
         of_nats, of_share = self.trust_exponents
-        gained = (max(law.log_bayes_factor, 1.0) / self.trust_nats) ** of_nats
-        odds = gained * (law.gain / max(law.left, 1e-3 * law.gain, 1e-9)) ** of_share
+        least = self.least_share
+        share = min(max(closed, least), 1.0 - least)
+        odds = (max(law.log_bayes_factor, 1.0) / self.trust_nats) ** of_nats * (share / (1.0 - share)) ** of_share
         return odds / (1.0 + odds)
 
     def widening(self, law: Beside) -> float:
