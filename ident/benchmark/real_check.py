@@ -167,12 +167,20 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
     yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
     yield "  missed: " + _count(key for key, hit in inside if not hit)
-    yield "calibration (probability, right):"
-    for one in calibration_curve([one["p"] for one in fresh], [one["right"] for one in fresh], BINS):
-        yield f"  {one.said:.2f}: {_written(one.right)}"
+    once = [one for one in fresh if not _is_of_the_arm(one, names)]
+    for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
+        yield f"calibration (probability, right){title}:"
+        for one in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
+            yield f"  {one.said:.2f}: {_written(one.right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
     spent = [one["seconds"] for one in cases if one["seconds"] is not None]
     yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
+
+
+def _is_of_the_arm(name: Row, names: Sequence[Row]) -> bool:
+    """Whether a name that was not planted is given to another case of the arm, too: then it may be the arm's own."""
+    mates = (one for one in names if one["arm"] == name["arm"] and one["case"] != name["case"])
+    return not name["right"] and any(one["name"] == name["name"] and not one["right"] for one in mates)
 
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -22,7 +23,7 @@ class VerdictSettings(Settings, table="verdict"):
     named_from: float = number()
     even_odds: float = number()
     trust_nats: float = number()
-    trust_exponents: tuple[float, float] = number()
+    trust_exponents: tuple[float, float, float] = number()
     least_share: float = number()
     widening_per_fold: float = number()
     least_believed: float = number()
@@ -36,16 +37,17 @@ class VerdictSettings(Settings, table="verdict"):
     def trust(self, law: Beside, closed: float) -> float:
         """How far a law is believed at its joints.
 
-        Odds grow with what it adds to the evidence of a flexible function, and with the share of the gap it closes.
+        Odds grow with what it adds to the evidence of a flexible function, with the share of the gap it closes, and
+        with its gain over what the flexible function still finds beside it.
 
         Args:
             law: What it is worth beside a discrepancy.
             closed: Share of the mean square above noise that it closes on runs that it was not fitted on.
         """
-        of_nats, of_share = self.trust_exponents
-        least = self.least_share
-        share = min(max(closed, least), 1.0 - least)
-        odds = (max(law.log_bayes_factor, 1.0) / self.trust_nats) ** of_nats * (share / (1.0 - share)) ** of_share
+        share = min(max(closed, self.least_share), 1.0 - self.least_share)
+        beside = max(law.gain, 1.0) / max(law.left, 1e-3 * law.gain, 1.0)
+        ratios = max(law.log_bayes_factor, 1.0) / self.trust_nats, share / (1.0 - share), beside
+        odds = prod(ratio**power for ratio, power in zip(ratios, self.trust_exponents, strict=True))
         return odds / (1.0 + odds)
 
     def widening(self, law: Beside) -> float:

@@ -62,9 +62,8 @@ def test_slow_motions_lose_the_noise_above_them() -> None:
 
 
 def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
-    """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states, unless
-
-    what the joint moves is so light that motion beyond is little in its torque; where the encoder tells the motion up
+    """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states; of a
+    joint that moves so little that motion beyond is nothing in its torque, above; where the encoder tells the motion up
     to the corner, the corner stays, in memory as on disk.
     """
     run, _ = slow_run(np.random.default_rng(3))
