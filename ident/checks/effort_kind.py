@@ -229,36 +229,29 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
     return [issue_of("absent", session.name, (session.joints[worst],), severity, **seen)]
 
 
-def fit_scale(states: States, joint: int, *, sprung: bool = False) -> tuple[float, float]:
-    """A joint's torque as a multiple of the model's, told by gravity, and its standard error.
+def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
+    """A joint's torque as a multiple of the model's, told by gravity, its standard error, and it beside a spring.
 
-    Least squares beside inertia (rotors add to it), friction, friction that grows with the load, an offset, with and
-    without a spring; the error is the delete-one-piece jackknife's, and half of what the spring makes of it is added.
-
-    Args:
-        states: The recordings' motion.
-        joint: Which.
-        sprung: Whether the multiple beside a spring is given.
+    Least squares beside inertia (rotors add to it), friction, friction that grows with the load, an offset; the error
+    is the delete-one-piece jackknife's, and half of what the spring makes of it is added.
     """
     gravity, dq = states.gravity[:, joint], states.dq[:, joint]
     side = np.tanh(dq / TRANSITION_RAD_S)
     bare = [gravity, states.inertial[:, joint], side, dq, np.abs(gravity) * side, np.ones(len(dq))]
-    (scale, error), (beside, _) = (
+    (scale, error), (sprung, _) = (
         [float(one[0]) for one in jackknife(np.column_stack(columns), states.tau[:, joint], states.settings.pieces)]
         for columns in (bare, [*bare, states.q[:, joint]])
     )
-    return beside if sprung else scale, float(np.hypot(error, 0.5 * (scale - beside)))
+    return scale, float(np.hypot(error, 0.5 * (scale - sprung))), sprung
 
 
 def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are."""
     held, found = states.settings, []
     for joint in map(int, np.flatnonzero(states.heavy & states.alive & states.moving)):
-        scale, error = fit_scale(states, joint)
-        beside, _ = fit_scale(states, joint, sprung=True)
-        # What a spring beside it explains for the most part is no scale.
-        off = abs(scale - 1.0) > max(held.scale_off, 2.0 * error)
-        if off and abs(beside - 1.0) > 0.5 * abs(scale - 1.0):
+        scale, error, sprung = fit_scale(states, joint)
+        # What a spring explains for the most part is no scale.
+        if abs(scale - 1.0) > max(held.scale_off, 2.0 * error) and abs(sprung - 1.0) > 0.5 * abs(scale - 1.0):
             found.append((joint, scale, error))
     if not found:
         return []

@@ -95,7 +95,7 @@ def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str
     judged = np.flatnonzero(states.heavy & states.alive & states.moving)
     assert len(judged) > 1
     for joint in judged:
-        own, error = fit_scale(states, joint)
+        own, error, _ = fit_scale(states, joint)
         for factor in (0.5, 0.7, 1.5):
             gains = np.where(np.arange(len(session.joints)) == joint, factor, 1.0)
             wrong = changed(session, "effort", lambda effort, gains=gains: effort * gains)
@@ -165,7 +165,7 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     pair = [collect_states(one.session, arm) for one in (found(session, arm), report)]
     assert pair[0] is not None
     assert pair[1] is not None
-    (before, _), (after, error) = (fit_scale(states, joint) for states in pair if states is not None)
+    (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair if states is not None)
     assert after == pytest.approx(factor * before, rel=1e-6)
     assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
 
