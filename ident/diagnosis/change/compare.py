@@ -13,24 +13,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float
-from ident.diagnosis.change.between_run_variance import Standing, measure_standing, measure_usual_variance
+from ident.arrays import Array, Float
+from ident.diagnosis.change.between_run_variance import Standing
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.confounded_links import open_places, place_bodies
-from ident.diagnosis.change.friction_drift import GAIN, day_to_day, may_be_gain
+from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
 from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import IN_ITS_PLACE, LEAST_ODDS, ChangeSearch, count_changes, log_odds, stand_ins
+from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
-from ident.diagnosis.selection.gates import Named, SearchResults
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -48,22 +47,6 @@ ANOTHER_RUN = "runs of one set differ by as much among themselves"
 TOO_UNSURE = "these runs are too few, or move too alike, to tell its size from zero"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
 TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
-# Changes that are tried in a row without one that stands.
-MOST_FAILED = 8
-
-
-@dataclass(frozen=True, eq=False)
-class _LaterOnly(HeldOut):
-    """Held-out scores whose sizes are those of the later set."""
-
-    later: Bool[Array, " F"] | None = None
-
-    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
-        whole = super().score(groups)
-        if self.later is None:
-            return whole
-        kept = self.later[:, None]
-        return replace(whole, squares=whole.squares * kept, weights=whole.weights * kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +57,9 @@ class _Changes:
     estimates: tuple[Estimate, ...]
     standings: tuple[Standing, ...]
     doubted: tuple[Reservation, ...]
-    places: tuple[tuple[Group, ...], ...] = ()  # of each, where it may sit as well
-    unlawful: bool = False  # something stood out whose figures no arm has
-
-    @property
-    def left(self) -> HeldOutScore:
-        """What all changes together leave."""
-        return self.found.ladder[-1]
+    places: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
+    unlawful: bool  # something stood out whose figures no arm has
+    asked: int  # how many changes may have been
 
 
 def compare(
@@ -98,14 +77,14 @@ def compare(
         before, after: Motions of both sets, of the same joints and filtered alike.
         arm: The user's arm, without payload.
         sides: What the sets are, for the record.
-        seed: Of the sign flips.
+        seed: Of how runs are dealt into sets that are none.
         settings: The numbers by which it decides.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
     one_clock = len(sides[1].sessions) <= 1
-    first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt)
+    first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt, seed=seed)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
@@ -113,165 +92,90 @@ def compare(
         return ArmComparison(
             arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still, used=used
         )
-    selection = settings.selection
-    sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     stage("searching what changed", 0.5, 0.8)
-    told = _tell(first, seed, selection, sessions)
+    search = _search(first, settings.selection, sides)
+    told = _tell(search)
     if any(one.group.effect.id in BODIES for one in told.estimates):
-        first = _with_places(first, told, before, after, arm)
-        told = _tell(first, seed, selection, sessions)
+        others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
+        asked = place_bodies(search, others, first.session, first.asked)
+        first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
+        first = replace(first, doubt=doubt, seed=seed)
+        told = _tell(_search(first, settings.selection, sides))
     stage("where a body is", 0.8, 1.0)
     second = refine_bodies(first, told.estimates, before, after, arm)
     if second is not None:
-        told = _refined(second, told, selection, sessions)
+        told = _refined(second, told, _search(second.design, settings.selection, sides))
     return replace(_result(told, first, arm, sides, _hidden(first, used)), used=used)
 
 
-def _with_places(
-    design: PairedDesign, told: _Changes, before: Sequence[Motion], after: Sequence[Motion], arm: ArmModel
-) -> PairedDesign:
-    """The same design with every body about the place where it would be."""
-    others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
-    asked = place_bodies(_search(design, 0, USUAL.selection), others, design.session, design.asked)
-    return replace(
-        build_design(before, after, arm, known=design.known, asked=asked, still=design.still), doubt=design.doubt
-    )
-
-
-def _search(design: PairedDesign, seed: int, settings: SelectionSettings) -> ChangeSearch:
+def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
     """The search over a design; one run a side shows no law of friction."""
     evidence = design.sums.evidence
     alone = design.sides.counts == (1, 1)
     barred = {group.key for group in evidence.layout.groups if alone and group.effect.id in OF_FRICTION}
-    held_out = _LaterOnly(evidence, design.prior, design.sides.later_folds)
-    return ChangeSearch(evidence, design.prior, held_out, seed, frozenset(barred), settings=settings)
+    held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
+    sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
+    return ChangeSearch(
+        evidence, design.prior, held_out, 0, frozenset(barred), settings=settings, design=design, sessions=sessions
+    )
 
 
-def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
-    """Names one change after the other, the likeliest first, each only if it stands beside those before it.
-
-    What does not stand is set aside before the next is tried: beside it, few runs would leave nothing certain.
-    """
-    joints = design.baseline.nominal.joint_names
-    search = _search(design, seed, settings)
-    doubted: tuple[Reservation, ...] = ()
-    differing: list[Group] = []
+def _tell(search: ChangeSearch) -> _Changes:
+    """Changes that stand and whose figures arms can have, each with its class and with where it may be as well."""
+    design, joints = search.design, search.design.baseline.nominal.joint_names
+    doubted: list[Reservation] = []
     unlawful = False
-    kept: tuple[Named, ...] = ()
-    stands = _Standing(search, SearchResults((), (search.held_out.score(),), None), (), (), Refined(search, ()))
-    failed = 0
-    while failed < MOST_FAILED:
-        one_more = replace(search, settings=replace(settings, most_effects=len(kept) + 1))
-        found = one_more.run(kept)
-        if not found.named:
-            stands = replace(stands, found=replace(found, ladder=stands.found.ladder))
-            break
+    while True:
+        weighed, failed = search.find()
+        found = _results(search, [one.group for one in weighed])
         fine = Refined(search, tuple(item.group for item in found.named))
-        standings = _standings(design, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
-        raw = estimate_effects(search, fine, design.session, found.named)
-        read = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
-        estimates = [_widened(*three) for three in zip(read, raw, standings, strict=True)]
+        raw = estimate_effects(search, fine, design.session, found.named) if weighed else []
+        estimates = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
+        estimates = [_widened(*each) for each in zip(estimates, raw, [one.standing for one in weighed], strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
-        sure = [log_odds(search, *pair) for pair in zip(fine.groups, standings, strict=True)]
-        for k, standing in enumerate(standings):
-            if sure[k] <= 0.0:
-                of_the_runs = ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
-                refused[k] = ANOTHER_DAY if standing.of_the_day else of_the_runs
-        if len(found.named) > len(kept):
-            # What was set aside before a name explained more than it does; what came after it did not.
-            last = len(found.named) - 1
-            refused = {k: why for k, why in (stand_ins(search, found, differing) | refused).items() if k == last}
         if not refused:
-            stands = _Standing(search, found, tuple(estimates), tuple(standings), fine)
-            if len(found.named) <= len(kept):
-                break
-            kept, failed = found.named, 0
-            continue
-        for k in refused:
-            if sure[k] <= 0.0:
-                if standings[k].of_the_runs and found.named[k].group.effect.id != UNLISTED:
-                    differing.append(found.named[k].group)
-            elif refused[k] != IN_ITS_PLACE and estimates[k].undefined is None:
-                unlawful = True
-        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
-        search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
-        kept = tuple(item for k, item in enumerate(found.named) if k not in refused)
-        failed += 1
-    return replace(_with_rivals(stands, design), doubted=doubted, unlawful=unlawful)
-
-
-@dataclass(frozen=True, eq=False)
-class _Standing:
-    """Changes all of which stand, and the search that gave them."""
-
-    search: ChangeSearch
-    found: SearchResults
-    estimates: tuple[Estimate, ...]
-    standings: tuple[Standing, ...]
-    fine: Refined
-
-
-def _with_rivals(those: _Standing, design: PairedDesign) -> _Changes:
-    """Changes that stand, each with how likely it is, and with what else it may be and where."""
-    search, named = those.search, [item.group for item in those.found.named]
+            break
+        unlawful |= any(estimates[k].undefined is None for k in refused)
+        doubted += [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items()]
+        search = replace(search, barred=search.barred | {found.named[k].group.key for k in refused})
+    named = [item.group for item in found.named]
+    told = {group.key for group in named}
+    for group, standing in ((one.group, one.standing) for key, one in failed.items() if key not in told):
+        where = (joints[group.joint],) if group.effect.scope == "joint" else joints
+        why = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
+        doubted.append(Reservation(group.effect.id, where, why, {}))
     places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-    told = []
-    for slot, one in enumerate(_with_gain(those.estimates, those.fine, design) if named else ()):
-        spare = log_odds(search, those.fine.groups[slot], those.standings[slot])
-        chance = 1.0 / (1.0 + np.exp(-spare) / LEAST_ODDS)
-        rivals = dict.fromkeys((*one.rivals, *(group.effect.id for group in places[slot])))
-        told.append(replace(one, probability=one.probability * float(chance), rivals=tuple(rivals)))
-    return _Changes(those.found, tuple(told), those.standings, (), places)
+    solved = solve_effects(fine, [False] * len(named))[0] if named else []
+    gains = [may_be_gain(one.told, design.session, *each) for one, each in zip(estimates, solved, strict=True)]
+    estimates = [search.with_class(one, weighed, k, places[k], gains[k]) for k, one in enumerate(estimates)]
+    standings = tuple(one.standing for one in weighed)
+    return _Changes(found, tuple(estimates), standings, tuple(doubted), places, unlawful, search.asked)
 
 
-def _refined(second: Refinement, told: _Changes, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
+def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
+    """The names as a search's results, each beside those before it."""
+    found, gram = [], search.evidence.gram()
+    ladder = [search.held_out.score(names[:k]) for k in range(len(names) + 1)]
+    for slot in range(len(names)):
+        item = search.judged_beside(gram, names, slot)
+        found.append(replace(item, before=ladder[slot], after=ladder[slot + 1]))
+    return SearchResults(tuple(found), tuple(ladder), None)
+
+
+def _refined(second: Refinement, told: _Changes, search: ChangeSearch) -> _Changes:
     """The same changes with the parameters of a refined design, which sees what the first left of them."""
-    design = second.design
-    search = _search(design, 0, settings)
-    fine = Refined(search, second.groups)
+    design, fine = second.design, Refined(search, second.groups)
     solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    standings = _standings(design, fine, second.added, sessions)
+    weighed = search.weigh(second.groups, second.added)
     estimates = []
-    for old, group, added, (beta, cells), standing in zip(
-        told.estimates, second.groups, second.added, solved, standings, strict=True
-    ):
+    for old, one, added, (beta, cells) in zip(told.estimates, weighed, second.added, solved, strict=True):
+        group = one.group
         asked = group.effect.asked(design.session)
         figures = dict(group.effect.parameters(asked, group.joint, group.variant, beta + added, cells))
         raw = replace(old, group=group, told=group, parameters=old.parameters | figures, coefficients=beta)
-        estimates.append(_widened(_as_read(raw, fine, design, added), raw, standing))
-    score = search.held_out.score(second.groups)
-    ladder = (*told.found.ladder[:-1], score)
+        estimates.append(_widened(_as_read(raw, fine, design, added), raw, one.standing))
+    ladder = (*told.found.ladder[:-1], search.held_out.score(second.groups))
     return replace(told, found=replace(told.found, ladder=ladder), estimates=tuple(estimates))
-
-
-def _standings(
-    design: PairedDesign, fine: Refined, added: Sequence[Float[Array, " k"]], sessions: tuple[int, int]
-) -> list[Standing]:
-    """How each named change, with what of it is carried already, stands against the runs."""
-    evidence, search = design.sums.evidence, fine.search
-    model = project(evidence.gram(), evidence, search.prior, fine.groups)
-    solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    asked = count_changes(search)
-    found = []
-    for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
-        scale = evidence.scale[group.columns]
-        scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        day = day_to_day(group, design.session, beta + more, evidence.spread[design.judged], sessions)
-        sides = design.sums, design.sides
-        acts = [j for j in group.acts_on(evidence.layout.n) if j in design.judged]
-        usual = measure_usual_variance(*sides, model, acts)
-        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, usual, day))
-    return found
-
-
-def _with_gain(estimates: Sequence[Estimate], fine: Refined, design: PairedDesign) -> list[Estimate]:
-    """The estimates; where another gain does what a change of friction does, it is told as its rival."""
-    solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    found = []
-    for one, (beta, cells) in zip(estimates, solved, strict=True):
-        open_between = GAIN not in one.rivals and may_be_gain(one.told, design.session, beta, cells)
-        found.append(replace(one, rivals=(*one.rivals, GAIN)) if open_between else one)
-    return found
 
 
 def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign, added: Float[Array, " k"]) -> Estimate:
@@ -348,7 +252,7 @@ def _result(
                 rms_after=dict(zip(names, map(float, new), strict=True)),
                 shrink=measure_shrink(old, new, floor[acts]),
                 slides=slides(item.group, arm),
-                p_value=max(standing.p_value, item.gates.p_value),
+                p_value=min(1.0, told.asked * standing.p_value),
                 log_score=item.gates.log_score,
                 evidence=item.gates.evidence,
                 run_spread=standing.spread,
@@ -370,7 +274,7 @@ def _result(
         sides=sides,
         changes=tuple(found),
         rms_before=by_joint(told.found.ladder[0].rms),
-        rms_after=by_joint(told.left.rms),
+        rms_after=by_joint(told.found.ladder[-1].rms),
         noise=by_joint(floor),
         run_spread=by_joint(design.sums.evidence.spread),
         not_testable=tuple(hidden),

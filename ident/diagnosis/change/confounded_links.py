@@ -62,10 +62,8 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
 def squares_by_block(evidence: Evidence, model: Projection) -> Float[Array, " B"]:
     """What a model leaves of each block, in squares of the noise."""
     weights = residual_weights(evidence, model)
-    left = np.zeros(len(evidence.fold_of_block))
-    for j, local in enumerate(evidence.layout.local):
-        left += evidence.times(j, weights[local]) @ weights[local]
-    return left
+    each = (evidence.times(j, weights[local]) @ weights[local] for j, local in enumerate(evidence.layout.local))
+    return np.asarray(sum(each))
 
 
 def told_apart(difference: Float[Array, " B"]) -> bool:

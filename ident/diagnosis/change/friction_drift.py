@@ -44,6 +44,15 @@ class DayToDay:
     step: float = 0.0
     sessions: tuple[int, int] = (1, 1)
 
+    def walk(self, runs: tuple[int, int]) -> float:
+        """Variance of the difference of both sets' means, whose sessions each set out where friction was [1].
+
+        Args:
+            runs: Number of runs of each set.
+        """
+        pairs = zip(runs, self.sessions, strict=True)
+        return self.step**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
+
 
 SAME_DAY = DayToDay()
 # Two shares are the same if they differ by less than so many standard deviations.

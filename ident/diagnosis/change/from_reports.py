@@ -36,7 +36,7 @@ def compare_reports(
         arm: The robot, as `ArmModel.load` gives it.
         cutoff: Corner of the common filter [Hz]; as far as the encoders of both sets tell the motion, 25 Hz at most,
             if None.
-        seed: Of the sign flips.
+        seed: Of how runs are dealt into sets that are none.
 
     Raises:
         RecordingError: The sessions have different joints, or no run of a set is long enough.

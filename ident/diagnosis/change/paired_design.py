@@ -19,6 +19,7 @@ from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.learnt_prior import learn_prior, measure_block_dispersion
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
+from ident.diagnosis.change.permuted_sets import PermutedSets
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.design import Group, NotTestable, layout_of
@@ -70,6 +71,7 @@ class PairedDesign:
         doubt: How well the gains are known.
         asked: All that may have changed.
         still: Joints of whose own torque nothing is told.
+        seed: Of how runs are dealt into sets that are none.
     """
 
     baseline: Baseline
@@ -80,6 +82,7 @@ class PairedDesign:
     doubt: GainUncertainty = STATED
     asked: tuple[Effect, ...] = ()
     still: tuple[StaticJoint, ...] = ()
+    seed: int = 0
 
     @property
     def known(self) -> Known:
@@ -92,6 +95,11 @@ class PairedDesign:
     def judged(self) -> list[int]:
         """Joints of which there are rows."""
         return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
+
+    @cached_property
+    def permuted(self) -> PermutedSets:
+        """The runs, dealt into other sets."""
+        return PermutedSets.of(self.sums, self.sides, self.seed)
 
     @cached_property
     def prior(self) -> Prior:

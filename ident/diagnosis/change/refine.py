@@ -69,7 +69,7 @@ def refine_bodies(
         before = [_carrying(motion, load) for motion in before]
     apart = IN_THE_BASELINE | COMMON_GAIN
     design = build_design(before, after, arm, apart, first.known, (EvenLoadFriction(),), first.asked, first.still)
-    design = replace(design, doubt=first.doubt)
+    design = replace(design, doubt=first.doubt, seed=first.seed)
     groups = tuple(_same(first, design, one.group) for one in estimates)
     added = tuple(one.coefficients if one is body else np.zeros(len(one.coefficients)) for one in estimates)
     return Refinement(design, groups, added)

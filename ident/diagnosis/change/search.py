@@ -1,128 +1,250 @@
-"""The search among changes: by log evidence alone, each change beside the others.
+"""The search among changes: the likeliest first, each beside the others and against what the same runs show by chance.
 
 Both sets share a baseline of hundreds of columns, of which a run left out shows some that no other run does: what a
 model says there is a guess, and its held-out score a matter of chance. The evidence, in which every column has a prior,
-counts what is known.
+counts what is known; and of each law what it exceeds by what the law gains between sets that are none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array
-from ident.diagnosis.change.between_run_variance import Standing
-from ident.diagnosis.change.friction_drift import is_gain_by_load
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.change.between_run_variance import Standing, measure_standing
+from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load
+from ident.diagnosis.change.paired_design import PairedDesign
+from ident.diagnosis.change.permuted_sets import joint_of
+from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.selection.gates import Gates, Named, SearchResults
+from ident.diagnosis.selection.intervals import Estimate, solve_effects
+from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 
 # Odds that a change must have to be named, if something has changed as likely as not.
 LEAST_ODDS = 10.0
-IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
-# Changes of greatest evidence that are tried at each step: one that closes next to nothing of its gap is passed over.
-MOST_TRIED = 4
-
-
-def least_nats(effects: int) -> float:
-    """Log evidence that a change must have, if something has changed as likely as not.
-
-    Args:
-        effects: Number of effects that it may be; of their places and points each pays for itself.
-    """
-    return float(np.log(max(effects, 1) * LEAST_ODDS))
-
-
-def count_effects(search: Search) -> int:
-    """How many effects may have changed, wherever."""
-    return len({group.effect.id for group in search.evidence.layout.groups})
-
-
-def count_changes(search: Search) -> int:
-    """How many changes may be, whatever their inner parameters."""
-    return len({group.key for group in search.evidence.layout.groups} - search.barred)
+# Changes of greatest evidence, and likeliest ones, that are weighed at each step; rounds of swaps.
+MOST_WEIGHED, ROUNDS = 6, 2
+# Log odds are worth this share of what they say; other names are of a class where they fall short by no more nats.
+TEMPER, CLASS_NATS = 0.5, 3.0
+# Odds that a change must have besides, where what laws gain by chance decides: of names below them 1 of 9 was right.
+FEW_TOLD = 50.0
+# How much less likely a name is by the log of what laws gain by chance and misfit: of names that stood nine of ten were
+# right where that is below three, half of them where it is ten.
+MISFIT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class _ByEvidence(Gates):
-    """What a change showed; it passes by its evidence, unless a larger cause of slightly another law may leave as much.
+class Weighed:
+    """A change and how it stands.
 
     Attributes:
-        needed: Log evidence that it must have [nats].
+        group: The change.
+        standing: How it stands against the runs.
+        odds: Log odds of it against none, beyond those that it must have.
     """
 
-    needed: float = np.inf
-
-    @property
-    def passed(self) -> bool:
-        return self.evidence >= self.needed and self.own_share >= self.settings.least_own_share
+    group: Group
+    standing: Standing
+    odds: float
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeSearch(Search):
-    """Forward steps and swaps by log evidence."""
+class LaterHeldOut(HeldOut):
+    """Held-out scores whose sizes are those of the later set."""
 
-    def judge(
-        self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]
-    ) -> list[Named]:
-        needed = least_nats(count_effects(self))
-        return [
-            replace(item, gates=_ByEvidence(**{**vars(item.gates), "needed": needed}))
-            for item in super().judge(gram, tuned, chosen, short)
-        ]
+    later: Bool[Array, " F"]
+
+    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+        whole = super().score(groups)
+        kept = self.later[:, None]
+        return replace(whole, squares=whole.squares * kept, weights=whole.weights * kept)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChangeSearch(Search):
+    """Changes by how likely they are.
+
+    Attributes:
+        design: Both sets of runs.
+        sessions: Number of sessions of each.
+    """
+
+    design: PairedDesign
+    sessions: tuple[int, int] = (1, 1)
 
     def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
         return {group.key: 0.0 for group in short}
 
-    def helps(self, projection: Projection, others: Sequence[Group], group: Group) -> bool:
-        return True
+    @cached_property
+    def least(self) -> float:
+        """Log evidence that a change must have; of their places and points effects pay for themselves."""
+        return float(np.log(LEAST_ODDS * len({group.effect.id for group in self.evidence.layout.groups})))
 
-    def steadier(self, projection: Projection, others: Sequence[Group], group: Group) -> Group:
-        return group
+    @cached_property
+    def asked(self) -> int:
+        """How many changes may be, whatever their inner parameters."""
+        return len({group.key for group in self.evidence.layout.groups} - self.barred)
 
-    def _forward(self, gram: Array, chosen: Sequence[Group]) -> Named | None:
-        model = project(gram, self.evidence, self.prior, chosen)
-        best = sorted(self.best_by_key(model, chosen).values(), key=lambda pair: -pair[0])
-        tried = None
-        for pair in (pair for pair in best[:MOST_TRIED] if pair[0] > 0.0):
-            (item,) = self.judge(gram, model, chosen, [pair])
-            if item.gates.passed:
-                return item
-            tried = tried or item
-        return tried
+    def find(self) -> tuple[list[Weighed], dict[Key, Weighed]]:
+        """Changes that stand, and those that explained as much as a change must and did not."""
+        names: list[Group] = []
+        failed: dict[Key, Weighed] = {}
+        while len(names) < self.settings.most_effects:
+            step = self._next(names, failed)
+            if step is None:
+                break
+            names = self._settled([*names, step], failed)
+        return self.weigh(names), failed
 
-    def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
-        return True
+    def _next(self, names: Sequence[Group], failed: dict[Key, Weighed]) -> Group | None:
+        """The likeliest further change that stands beside the names."""
+        for one in self.candidates(names):
+            if one.group.key not in failed:
+                last = self.weigh([*names, one.group])[-1]
+                daily = [each.group for each in failed.values() if each.standing.of_the_day]
+                stands = last.odds > 0.0 and self._counts(last.group, names)
+                if stands and not self.stands_in(last.group, names, daily):
+                    return last.group
+                failed[one.group.key] = last
+        return None
 
+    def _counts(self, group: Group, names: Sequence[Group]) -> bool:
+        """Whether a change is more than what a larger cause of slightly another law may leave at its joints."""
+        item = self.judged_beside(self.evidence.gram(), [*names, group], len(names))
+        return item.gates.own_share >= self.settings.least_own_share
 
-def log_odds(search: ChangeSearch, group: Group, standing: Standing) -> float:
-    """Of a change against none, beyond those that it must have: its likelihood ratio, less what its freedom costs."""
-    freedom = len(group.columns)
-    cost = search.cost_of(group) - 0.5 * freedom * standing.looser
-    least = search.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
-    return float(standing.nats - max(cost, least) - least_nats(count_effects(search)))
+    def stands_in(self, group: Group, names: Sequence[Group], daily: Sequence[Group]) -> bool:
+        """Whether a change says nothing beside friction that differs from day to day: it stands in for it."""
+        gram = self.evidence.gram()
+        model = project(gram, self.evidence, self.prior, names)
+        others = [one for one in daily if not is_gain_by_load(model, group, one)]
+        return bool(others) and self.score_beside(gram, group, [*names, *others]) < self.least
 
+    def _settled(self, names: list[Group], failed: dict[Key, Weighed]) -> list[Group]:
+        """The names, each at its best point or with a likelier one in its place, without those that do not stand."""
+        for _ in range(ROUNDS):
+            before = list(names)
+            for slot in range(len(names)):
+                others = names[:slot] + names[slot + 1 :]
+                likely = [one for one in self.candidates(others) if one.odds > 0.0 and one.group.key not in failed]
+                if likely:
+                    names[slot] = likely[0].group
+            if names == before:
+                break
+        while names:
+            weakest = min(self.weigh(names), key=lambda one: one.odds)
+            if weakest.odds > 0.0:
+                break
+            failed[weakest.group.key] = weakest
+            names = [group for group in names if group is not weakest.group]
+        return names
 
-def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
-    """Names that say nothing beside what was found to differ from run to run or from day to day: they stood in for it.
+    def candidates(self, names: Sequence[Group]) -> list[Weighed]:
+        """What may have changed beside the names, of that which has enough evidence, likeliest first."""
+        known = frozenset(names)
+        if known not in self._candidates:
+            model = project(self.evidence.gram(), self.evidence, self.prior, names)
+            best = [pair for pair in self.best_by_key(model, names).values() if pair[0] >= self.least]
+            joints = {joint_of(group) for _, group in best}
+            nulls = {joint: self.design.permuted.nulls(joint, self.prior, names) for joint in joints}
+            # Of laws at one joint that of more evidence comes first; how much it counts is told by all of them there.
+            counts = {group: score / nulls[joint_of(group)][None].ratio for score, group in best}
+            tried = sorted(counts, key=counts.__getitem__, reverse=True)
 
-    Args:
-        search: The search.
-        found: Its names.
-        differing: What explained more, and is no change for it.
-    """
-    if not differing:
+            def odds(group: Group) -> float:
+                null, k = nulls[joint_of(group)].get(group.key, nulls[joint_of(group)][None]), len(group.columns)
+                gain = float(np.log1p(self.gain_of(model, group)[0] / (null.freedom * null.ratio)))
+                return 0.5 * ((null.freedom + k) * gain + k * np.log(null.ratio)) - self.cost_of(group)
+
+            likely = sorted(tried, key=odds, reverse=True)
+            found = []
+            for group in dict.fromkeys([*tried[:MOST_WEIGHED], *likely[:MOST_WEIGHED]]):
+                gain, scaled = self.gain_of(model, group)
+                found.append(self._weighed(group, [*names, group], gain, scaled, (1.0 / gain, np.inf)))
+            self._candidates[known] = sorted(found, key=lambda one: (one.odds <= 0.0, -counts[one.group]))
+        return self._candidates[known]
+
+    @cached_property
+    def _candidates(self) -> dict[frozenset[Group], list[Weighed]]:
+        """What was weighed already: it is asked for again."""
         return {}
-    gram, names = search.evidence.gram(), [item.group for item in found.named]
-    told = {one.key for one in names}
-    unnamed = [group for group in differing if group.key not in told]
-    refused = {}
-    for slot, name in enumerate(names):
-        model = project(gram, search.evidence, search.prior, [one for one in names if one is not name])
-        others = [group for group in unnamed if not is_gain_by_load(model, name, group)]
-        if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
-            refused[slot] = IN_ITS_PLACE
-    return refused
+
+    def weigh(self, names: Sequence[Group], carried: Sequence[Float[Array, " k"]] | None = None) -> list[Weighed]:
+        """How each name stands beside the others, its variance by blocks counted.
+
+        Args:
+            names: The names.
+            carried: What of each one's coefficients the runs carry already; nothing if None.
+        """
+        if not names:
+            return []
+        model = project(self.evidence.gram(), self.evidence, self.prior, names)
+        solved, _ = solve_effects(Refined(self, tuple(names)), [False] * len(names))
+        found = []
+        for slot, (group, (beta, cells)) in enumerate(zip(names, solved, strict=True)):
+            scale = self.evidence.scale[group.columns]
+            scaled = (beta if carried is None else beta + carried[slot]) * scale
+            at = np.flatnonzero(np.isin(model.inside, group.columns))
+            along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ scaled
+            gain = float(scaled @ along)
+            variance = float(along @ (cells * np.outer(scale, scale)) @ along) / max(gain, 1e-300) ** 2
+            blocks = variance, len(self.evidence.fold_of_block)
+            found.append(self._weighed(group, names, gain, scaled, blocks))
+        return found
+
+    def with_class(
+        self, estimate: Estimate, weighed: Sequence[Weighed], slot: int, places: Sequence[Group], gain: bool
+    ) -> Estimate:
+        """An estimate with how likely it is, and with what else it may be, likeliest first.
+
+        Args:
+            estimate: Of one of the names.
+            weighed: All names.
+            slot: Which of them.
+            places: What explains as much elsewhere.
+            gain: Whether a gain would look alike.
+        """
+        others = [one.group for k, one in enumerate(weighed) if k != slot]
+        own = weighed[slot].group
+        best: dict[str, float] = {}
+        here = set(own.acts_on(self.evidence.layout.n))
+        for one in self.candidates(others):
+            if here & set(one.group.acts_on(self.evidence.layout.n)):
+                best[one.group.effect.id] = max(best.get(one.group.effect.id, -np.inf), TEMPER * one.odds)
+        name = own.effect.id
+        sure = best.setdefault(name, TEMPER * weighed[slot].odds)
+        # Nothing at all has odds of one to LEAST_ODDS at the threshold.
+        total = float(np.logaddexp.reduce([*best.values(), -np.log(LEAST_ODDS)]))
+        near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CLASS_NATS)
+        # Where the model lacks much, a law may explain another cause's torque better than none by any odds.
+        likely = self.settings.most_sure * float(np.exp(sure - total)) / (1.0 + MISFIT * weighed[slot].standing.looser)
+        odds = {one: float(np.exp(sure + log)) for log, one in near}
+        more = [group.effect.id for group in places] + ([GAIN] if gain else [])
+        rivals = tuple(dict.fromkeys((name, *(one for _, one in near), *more)))
+        return replace(estimate, probability=likely, rivals=rivals, odds=odds)
+
+    def _weighed(
+        self,
+        group: Group,
+        names: Sequence[Group],
+        gain: float,
+        scaled: Float[Array, " k"],
+        blocks: tuple[float, float],
+    ) -> Weighed:
+        """A change among names, itself among them."""
+        design, beta = self.design, scaled / self.evidence.scale[group.columns]
+        day = day_to_day(group, design.session, beta, self.evidence.spread[design.judged], self.sessions)
+        null = design.permuted.null_of(group, self.prior, names)
+        standing = measure_standing(gain, len(beta), blocks, null, day, design.sides.counts)
+        freedom = len(group.columns)
+        cost = self.cost_of(group) - 0.5 * freedom * standing.looser
+        least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
+        odds = standing.nats - max(cost, least) - self.least
+        if not standing.of_the_day:  # what decides was told by few dealings
+            odds -= np.log(FEW_TOLD)
+        return Weighed(group, standing, float(odds))

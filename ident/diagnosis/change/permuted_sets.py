@@ -1,0 +1,227 @@
+"""How much a law gains between sets of runs that are none: the null of a change, told by the recordings themselves.
+
+No model of a real arm holds everywhere. What it lacks shows another face in each run's motion, and between two sets of
+few runs that is a difference, which some law explains. The same runs are dealt into two other sets, half of each side
+in either: whatever came between the sides came to both, and what a law then gains is by chance and misfit alone. With k
+columns and noise of its known size it would be k. Of each law its mean gain a column, s², is an estimate of by how much
+more it gains on this arm; few dealings say little of it, so it is drawn to that of all laws at the same joint,
+
+    c = (f₀ s₀² + f s²) / (f₀ + f),
+
+with s₀² and f₀ fitted to them as a scaled inverse chi² distribution. A change's own gain counts as gain / c, with
+f₀ + f degrees of freedom. An arm of which the model is right has c near one, and loses nothing.
+
+Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and how their prior is fitted).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import brentq
+from scipy.special import digamma, polygamma
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.change.paired_sums import PairedSums, Sides
+from ident.diagnosis.regression.design import Group, Key
+from ident.diagnosis.regression.least_squares import RIDGE, Prior
+from ident.diagnosis.regression.positive import positive
+
+# Degrees of freedom of a variance from few laws, and as many as other laws may lend: they are not independent.
+PRIOR_DOF, MOST_DOF = 2.0, 20.0
+# Parts of each side that are dealt (its runs, neighbours together where there are more), or of a single run; dealings.
+MOST_PARTS, PIECES, DEALINGS = 6, 3, 6
+# Mean square of a gain that counts as none.
+LEAST = 1e-3
+
+
+@dataclass(frozen=True)
+class NullVariance:
+    """Mean square that a law gains by chance and misfit, over what noise alone would give.
+
+    Attributes:
+        ratio: One where the model leaves nothing but noise.
+        freedom: Degrees of freedom of that estimate.
+    """
+
+    ratio: float
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class PermutedSets:
+    """Sums of some parts of the runs, dealt into other sets than before and after.
+
+    Attributes:
+        sums: The sums of both sides.
+        parts: For each joint, its whitened sums over each part.
+        whole: All joints' sums over all parts.
+        dealings: Of each the parts that stand for the later set.
+        freedom: Number of parts, less the two sides' means.
+    """
+
+    sums: PairedSums
+    parts: tuple[Float[Array, "K p p"], ...]
+    whole: Float[Array, "P P"]
+    dealings: tuple[Int[Array, " h"], ...]
+    freedom: int
+
+    @classmethod
+    def of(cls, sums: PairedSums, sides: Sides, seed: int = 0) -> PermutedSets:
+        """Deals the runs of two sides.
+
+        Args:
+            sums: The sums.
+            sides: Which runs are of which side.
+            seed: Which of all ways to deal them.
+        """
+        evidence = sums.evidence
+        label = _parts(sides)
+        members = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
+        later = np.array([sides.later_blocks[blocks[0]] for blocks in members])
+        parts, whole = [], np.zeros((evidence.layout.size + 1,) * 2)
+        for j, local in enumerate(evidence.layout.local):
+            own = np.stack([evidence.free[j].over(blocks) for blocks in members])
+            parts.append(evidence.friction.part(own, j, float(evidence.spread[j]), label)[1])
+            whole[np.ix_(local, local)] += parts[j].sum(axis=0)
+        return cls(sums, tuple(parts), whole, _deal(later, seed), len(members) - 2)
+
+    def null_of(self, group: Group, prior: Prior, names: Sequence[Group]) -> NullVariance:
+        """By how much more a law gains between sets that are none.
+
+        Args:
+            group: The law.
+            prior: What is known of the baseline.
+            names: All that changed between the sides, the law itself among it.
+        """
+        found = self.nulls(joint_of(group), prior, names)
+        return found.get(group.key, found[None])
+
+    def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
+        """The same of all laws of a joint's rows alone, or of several joints (-1); by None of one that is not seen."""
+        dealt = self._dealt(joint)
+        evidence, layout = self.sums.evidence, self.sums.evidence.layout
+        inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
+        information = self.whole[np.ix_(inside, inside)].copy()
+        prior.add_to(information, layout)
+        ridge = RIDGE * np.diag(information) + evidence.settings.noise_ridge * evidence.noise_power[inside] + 1e-9
+        information[np.diag_indices(len(inside))] += ridge
+        factor = cho_factor(positive(information))
+        buried = evidence.settings.least_over_noise * evidence.noise_power[dealt.columns]
+        gains: dict[Key, list[tuple[float, int]]] = {}
+        for across, own in dealt.sums:
+            rest, power = own - across[inside].T @ cho_solve(factor, across[inside]), np.diag(own)
+            left = np.diag(rest)[:-1]
+            seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
+            for key, places in dealt.laws:
+                at = places[seen[places]]
+                if len(at):
+                    matrix = positive(rest[np.ix_(at, at)] + 1e-6 * np.diag(power[at]))
+                    gain = float(rest[at, -1] @ np.linalg.solve(matrix, rest[at, -1]))
+                    gains.setdefault(key, []).append((gain / len(at), len(at)))
+        keys = list(gains)
+        squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), LEAST) for key in keys])
+        many = min(len(self.dealings), self.freedom)
+        freedom = many * np.array([float(np.mean([width for _, width in gains[key]])) for key in keys])
+        usual = fit_scaled_f(squares, freedom)
+        found: dict[Key | None, NullVariance] = {None: NullVariance(max(1.0, usual.ratio), usual.freedom)}
+        for key, square, own in zip(keys, squares, freedom, strict=True):
+            total = usual.freedom + float(own)
+            ratio = (usual.freedom * usual.ratio + float(own * square)) / total
+            found[key] = NullVariance(max(1.0, ratio), total)
+        return found
+
+    @cached_property
+    def _known(self) -> dict[int, _Dealt]:
+        return {}
+
+    def _dealt(self, joint: int) -> _Dealt:
+        """Sums of all laws of a joint's rows alone, or of those of several joints (-1), in each dealing."""
+        if joint not in self._known:
+            layout, always = self.sums.evidence.layout, self.sums.always
+            laws = [one for one in layout.groups if not one.borrows]
+            laws = [one for one in laws if joint_of(one) == joint]
+            columns = np.unique(np.concatenate([one.columns for one in laws]))
+            found = []
+            for dealing in self.dealings:
+                across, own = np.zeros((layout.size + 1, len(columns) + 1)), np.zeros((len(columns) + 1,) * 2)
+                for parts, local, places in zip(self.parts, layout.local, layout.places, strict=True):
+                    there = np.array([k for k, column in enumerate(columns) if int(column) in places], dtype=int)
+                    if len(there):
+                        source = np.array([places[int(always[columns[k]])] for k in there])
+                        here = parts[dealing].sum(axis=0)
+                        across[np.ix_(local, there)] += here[:, source]
+                        own[np.ix_(there, there)] += here[np.ix_(source, source)]
+                        own[there, -1] += here[source, -1]
+                across[:, -1], own[-1, -1] = self.whole[:, -1], self.whole[-1, -1]
+                own[-1, :-1] = own[:-1, -1]
+                found.append((across, own))
+            at = [(one.key, np.searchsorted(columns, one.columns)) for one in laws]
+            self._known[joint] = _Dealt(columns, tuple(at), tuple(found))
+        return self._known[joint]
+
+
+@dataclass(frozen=True, eq=False)
+class _Dealt:
+    """Sums of some laws in sets that are none.
+
+    Attributes:
+        columns: Their columns.
+        laws: Of each its key and which of the columns are its own.
+        sums: Of each dealing the sums of the columns there, and of the torque last, with all and with themselves.
+    """
+
+    columns: Int[Array, " c"]
+    laws: tuple[tuple[Key, Int[Array, " k"]], ...]
+    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]
+
+
+def joint_of(group: Group) -> int:
+    """The joint whose rows alone speak of a law; -1 for several."""
+    return group.joint if group.effect.rows == "own" else -1
+
+
+def _parts(sides: Sides) -> Int[Array, " B"]:
+    """Part of each block."""
+    found = np.zeros(len(sides.run_of_block), dtype=int)
+    first = 0
+    for side in (False, True):
+        here = np.flatnonzero(sides.later_blocks == side)
+        runs = np.unique(sides.run_of_block[here], return_inverse=True)[1]
+        count = int(runs.max()) + 1
+        few = np.arange(len(here)) * PIECES // len(here)
+        found[here] = first + (few if count == 1 else runs * min(count, MOST_PARTS) // count)
+        first = int(found[here].max()) + 1
+    return found
+
+
+def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
+    """Sets that hold half of each side; not the same twice, nor what is left of another."""
+    sides = [np.flatnonzero(later == side) for side in (False, True)]
+    halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]
+    rng, every = np.random.default_rng(seed), frozenset(range(len(later)))
+    found: dict[tuple[int, ...], frozenset[int]] = {}
+    for k in rng.permutation(len(halves[0]) * len(halves[1])):
+        one = frozenset((*halves[0][k // len(halves[1])], *halves[1][k % len(halves[1])]))
+        found.setdefault(min(tuple(sorted(one)), tuple(sorted(every - one))), one)
+        if len(found) == DEALINGS:
+            break
+    return tuple(np.array(sorted(one)) for one in found.values())
+
+
+def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> NullVariance:
+    """Scale and degrees of freedom of a prior of variances, by the moments of their logarithms."""
+    if len(squares) < 3:
+        return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PRIOR_DOF)
+    logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
+    mean, beyond = float(logs.mean()), float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
+    if beyond <= float(polygamma(1, 0.5 * MOST_DOF)):
+        half = 0.5 * MOST_DOF
+    else:
+        half = float(brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * MOST_DOF))
+    return NullVariance(float(np.exp(mean + digamma(half) - np.log(half))), 2.0 * half)
