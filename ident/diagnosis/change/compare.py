@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.between_run_variance import Standing
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.confounded_links import open_places, place_bodies
 from ident.diagnosis.change.friction_drift import may_be_gain
@@ -23,7 +22,7 @@ from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
 from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut
+from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.design import Group, NotTestable

@@ -1,9 +1,10 @@
 """What a change of friction may be besides: another day, or another gain of the reading.
 
 Friction differs between two sessions though nothing was done to the arm: joints are some kelvin warmer, grease has
-settled. A mean of few sessions is no better known than that, however many runs they have. And where friction is most of
-what a joint's torque is, a gain that changed scales it as more or less friction would: nothing in the recordings tells
-the two apart.
+settled. A mean of few sessions is no better known than that, however many runs they have. From run to run it wanders:
+a session of R runs that set out where the last one did has a mean that is off by R / 3 of a step's variance. And where
+friction is most of a joint's torque, a gain that changed scales it as more friction would: nothing in the recordings
+tells the two apart.
 
 Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
 of a UR10e differ by 2 to 5 % of their friction.
@@ -59,23 +60,6 @@ SAME_DAY = DayToDay()
 SAME = 2.0
 
 
-def share_of_friction(group: Group, session: SessionContext, beta: Array) -> float:
-    """Size of a change, as a share of what its law would find in all of the joint's friction [1].
-
-    Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
-    differs between directions or places, unless the joint moves so little that they look alike.
-
-    Args:
-        group: The change.
-        session: The runs.
-        beta: Its coefficients.
-    """
-    runs = group.effect.asked(session)
-    change = np.concatenate(group.effect.columns(runs, group.joint, group.variant)) @ beta
-    friction = np.concatenate([run.friction[:, group.joint] for run in runs.runs])
-    return float(change @ change / max(abs(float(friction @ change)), 1e-300))
-
-
 def day_to_day(
     group: Group, session: SessionContext, beta: Array, spread: Float[Array, " n"], sessions: tuple[int, int]
 ) -> DayToDay:
@@ -90,7 +74,12 @@ def day_to_day(
     """
     if group.effect.id not in OF_FRICTION:
         return SAME_DAY
-    share = max(share_of_friction(group, session, beta), 1e-12)
+    # Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
+    # differs between directions or places, unless the joint moves so little that they look alike.
+    columns = group.effect.columns(group.effect.asked(session), group.joint, group.variant)
+    change = np.concatenate(columns) @ beta
+    friction = np.concatenate([run.friction[:, group.joint] for run in group.effect.asked(session).runs])
+    share = max(float(change @ change / max(abs(float(friction @ change)), 1e-300)), 1e-12)
     between = DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
     # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
     return DayToDay(float(between / share), float(np.median(spread) / share), sessions)

@@ -20,6 +20,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -166,19 +167,12 @@ class PermutedSets:
         return self._known[joint]
 
 
-@dataclass(frozen=True, eq=False)
-class _Dealt:
-    """Sums of some laws in sets that are none.
+class _Dealt(NamedTuple):
+    """Some laws in sets that are none."""
 
-    Attributes:
-        columns: Their columns.
-        laws: Of each its key and which of the columns are its own.
-        sums: Of each dealing the sums of the columns there, and of the torque last, with all and with themselves.
-    """
-
-    columns: Int[Array, " c"]
-    laws: tuple[tuple[Key, Int[Array, " k"]], ...]
-    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]
+    columns: Int[Array, " c"]  # of all of them
+    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # of each its key and which of the columns are its own
+    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by dealing: with all columns, with themselves
 
 
 def joint_of(group: Group) -> int:

@@ -2,7 +2,17 @@
 
 Both sets share a baseline of hundreds of columns, of which a run left out shows some that no other run does: what a
 model says there is a guess, and its held-out score a matter of chance. The evidence, in which every column has a prior,
-counts what is known; and of each law what it exceeds by what the law gains between sets that are none.
+counts what is known. A change's size has a variance V, as a share of its square: that by blocks, or what its law gains
+by between sets that are none (`permuted_sets`), whichever is more. With ν degrees of freedom for V, its k coefficients
+have the log likelihood ratio
+
+    Λ = ½ (ν + k) log(1 + 1 / (ν V)),
+
+against which stands what it costs to be one of so many, and as wide beforehand as N samples are less sure than V:
+
+    log odds = Λ − ½ k log(N V₀ / V) − log(points of its grid) − log(effects),    V₀ by the noise model alone.
+
+Source: Satterthwaite 1946 (degrees of freedom).
 """
 
 from __future__ import annotations
@@ -12,12 +22,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import t as student
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.change.between_run_variance import Standing, measure_standing
-from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load
+from ident.diagnosis.change.friction_drift import GAIN, DayToDay, day_to_day, is_gain_by_load
 from ident.diagnosis.change.paired_design import PairedDesign
-from ident.diagnosis.change.permuted_sets import joint_of
+from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
@@ -36,6 +47,61 @@ FEW_TOLD = 50.0
 # How much less likely a name is by the log of what laws gain by chance and misfit: of names that stood nine of ten were
 # right where that is below three, half of them where it is ten.
 MISFIT = 0.3
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a change stands against the runs' own differences.
+
+    Attributes:
+        p_value: For one change.
+        spread: Standard deviation from run to run of the effect, as a share of the change.
+        widening: Factor on the half-widths of intervals that count the blocks' noise alone.
+        of_the_day: Whether it is mostly unsure as one day differs from the next, whatever the runs say.
+        of_the_runs: Whether as runs or days differ, and not by noise.
+        nats: Log likelihood ratio against none.
+        looser: Log of by how much its variance exceeds that of the noise model.
+    """
+
+    p_value: float
+    spread: float
+    widening: float
+    of_the_day: bool
+    of_the_runs: bool
+    nats: float
+    looser: float
+
+
+def measure_standing(
+    gain: float, k: int, blocks: tuple[float, float], null: NullVariance, day: DayToDay, counts: tuple[int, int]
+) -> Standing:
+    """Holds a change against the runs.
+
+    Args:
+        gain: Squares of whitened noise that it explains.
+        k: Number of its coefficients.
+        blocks: Variance of its size by blocks, as a share of its square, and their number.
+        null: By how much more than by noise it gains between sets that are none.
+        day: What it may differ by though nothing was done.
+        counts: Runs of either set.
+    """
+    if not gain > 0.0:  # of a size that is zero nothing is seen
+        return Standing(1.0, 0.0, 1.0, False, False, 0.0, 0.0)
+    by_blocks, by_runs, walk = blocks[0], max(0.0, null.ratio / gain - blocks[0]), day.walk(counts)
+    # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
+    estimated = by_blocks**2 / max(blocks[1] - 1.0, 1.0) + (by_runs**2 / null.freedom if by_runs > walk else 0.0)
+    variance = by_blocks + max(by_runs, walk) + day.error**2
+    dof = variance**2 / (estimated + 1e-300)
+    error = float(np.sqrt(variance))
+    return Standing(
+        p_value=float(fisher.sf(1.0 / (k * variance), k, dof)),
+        spread=float(np.sqrt(by_runs / sum(1.0 / count for count in counts))),
+        widening=max(1.0, float(student.ppf(0.975, dof)) / 1.96 * error / float(np.sqrt(max(by_blocks, 1e-300)))),
+        of_the_day=day.error > np.sqrt(0.5) * error,
+        of_the_runs=variance > 2.0 * by_blocks,
+        nats=float(0.5 * (dof + k) * np.log1p(1.0 / (max(dof, 1e-9) * variance))),
+        looser=float(np.log(max(variance * gain, 1.0))),
+    )
 
 
 @dataclass(frozen=True, eq=False)
