@@ -105,9 +105,6 @@ def _limit(one: Mapping[str, Any]) -> str:
     return f"{limit}: more than is plausible" if one["hidden"] else limit
 
 
-# A diagnosis in plain lines for the terminal, and as marks on the timeline.
-
-
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
 # Mean square of a stretch that is marked, in units of the noise's.

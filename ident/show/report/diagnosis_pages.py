@@ -7,6 +7,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
 from ident.show.changes import (
@@ -107,19 +109,16 @@ def where_section(record: Mapping[str, Any]) -> Section | None:
     return Section("where", "Where the gap lies", "where.html", values)
 
 
-def from_start(record: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+def from_start(record: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
     """A record's cells or strips of the map; times on a clock since 1970 from the first sample on."""
     stamps = (record.get("provenance") or {}).get("sessions", [])
     start = min((stamp["first"] for stamp in stamps if stamp.get("first") is not None), default=0.0)
     shift = start if start >= EPOCH_FROM else 0.0
-
-    def shifted(one: Mapping[str, Any]) -> Mapping[str, Any]:
-        if one["axis"] != "time":
-            return one
-        ends = {end: one[end] - shift for end in ("low", "high") if end in one}
-        return {**one, **ends, **({"edges": [edge - shift for edge in one["edges"]]} if "edges" in one else {})}
-
-    return [shifted(one) for one in record.get(key, [])]
+    found = [dict(one) for one in record.get(key, [])]
+    for one in found if shift else ():
+        if one["axis"] == "time":
+            one |= {end: np.subtract(one[end], shift).tolist() for end in ("low", "high", "edges") if end in one}
+    return found
 
 
 def describe_place(place: Mapping[str, Any]) -> str:

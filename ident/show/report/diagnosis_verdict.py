@@ -34,6 +34,7 @@ OVERTUNED = 2.0
 def verdict_section(record: Mapping[str, Any]) -> Section:
     """Verdict, what to make of it, and the gap joint by joint."""
     session = record.get("session", {})
+    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
     values = {
         "headline": glue(diagnosis_headline(record)),
         "first": glue(first_action(record)),
@@ -44,7 +45,8 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
-        "untuned": untuned(record),
+        # The model untuned is the user's own where one was given.
+        "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
     }
     return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
 
@@ -106,7 +108,7 @@ def _first_of_names(record: Mapping[str, Any]) -> str:
 def misread_torque(record: Mapping[str, Any]) -> str:
     """Which joint's whole torque is off by a factor, and what to do: no other size is right before; "" for none.
 
-    Nothing either where a likely name says what it is: a body, or the gain of every joint that is off.
+    Nothing either where a likely name says what it is: a body, or first of all the gain of every joint that is off.
     """
     off = [one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"]
     likely = [one for one in record.get("findings", []) if one.get("probability", 1.0) >= LIKELY]
@@ -114,7 +116,8 @@ def misread_torque(record: Mapping[str, Any]) -> str:
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
     if not off or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
         return ""
-    if set(off[0]["joints"]) <= {joint for one in likely if one["effect"] in gains for joint in one["joints"]}:
+    gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
+    if set(off[0]["joints"]) <= gained and likely[0]["effect"] in gains:
         return ""
     alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
     evidence = off[0]["evidence"].partition(": ")[2] if alone else off[0]["evidence"]
@@ -260,12 +263,6 @@ def describe_motion(record: Mapping[str, Any]) -> str:
         return ""
     window = f"{1e3 * forward['window_s']:.0f} ms"
     return f"Replayed under the recorded torques, the motion is off after {window} by [mrad]: {', '.join(parts)}."
-
-
-def untuned(record: Mapping[str, Any]) -> str:
-    """What the model untuned is: the user's own where one was given."""
-    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
-    return "the model that was given" if own else "inertias of the URDF, friction tuned"
 
 
 def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -92,9 +92,6 @@ def percent(share: float | None) -> str:
     return f"{fixed(number, 1 if near else 0)} %"
 
 
-# Identifiers of the contract as words: effects, parameters with their units, axes of the map.
-
-
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 # Parameters that are counted, not measured.
 COUNTED = frozenset({"order", "link", "other_joint"})

@@ -33,9 +33,6 @@ class Mark:
     text: str
 
 
-# The curves of one run: what was measured, what every rung makes of it, and the work done.
-
-
 MARK_COLOUR = "#d00000"
 
 

@@ -84,9 +84,6 @@ def entity(joint: str, *parts: str) -> str:
     return "/joints/" + "/".join(rr.escape_entity_path_part(part) for part in (joint, *parts))
 
 
-# The arm as boxes: one transform a link, its collision geometry's bounding boxes fixed to it.
-
-
 @dataclass(frozen=True, eq=False)
 class LinkBoxes:
     """The boxes of one link, in its frame.
