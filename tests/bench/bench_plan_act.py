@@ -78,8 +78,8 @@ def plans_of(model: HybridModel, count: int, seed: int, folder: Path, inside: bo
     arm, rng, found = model.robot, np.random.default_rng([2031, seed]), []
     free = Scene.build(arm)
     while len(found) < count:
-        scene = {"robot": "tm5-900", **draw(arm, free, rng)}
-        scene["obstacle"] = scene["obstacle"][:2]
+        scene = {"robot": "tm5-900", **draw(arm, free, rng, boxes=int(rng.integers(3)))}
+        scene.pop("payload", None)
         (folder / "scene.toml").write_text(tomli_w.dumps(scene))
         objective = ("energy", "time")[len(found) % 2]
         try:

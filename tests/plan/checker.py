@@ -6,11 +6,12 @@ bytes, energy by Simpson's rule, and shapes collide by Coal on the URDF's own ge
 
 from __future__ import annotations
 
+import copy
 import json
 import struct
 import tomllib
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,17 @@ class Model:
         self.loss = {k: np.array(v) for k, v in record["loss"].items() if k != "figures"}
         self.net = Net(folder) if (folder / "residual.json").exists() else None
 
+    def carrying(self, payload: dict[str, Any], world: World, tip: str) -> Model:
+        """The same with a mass whose centre is given in a frame of the URDF, the tip's where none is named."""
+        frame = world.model.frames[world.model.getFrameId(payload.get("link", tip))]
+        at = frame.placement.act(np.array(payload.get("com_m", [0.0, 0.0, 0.0]), dtype=float))
+        inertia = payload["mass_kg"] * (at @ at * np.eye(3) - np.outer(at, at))
+        numbers, row = self.arm.inertias.copy(), self.joints.index(world.model.names[frame.parentJoint])
+        numbers[row] += [payload["mass_kg"], *(payload["mass_kg"] * at), *inertia[np.tril_indices(3)]]
+        loaded = copy.copy(self)
+        loaded.arm = replace(self.arm, inertias=numbers)
+        return loaded
+
     def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         rigid, loss = self.arm.torque(q, dq, ddq), self.loss
         width = loss["transition_speed_rad_s"]
@@ -214,12 +226,16 @@ class Field:
 
 
 class Crate:
-    """A box."""
+    """A box; far ones are passed over by the balls round both."""
 
     def __init__(self, size: list[float], turn: np.ndarray, shift: np.ndarray) -> None:
         self.box, self.pose = coal.Box(*size), coal.Transform3s(turn, shift)
+        self.middle, self.radius = shift, float(np.linalg.norm(size)) / 2
 
     def hits(self, shape: Any, pose: Any, request: Any) -> bool:
+        reach = self.radius + shape.aabb_radius + request.security_margin
+        if np.linalg.norm(np.asarray(pose.transform(shape.aabb_center)).ravel() - self.middle) > reach:
+            return False
         return bool(coal.collide(shape, pose, self.box, self.pose, request, coal.CollisionResult()))
 
 
