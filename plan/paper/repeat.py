@@ -110,7 +110,8 @@ class _Experiments:
     motions: dict[str, tuple[PlanningProblem, PlanResult]] = field(default_factory=dict)
 
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
-        task = Task(Path("the paper's task"), "tm5-900", START, GOAL, duration, obstacles=obstacles)
+        place = Path("the paper's task")
+        task = Task(source=place, robot="tm5-900", start=START, goal=GOAL, duration=duration, obstacles=obstacles)
         return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed"))
 
     def ppo(self, times: float = 1.0) -> Ppo:

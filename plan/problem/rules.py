@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from plan.errors import SceneError
-
-if TYPE_CHECKING:
-    from plan.problem.task_file import Reader
+from plan.problem.scene_keys import SceneTable
 
 # How near to a via point is "through" it, if nothing else is asked for: of each joint [deg], of the tool's place [m].
 THROUGH_DEG, THROUGH_M = 0.1, 1e-3
@@ -83,63 +79,54 @@ class WayRules:
         return any(part is not None for part in own) or bool(self.cones or self.vias)
 
 
-def read_rules(reader: Reader, document: Mapping[str, Any], joints: int) -> WayRules:
+def read_rules(top: SceneTable, joints: int) -> WayRules:
     """The tables `[tool]`, `[[tool.cone]]` and `[[pass]]` of a scene file.
 
     Raises:
         SceneError: A key is missing, unknown or of the wrong kind.
     """
-    tool = document.get("tool", {})
-    straight = reader.flag(tool, "tool.straight")
+    tool = top.table("tool")
+    straight = tool.flag("straight")
     for key in ("within_m", "within_deg"):
         if key in tool and not straight:
-            raise SceneError(reader.file, f"tool.{key} has nothing to be off from", "add straight = true, or drop it")
+            raise tool.fault(key, "has nothing to be off from", "add straight = true, or drop it")
     return WayRules(
-        frame=reader.text(tool, "frame") if "frame" in tool else None,
-        speed=reader.number(tool, "tool.speed_m_s", least=1e-4) if "speed_m_s" in tool else None,
-        straight=reader.number(tool, "tool.within_m", OFF_M, least=1e-5) if straight else None,
-        turning=math.radians(reader.number(tool, "tool.within_deg", OFF_DEG, least=0.01)),
-        cones=tuple(_cone(reader, *item) for item in reader.tables(tool, "cone", "tool.cone")),
-        vias=tuple(_via(reader, *item, joints) for item in reader.tables(document, "pass", "pass")),
+        frame=tool.text("frame") if "frame" in tool else None,
+        speed=tool.number("speed_m_s", least=1e-4) if "speed_m_s" in tool else None,
+        straight=tool.number("within_m", OFF_M, least=1e-5) if straight else None,
+        turning=math.radians(tool.number("within_deg", OFF_DEG, least=0.01)),
+        cones=tuple(_cone(table) for table in tool.tables("cone")),
+        vias=tuple(_via(table, joints) for table in top.tables("pass")),
     )
 
 
-def _cone(reader: Reader, entry: Mapping[str, Any], name: str) -> Cone:
-    reader.known("tool.cone", entry, name)
-    given = [key for key in ("allowed_deg", "keep_out_deg") if key in entry]
+def _cone(table: SceneTable) -> Cone:
+    given = [key for key in ("allowed_deg", "keep_out_deg") if key in table]
     if len(given) != 1:
-        raise SceneError(
-            reader.file,
-            f"{name} has {' and '.join(given) or 'no angle'}",
-            "give one of them: allowed_deg, keep_out_deg",
-        )
-    angle = reader.number(entry, f"{name}.{given[0]}", least=0.1)
+        what = f"{table.name} has {' and '.join(given) or 'no angle'}"
+        raise SceneError(table.file, what, "give one of them: allowed_deg, keep_out_deg")
+    angle, axes = table.number(given[0], least=0.1), []
     if angle > 179.0:
-        raise SceneError(reader.file, f"{name}.{given[0]} is {angle:g}", "give 0.1 to 179 degrees")
-    axes = [_direction(reader, entry, f"{name}.{key}", default) for key, default in (("axis", 1.0), ("towards", -1.0))]
+        raise table.fault(given[0], f"is {angle:g}", "give 0.1 to 179 degrees")
+    for key, z in (("axis", 1.0), ("towards", -1.0)):
+        found = table.numbers(key, 3, np.array([0.0, 0.0, z]))
+        length = float(np.linalg.norm(found))
+        if length < 1e-6:
+            raise table.fault(key, f"is {found.tolist()}, no direction", "give a vector that is not nought")
+        axes.append(freeze(found / length))
     return Cone(axes[0], axes[1], math.radians(angle), given[0] == "allowed_deg")
 
 
-def _direction(reader: Reader, entry: Mapping[str, Any], key: str, z: float) -> Float[Array, " 3"]:
-    found = reader.numbers(entry, key, 3, np.array([0.0, 0.0, z]))
-    length = float(np.linalg.norm(found))
-    if length < 1e-6:
-        raise SceneError(reader.file, f"{key} is {found.tolist()}, no direction", "give a vector that is not nought")
-    return freeze(found / length)
-
-
-def _via(reader: Reader, entry: Mapping[str, Any], name: str, joints: int) -> ViaPoint:
-    reader.known("pass", entry, name)
-    if ("deg" in entry) == ("xyz_m" in entry):
-        both = "both deg and xyz_m" if "deg" in entry else "neither deg nor xyz_m"
-        raise SceneError(reader.file, f"{name} has {both}", "give the joints' angles, or the tool's place")
-    of_tool = "xyz_m" in entry
-    other = "within_deg" if of_tool else "within_m"
-    if other in entry:
-        kind = "place: within_m" if of_tool else "joint angles: within_deg"
-        raise SceneError(reader.file, f"{name}.{other} goes with the other kind of via point", f"this one is of {kind}")
+def _via(table: SceneTable, joints: int) -> ViaPoint:
+    of_tool = "xyz_m" in table
+    if ("deg" in table) == of_tool:
+        what = f"{table.name} has {'both deg and xyz_m' if of_tool else 'neither deg nor xyz_m'}"
+        raise SceneError(table.file, what, "give the joints' angles, or the tool's place")
+    own, other = ("within_m", "within_deg") if of_tool else ("within_deg", "within_m")
+    if other in table:
+        kind = f"{'place' if of_tool else 'joint angles'}: {own}"
+        raise table.fault(other, "goes with the other kind of via point", f"this one is of {kind}")
     if of_tool:
-        within = reader.number(entry, f"{name}.within_m", THROUGH_M, least=1e-5)
-        return ViaPoint(reader.numbers(entry, f"{name}.xyz_m", 3), True, within)
-    within = math.radians(reader.number(entry, f"{name}.within_deg", THROUGH_DEG, least=0.01))
-    return ViaPoint(np.radians(reader.numbers(entry, f"{name}.deg", joints)), False, within)
+        return ViaPoint(table.numbers("xyz_m", 3), True, table.number(own, THROUGH_M, least=1e-5))
+    within = math.radians(table.number(own, THROUGH_DEG, least=0.01))
+    return ViaPoint(np.radians(table.numbers("deg", joints)), False, within)

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-# Table -> key -> what it says; units stand in the names. "" is the top of the file.
+import math
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from plan.errors import SceneError
+
+# SceneTable -> key -> what it says; units stand in the names. "" is the top of the file.
 KEYS: dict[str, dict[str, str]] = {
     "": {
         "robot": 'Needed. URDF path (from the file on) or name: "tm5-900", "panda".',
@@ -68,3 +78,119 @@ KEYS: dict[str, dict[str, str]] = {
         "link": "That frame. If left out: the arm's tip.",
     },
 }
+
+
+class SceneTable:
+    """One table of a scene file; what is wrong in it is named with the file and the key.
+
+    Args:
+        file: The file.
+        name: What the table is called in messages; nothing for the top of the file.
+        entry: Its keys and values.
+        keys: Keys that it may have; those of `KEYS` under its name if None.
+    """
+
+    def __init__(self, file: Path, name: str, entry: Any, keys: Collection[str] | None = None) -> None:
+        if not isinstance(entry, dict):
+            raise SceneError(file, f"{name} is not a table", f"write [{name}] and its keys")
+        self.file, self.name, self.entry = file, name, entry
+        keys = KEYS[name] if keys is None else keys
+        unknown = sorted(set(entry) - set(keys))
+        if unknown:
+            what = f"{name or 'file'}: unknown key {unknown[0]!r}"
+            raise SceneError(file, what, f"keys are: {', '.join(sorted(keys))}")
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.entry
+
+    def path(self, key: str) -> str:
+        """A key as messages name it."""
+        return f"{self.name}.{key}" if self.name else key
+
+    def fault(self, key: str, what: str, remedy: str) -> SceneError:
+        """What is wrong with a key."""
+        return SceneError(self.file, f"{self.path(key)} {what}", remedy)
+
+    def table(self, key: str, needed: bool = False) -> SceneTable:
+        """A table in this one, empty where it is not there."""
+        if needed and key not in self:
+            raise SceneError(self.file, f"it has no [{self.path(key)}] table", "add one")
+        return SceneTable(self.file, self.path(key), self.entry.get(key, {}))
+
+    def items(self, key: str) -> list[tuple[str, dict[str, Any]]]:
+        """The tables of a list, each with what it is called in messages."""
+        found, name = self.entry.get(key, []), self.path(key)
+        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+            raise SceneError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
+        return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
+
+    def tables(self, key: str, keys: Collection[str] | None = None) -> list[SceneTable]:
+        """The same as tables whose keys are known."""
+        known = KEYS[self.path(key)] if keys is None else keys
+        return [SceneTable(self.file, name, entry, known) for name, entry in self.items(key)]
+
+    def given(self, key: str, default: Any = None) -> Any:
+        """A key's value as it stands there; the default, if there is one, where it does not."""
+        if key not in self and default is None:
+            raise self.fault(key, "is missing", "add it, in metres" if key.endswith("_m") else "add it")
+        return self.entry.get(key, default)
+
+    def text(self, key: str) -> str:
+        """A text that is not empty."""
+        found = self.entry.get(key)
+        if not isinstance(found, str) or not found:
+            raise self.fault(key, "is missing", f'add {key} = "…"')
+        return found
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        """True or false."""
+        found = self.entry.get(key, default)
+        if not isinstance(found, bool):
+            raise self.fault(key, f"is {found!r}", "give true or false")
+        return found
+
+    def number(self, key: str, default: float | None = None, least: float = 0.0, above: bool = False) -> float:
+        """A number that is not below the least one, or above it."""
+        found, wanted = self.given(key, default), f"above {'zero' if least == 0.0 else f'{least:g}'}"
+        right = not isinstance(found, bool) and isinstance(found, int | float) and math.isfinite(found)
+        if not right or found < least or (above and found == least):
+            wanted = f"a number {wanted}" if above else f"a number of {least:g} or more"
+            raise self.fault(key, f"is {found!r}, not {wanted}", "give a number")
+        return float(found)
+
+    def whole(self, key: str, default: int) -> int:
+        """A whole number from 1 to 20."""
+        found = self.entry.get(key, default)
+        if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= 20:
+            raise self.fault(key, f"is {found!r}, not a whole number from 1 to 20", "give one")
+        return found
+
+    def numbers(
+        self, key: str, count: int | None = None, default: Any = None, positive: bool = False
+    ) -> Float[Array, " k"]:
+        """A list of numbers, as many as are wanted."""
+        return self._numbers(key, self.given(key, default), count, positive)
+
+    def rows(self, key: str, count: int) -> list[Float[Array, " k"]]:
+        """Rows of so many numbers each."""
+        found = self.given(key)
+        if not isinstance(found, list) or not found:
+            raise self.fault(key, "is not a list of rows", "give rows of joint angles in degrees")
+        return [self._numbers(f"{key} {number}", row, count) for number, row in enumerate(found, start=1)]
+
+    def _numbers(self, key: str, found: Any, count: int | None, positive: bool = False) -> Float[Array, " k"]:
+        try:
+            values = np.array(found, dtype=float)
+        except (TypeError, ValueError):
+            values = np.array(np.nan)
+        if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all():
+            raise self.fault(key, f"is {found!r}, not a list of numbers", "give a list of numbers")
+        if count is not None and len(values) != count:
+            raise self.fault(key, f"has {len(values)} numbers, not {count}", f"give {count}")
+        if positive and np.any(values <= 0):
+            raise self.fault(key, f"{values.tolist()} is not above zero throughout", "give positive numbers")
+        return values
+
+    def angles(self, key: str, count: int | None = None, positive: bool = False) -> Float[Array, " k"] | None:
+        """Degrees as radians; None where the key is not there."""
+        return np.radians(self.numbers(key, count, positive=positive)) if key in self else None
