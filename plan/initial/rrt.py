@@ -14,8 +14,6 @@ from plan.geometry.scene import Scene
 
 # Gaps beyond their margins by more than this are all the same to a tree [m].
 NEAR = 0.01
-# Turns between two looks at the time: to ask the system for it costs as much as an edge.
-ASKED = 20
 
 
 def endless() -> float:
@@ -126,8 +124,8 @@ def connect(
     swapped = False
     if edge_is_free(scene, start, goal, options):
         return Path(np.array([start, goal]), 2)
-    for turn in range(options.nodes):
-        if trees[0].size + trees[1].size >= options.nodes or (turn % ASKED == 0 and options.left() <= 0.0):
+    for _ in range(options.nodes):
+        if trees[0].size + trees[1].size >= options.nodes or options.left() <= 0.0:
             break
         near, far = trees if not swapped else trees[::-1]
         grown = _extend(scene, near, rng.uniform(low, high), options)

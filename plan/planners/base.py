@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import time
 from abc import ABC, abstractmethod
@@ -23,8 +24,9 @@ from plan.spline import Splines
 
 # Called with the evaluations so far, the evaluations allowed, and the best cost.
 Progress = Callable[[int, int, float], None]
-# Seconds between two checkpoints.
-CHECKPOINT_EVERY = 2.0
+# Seconds between two checkpoints, and between two questions to the system what was spent: on a busy machine each may
+# wait behind all other processes.
+CHECKPOINT_EVERY, LOOK_EVERY = 2.0, 0.01
 JOURNAL_REMEDY = "choose another file for --resume, or remove it yourself"
 
 
@@ -117,6 +119,8 @@ class Ledger:
     _seconds_before: float = 0.0
     _cpu_before: float = 0.0
     _saved: float = 0.0
+    _looked: float = -math.inf
+    _spent: float = 0.0
 
     def __post_init__(self) -> None:
         if self.journal is None or not os.path.lexists(self.journal):
@@ -150,8 +154,11 @@ class Ledger:
 
     @property
     def seconds_left(self) -> float:
-        """Processor time that is left of the budget [s]."""
-        return self.budget.seconds - self.cpu_seconds
+        """Processor time that is left of the budget, as it was a hundredth of a second ago at most [s]."""
+        now = time.perf_counter()
+        if now - self._looked > LOOK_EVERY:
+            self._looked, self._spent = now, self.cpu_seconds
+        return self.budget.seconds - self._spent
 
     @property
     def remaining(self) -> int:
