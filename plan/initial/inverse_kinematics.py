@@ -59,12 +59,12 @@ def reach_pose(
     low, high = np.maximum(lower, start - np.pi), np.minimum(upper, start + np.pi)
     wide = low >= high
     low, high = np.where(wide, lower, low), np.where(wide, upper, high)
-    solver = PoseSolver(arm, pose, frame)
+    solver = PoseSolver(arm, frame)
     found: list[Array] = []
     outside: list[Array] = []
     nearest = (np.inf, np.inf)
     for k in range(STARTS):
-        q, missed = solver.descend(start if k == 0 else rng.uniform(low, high))
+        q, missed = solver.descend(pose, start if k == 0 else rng.uniform(low, high))
         if max(missed) > THERE:
             nearest = min(nearest, missed, key=lambda pair: pair[0] + 0.2 * pair[1])
             continue
@@ -77,22 +77,20 @@ def reach_pose(
 
 
 class PoseSolver:
-    """One frame, one pose.
+    """Brings one frame, known by its number, to places and poses."""
 
-    Args:
-        arm: The arm.
-        pose: Where the frame is to be.
-        frame: Its number.
-    """
+    def __init__(self, arm: ArmModel, frame: int) -> None:
+        self._model, self._frame, self._data = arm.model, frame, arm.model.createData()
 
-    def __init__(self, arm: ArmModel, pose: Pose, frame: int) -> None:
-        self._model, self._frame, self._pose = arm.model, frame, pose
-        self._data = arm.model.createData()
+    def place(self, q: Float[Array, " n"]) -> Float[Array, " 3"]:
+        """The frame's place at a joint position [m]."""
+        pin.framesForwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
+        return np.array(self._data.oMf[self._frame].translation)
 
-    def descend(self, q: Float[Array, " n"]) -> tuple[Array, tuple[float, float]]:
-        """Where the steps lead, and what is missed there: place [m] and turn [rad]."""
+    def descend(self, pose: Pose, q: Float[Array, " n"]) -> tuple[Array, tuple[float, float]]:
+        """Where the steps from a position lead, and what is missed there: place [m] and turn [rad]."""
         q, damping = np.array(q), DAMPING
-        missed, jacobian = self._look(q)
+        missed, jacobian = self._look(pose, q)
         for _ in range(STEPS):
             size = float(np.abs(missed).max())
             if size < 0.1 * THERE:
@@ -100,7 +98,7 @@ class PoseSolver:
             normal = jacobian.T @ jacobian
             step = -np.linalg.solve(normal + damping * np.eye(len(q)), jacobian.T @ missed)
             step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-12))
-            tried, slope = self._look(q + step)
+            tried, slope = self._look(pose, q + step)
             if tried @ tried < missed @ missed:
                 q, missed, jacobian, damping = q + step, tried, slope, max(0.1 * damping, 1e-12)
             else:
@@ -110,17 +108,17 @@ class PoseSolver:
         turn = 0.0 if len(missed) == 3 else float(np.linalg.norm(missed[3:]))
         return q, (float(np.linalg.norm(missed[:3])), turn)
 
-    def _look(self, q: Array) -> tuple[Array, Array]:
+    def _look(self, pose: Pose, q: Array) -> tuple[Array, Array]:
         """What is missed, place and turn, and its derivative."""
         jacobian = pin.computeFrameJacobian(
             self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         pin.updateFramePlacement(self._model, self._data, self._frame)
         at = self._data.oMf[self._frame]
-        away = at.translation - self._pose.place
-        if self._pose.rotation is None:
+        away = at.translation - pose.place
+        if pose.rotation is None:
             return away, jacobian[:3]
-        rest = at.rotation @ self._pose.rotation.T
+        rest = at.rotation @ pose.rotation.T
         slope = np.concatenate([jacobian[:3], pin.Jlog3(rest) @ rest.T @ jacobian[3:]])
         return np.concatenate([away, pin.log3(rest)]), slope
 

@@ -12,19 +12,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
+from plan.initial.inverse_kinematics import PoseSolver
 from plan.initial.rrt import Path, TreeOptions, connect, is_free, prune
+from plan.problem.pose import Pose
 from plan.problem.problem import PlanningProblem
 
 DIRECTIONS = 8
-# Initial positions from which the arm is brought to a point.
-TRIES = 12
+# Initial positions from which the arm is brought to a point, and how near to it is there [m].
+TRIES, THERE = 12, 1e-3
 # A point where the arm collides is moved outwards by so many girths in all before it is given up.
 INFLATIONS = (1.0, 2.0, 3.0)
 # Trees look near their ends first, then half a turn around them: reach beyond the ends [rad] and nodes.
@@ -138,7 +139,7 @@ def find_seeds(
 
 def midplane_of(problem: PlanningProblem) -> list[list[tuple[str, Float[Array, " 3"]]]]:
     """The nine points of a task, at one, two and three girths from the obstacles' hull."""
-    tip, width = _Tip(problem.scene.arm), girth(problem.scene)
+    tip, width = tip_solver(problem.scene.arm), girth(problem.scene)
     ends = tip.place(problem.start), tip.place(problem.goal)
     return [midplane_targets(*ends, problem.scene.in_the_way, share * width) for share in INFLATIONS]
 
@@ -147,7 +148,7 @@ def iterate_seeds(
     problem: PlanningProblem, rng: np.random.Generator, options: TreeOptions | None = None
 ) -> Iterator[Seed]:
     """The nine ways one by one, each looked for when it is asked for."""
-    options, tip = options or TreeOptions(margins=problem.margins), _Tip(problem.scene.arm)
+    options, tip = options or TreeOptions(margins=problem.margins), tip_solver(problem.scene.arm)
     for rays in zip(*midplane_of(problem), strict=True):
         for label, target in rays:
             seed = _find_seed(problem, tip, label, target, rng, options)
@@ -163,7 +164,7 @@ def girth(scene: Scene) -> float:
 
 def _find_seed(
     problem: PlanningProblem,
-    tip: _Tip,
+    tip: PoseSolver,
     label: str,
     target: Float[Array, " 3"],
     rng: np.random.Generator,
@@ -194,15 +195,15 @@ def _connect(problem: PlanningProblem, a: Array, b: Array, options: TreeOptions,
 
 
 def _reach(
-    problem: PlanningProblem, tip: _Tip, target: Array, rng: np.random.Generator, options: TreeOptions
+    problem: PlanningProblem, tip: PoseSolver, target: Array, rng: np.random.Generator, options: TreeOptions
 ) -> Float[Array, " n"] | str:
     """A free position with the tip at the target, the nearest to the middle of the task; or why there is none."""
     middle = (problem.start + problem.goal) / 2
     found, blocked, outside = [], 0, 0
     for attempt in range(TRIES):
         guess = middle + (rng.normal(size=problem.n) * 0.15 * attempt if attempt else 0.0)
-        q = tip.solve(target, np.clip(guess, problem.limits.lower, problem.limits.upper))
-        if q is None:
+        q, missed = tip.descend(Pose(None, target), np.clip(guess, problem.limits.lower, problem.limits.upper))
+        if missed[0] > THERE:
             continue
         if np.any(q < problem.limits.lower) or np.any(q > problem.limits.upper):
             outside += 1
@@ -217,27 +218,6 @@ def _reach(
     return "joint limits keep the tip from it" if outside else "out of the arm's reach"
 
 
-class _Tip:
-    """Position of the arm's tip, and the arm's position for it."""
-
-    def __init__(self, arm: ArmModel) -> None:
-        self.model, self.data = arm.model, arm.model.createData()
-        frames = [i for i, frame in enumerate(arm.model.frames) if frame.parentJoint == arm.n]
-        self.frame = frames[-1]
-
-    def place(self, q: Array) -> Float[Array, " 3"]:
-        """Tip in the base frame [m]."""
-        pin.framesForwardKinematics(self.model, self.data, np.asarray(q, dtype=float))
-        return np.array(self.data.oMf[self.frame].translation)
-
-    def solve(self, target: Array, q: Array, steps: int = 60) -> Float[Array, " n"] | None:
-        """Damped Newton steps from q; None if the target is not reached to a millimetre."""
-        q = np.array(q, dtype=float)
-        for _ in range(steps):
-            error = target - self.place(q)
-            if np.linalg.norm(error) < 1e-3:
-                return q
-            jacobian = pin.computeFrameJacobian(self.model, self.data, q, self.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-4 * np.eye(3), error)
-            q = q + np.clip(step, -0.3, 0.3)
-        return None
+def tip_solver(arm: ArmModel) -> PoseSolver:
+    """Of the arm's tip: the last frame that the last joint moves."""
+    return PoseSolver(arm, max(k for k, frame in enumerate(arm.model.frames) if frame.parentJoint == arm.n))

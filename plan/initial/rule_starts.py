@@ -50,13 +50,13 @@ def iterate_rule_ways(problem: PlanningProblem, rng: np.random.Generator) -> Ite
 def _stops(problem: PlanningProblem, rules: Rules, rng: np.random.Generator, spread: float) -> list[Array]:
     """Start, a position at each via point, goal."""
     arm, found = problem.scene.arm, [problem.start]
+    solver = PoseSolver(arm, find_frame(arm, rules.frame) or 0)
     for via in rules.rules.vias:
         if not via.of_tool:
             found.append(via.target)
             continue
-        solver = PoseSolver(arm, Pose(None, via.target), find_frame(arm, rules.frame) or 0)
         middle = (found[-1] + problem.goal) / 2 + rng.normal(size=problem.n) * spread
-        found.append(solver.descend(middle)[0])
+        found.append(solver.descend(Pose(None, via.target), middle)[0])
     return [*found, problem.goal]
 
 
@@ -64,13 +64,12 @@ def _along(problem: PlanningProblem, rules: Rules) -> Float[Array, "V n"]:
     """Positions along the tool's straight line, each found from the one before, drawn to the goal's own."""
     (place, axes), (end, _) = rules.first, rules.last
     turn = pin.log3(axes.T @ rules.last[1])
-    frame = find_frame(problem.scene.arm, rules.frame) or 0
+    solver = PoseSolver(problem.scene.arm, find_frame(problem.scene.arm, rules.frame) or 0)
     shares = np.arange(1, ALONG + 2) / (ALONG + 1)
 
     def at(share: float, guess: Array) -> Array:
         rotation = axes @ pin.exp3(share * turn) if problem.n >= TURNING else None
-        solver = PoseSolver(problem.scene.arm, Pose(None, place + share * (end - place), rotation), frame)
-        return solver.descend(guess)[0]
+        return solver.descend(Pose(None, place + share * (end - place), rotation), guess)[0]
 
     found = [problem.start]
     for share in shares:

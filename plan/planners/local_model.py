@@ -315,27 +315,19 @@ class LocalModel:
         self, coefficients: Array, states: tuple[Array, Array, Array], duration: float
     ) -> list[ConstraintRows]:
         """Position, speed and acceleration at the nodes, and jerk section by section."""
-        limits, n = self.problem.limits, self.n
-        found = []
-        q = states[0]
-        for side, room in ((1.0, limits.upper - q), (-1.0, q - limits.lower)):
-            nodes, joints = np.nonzero(room < 0.5)
-            if len(nodes) == 0:
-                continue
-            local = [side * np.eye(n)[joints], np.zeros((len(nodes), n)), np.zeros((len(nodes), n))]
-            found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
-        wanted = [(1, self._speed_limit)]
+        limits, q, found = self.problem.limits, states[0], []
+        ones, rates = np.ones_like(q), [(1, self._speed_limit)]
+        wanted = [(0, limits.upper - q, ones, 0.5), (0, q - limits.lower, -ones, 0.5)]
         if limits.acceleration is not None:
-            wanted.append((2, SHARE * limits.acceleration))
-        for order, limit in wanted:
+            rates.append((2, SHARE * limits.acceleration))
+        for order, limit in rates:
             share = states[order] / limit
-            nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
-            if len(nodes) == 0:
-                continue
-            rows = np.eye(n)[joints] * (np.sign(share[nodes, joints]) / limit[joints])[:, None]
+            wanted.append((order, 1.0 - np.abs(share), np.sign(share) / limit, 1.0 - WATCHED_SHARE))
+        for order, room, slope, near in wanted:
+            nodes, joints = np.nonzero(room < near)
+            rows = np.eye(self.n)[joints] * slope[nodes, joints][:, None]
             local = [rows if k == order else np.zeros_like(rows) for k in range(3)]
-            matrix = self._node_rows(nodes, local, states, duration)
-            found.append(ConstraintRows(matrix, 1.0 - np.abs(share[nodes, joints])))
+            found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
         if limits.jerk is not None:
             found.append(self._jerk_rows(coefficients, duration))
         return found

@@ -51,13 +51,11 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
     losses = model.losses
     drag = np.abs(losses.coulomb) + np.abs(losses.offset) + losses.viscous * limits.speed
     push = limits.torque + np.abs(found.tau).max(axis=0) + np.abs(losses.offset)
-    if isinstance(model.net, CompiledJointNets):
-        residual = np.array([_net_range(model.net, j, problem)[0] for j in range(problem.n)])
-        push, drag = push + residual, drag + residual
-    elif model.net is not None:
+    if not (model.net is None or isinstance(model.net, CompiledJointNets)):
         push = np.full(problem.n, np.inf)
-    named = np.array([_named_range(model, j, problem)[0] for j in range(problem.n)])
-    push, drag = push + named, drag + named
+    grids = [np.linspace(-top, top, SPEEDS) for top in limits.speed]
+    residual = np.array([_residual_range(problem, model, j, grid)[0] for j, grid in enumerate(grids)])
+    push, drag = push + residual, drag + residual
     reach = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0)) * GRANTED
     rates = [np.sqrt(np.einsum("tij,i,j->t", np.abs(inverse), u, u).max()) * GRANTED for u in (push, push + drag)]
     way, times = np.abs(problem.goal - problem.start), [0.0]
@@ -103,44 +101,34 @@ def _loss_power(
     # |v| - 0.28 w lies below v tanh(v / w) for every v, and is convex, which that is not.
     slip = np.maximum(np.abs(speeds) - 0.2785 * losses.transition_speed[j], 0.0)
     power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
-    if isinstance(model.net, CompiledJointNets):
-        power = power + _net_range(model.net, j, problem, speeds)[1]
-    return speeds, power + _named_range(model, j, problem, speeds)[1]
+    return speeds, power + _residual_range(problem, model, j, speeds)[1]
 
 
-def _named_range(
-    model: ChainTorque, j: int, problem: PlanningProblem, speeds: Array | None = None
+def _residual_range(
+    problem: PlanningProblem, model: ChainTorque, j: int, speeds: Float[Array, " v"]
 ) -> tuple[float, Float[Array, " v"]]:
-    """Largest torque of a joint's named laws, and the least power that they take at each speed, whatever the load."""
-    top = float(problem.limits.speed[j])
-    grid = np.linspace(-top, top, SPEEDS) if speeds is None else speeds
-    loads = np.linspace(-1.0, 1.0, OTHERS) * problem.limits.torque[j]
-    width = float(model.losses.transition_speed[j])
-    most, least = 0.0, np.zeros(len(grid))
+    """Largest torque of a joint's net and named laws, and the least power that they take at each speed.
+
+    Whatever acceleration, load and angle are.
+    """
+    limits, width, cases = problem.limits, float(model.losses.transition_speed[j]), []
+    loads = np.linspace(-1.0, 1.0, OTHERS) * limits.torque[j]
+    if isinstance(model.net, CompiledJointNets):
+        most = 10.0 * limits.speed[j] if limits.acceleration is None else limits.acceleration[j]  # to top in a tenth
+        v, a, load = _grid(speeds, np.linspace(-most, most, OTHERS), loads)
+        cases.append((v, model.net.joint_slopes(j, v, a, load)[0]))
     for law in (law for law in model.named if law.joint == j):
         angles = np.linspace(0.0, 2.0 * np.pi / law.shape["order"], 25)[:-1] if "order" in law.shape else np.zeros(1)
-        v, angle, load = (part.reshape(-1) for part in np.meshgrid(grid, angles, loads, indexing="ij"))
+        v, angle, load = _grid(speeds, angles, loads)
         slip = np.tanh(v / width) if width > 0.0 else np.sign(v)
-        torque = law.torque(JointStates(angle, v, load, slip))
-        most = most + float(np.abs(torque).max())
-        least = least + (torque * v).reshape(len(grid), -1).min(axis=1)
-    return most, least
+        cases.append((v, law.torque(JointStates(angle, v, load, slip))))
+    least = [(torque * v).reshape(len(speeds), -1).min(axis=1) for v, torque in cases]
+    return sum(float(np.abs(torque).max()) for _, torque in cases), np.sum([np.zeros(len(speeds)), *least], axis=0)
 
 
-def _net_range(
-    net: CompiledJointNets, j: int, problem: PlanningProblem, speeds: Array | None = None
-) -> tuple[float, Float[Array, " v"]]:
-    """Largest torque of a joint's net, and the least power it takes at each speed, over accelerations and loads."""
-    limits = problem.limits
-    top = float(limits.speed[j])
-    grid = np.linspace(-top, top, SPEEDS) if speeds is None else speeds
-    most = limits.acceleration[j] if limits.acceleration is not None else 10.0 * top  # from rest to top in a tenth
-    loads = np.linspace(-1.0, 1.0, OTHERS) * limits.torque[j]
-    v, a, load = (
-        part.reshape(-1) for part in np.meshgrid(grid, np.linspace(-most, most, OTHERS), loads, indexing="ij")
-    )
-    torque = net.joint_slopes(j, v, a, load)[0]
-    return float(np.abs(torque).max()), (torque * v).reshape(len(grid), -1).min(axis=1)
+def _grid(*axes: Float[Array, " k"]) -> list[Float[Array, " m"]]:
+    """All combinations of some values, the first changing slowest."""
+    return [part.reshape(-1) for part in np.meshgrid(*axes, indexing="ij")]
 
 
 def _steady(speeds: Float[Array, " v"], power: Float[Array, " v"], speed: float) -> float:

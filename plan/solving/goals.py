@@ -31,20 +31,15 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         TaskError: No such frame, or the arm can't bring it to any of the poses.
     """
     if task.pose is None:
-        goals = [q for q in (task.goal, *task.others) if _allowed(problem, q)] or [task.goal]
+        low, high, clear = problem.limits.lower, problem.limits.upper, problem.limits.clearance
+        inside = [q for q in (task.goal, *task.others) if np.all(q >= low) and np.all(q <= high)]
+        goals = [q for q in inside if why_refused(problem.scene, q, clear) is None] or [task.goal]
     else:
         found = [_reach(problem, task, pose) for pose in (task.pose, *task.other_poses)]
         goals = [q for one in found if not isinstance(one, TaskError) for q in one]
         if not goals:
             raise next(one for one in found if isinstance(one, TaskError))
     return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
-
-
-def _allowed(problem: PlanningProblem, q: Array) -> bool:
-    """Whether a motion may end at a position."""
-    limits = problem.limits
-    inside = bool(np.all(q >= limits.lower) and np.all(q <= limits.upper))
-    return inside and why_refused(problem.scene, q, limits.clearance) is None
 
 
 def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | TaskError:

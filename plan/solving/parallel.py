@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ident.arrays import Array
 from plan.errors import MethodError
 from plan.options import SolveOptions
 from plan.planners.base import Budget, Candidate, Ledger
@@ -20,26 +19,10 @@ from plan.spline import Splines
 MOST_WORKERS = 64
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The best motion from one initial trajectory, as it comes from another process.
-
-    Attributes:
-        label: Where it began.
-        points, durations: The motion.
-        cost, violation: As a candidate's.
-    """
-
-    label: str
-    points: Array
-    durations: Array
-    cost: float
-    violation: float
-
-
-# Best motions, evaluations and notes of one process.
-Part = tuple[list[Found], int, list[str]]
-Share = Callable[[int], Part]
+# Of one process: the best motions with their labels, costs and violations, evaluations and notes. Of a problem nothing
+# goes through a pipe; processes that are forked have it, here.
+Part = tuple[list[tuple[str, Splines, float, float]], int, list[str]]
+_SHARE: list[Callable[[int], Part]] = []
 
 
 def require_workers(options: SolveOptions) -> None:
@@ -67,29 +50,21 @@ def search_in_parallel(
         seed: Of all processes alike: they know of the same starts, and each tries its own.
         workers: Number of processes.
     """
-    share = partial(_share, planner, tuple(problems), ledger.budget, seed, workers)
-    with multiprocessing.get_context("fork").Pool(workers, _take_over, (share,)) as pool:
+    _SHARE[:] = [partial(_share, planner, tuple(problems), ledger.budget, seed, workers)]
+    with multiprocessing.get_context("fork").Pool(workers) as pool:
         parts = pool.map(_run_share, range(workers), chunksize=1)
         pool.close()
         pool.join()  # their processor time counts from now on
     for found, evaluations, notes in parts:
         ledger.count(evaluations)
         ledger.notes.extend(note for note in notes if note not in ledger.notes)
-        for one in found:
-            whole = problems[0].with_initial(Splines(one.points, one.durations), label=one.label)
-            ledger.offer(Candidate(whole, whole.initial, one.cost, one.violation))
-
-
-# In a process that was started for it, the search that it takes its share of: it can't go through a pipe.
-_TAKEN: list[Share] = []
-
-
-def _take_over(share: Share) -> None:
-    _TAKEN.append(share)
+        for label, splines, cost, violation in found:
+            whole = problems[0].with_initial(splines, label=label)
+            ledger.offer(Candidate(whole, whole.initial, cost, violation))
 
 
 def _run_share(number: int) -> Part:
-    return _TAKEN[-1](number)
+    return _SHARE[0](number)
 
 
 def _share(
@@ -99,8 +74,5 @@ def _share(
     ledger = Ledger(Budget(max(1, budget.evaluations // workers), budget.seconds / workers))
     own = replace(planner, starts=-(-planner.starts // workers), share=(number, workers))
     own.run(problems, ledger, np.random.default_rng(seed))
-    found = []
-    for label, best in ledger.best_of.items():
-        splines = best.splines
-        found.append(Found(label, splines.points, splines.durations, best.cost, best.violation))
+    found = [(label, best.splines, best.cost, best.violation) for label, best in ledger.best_of.items()]
     return found, ledger.evaluations, ledger.notes

@@ -9,10 +9,9 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.model.hybrid import HybridModel
-from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import METRICS, Metric, reduce_arm, torque_of_model, torque_of_robot
+from plan.dynamics.power import METRICS, Metric, TorqueModel, reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
 from plan.geometry.link_pairs import read_disabled
 from plan.geometry.margins import why_refused
@@ -62,18 +61,18 @@ def set_up(
         robot = robot.with_payload(payload)
         model = None if model is None else _loaded(model, payload, task)
     arm, held = _moving_arm(task, robot)
-    torque = (
-        torque_of_robot(arm)
-        if model is None
-        else torque_of_model(model, task.n, list(_held_by_model(model, held, task)))
-    )
+    torque = torque_of_robot(arm) if model is None else _torque(model, held, task)
     vias = straight(task.start, task.goal, task.via_points)
     trained = None if model is None else model.trained
     makers = find_makers_limits(robot)
     doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
     limits = _limits(task, arm, makers, doubt)
     if options.inside:
-        limits = stay_inside(limits, _known(model, trained))
+        if trained is None:
+            what = "there is no model, so nothing says" if model is None else "the model does not know"
+            remedy = "give --model" if model is None else "fit it again"
+            raise MethodError("--stay-inside", f"{what} where it was fitted", remedy)
+        limits = stay_inside(limits, trained)
     return PlanningProblem(
         scene=Scene.build(
             arm,
@@ -117,19 +116,6 @@ def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:
     raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
 
 
-def _known(model: HybridModel | None, trained: TrainingRange | None) -> TrainingRange:
-    """The training range.
-
-    Raises:
-        MethodError: None is known.
-    """
-    if model is None:
-        raise MethodError("--stay-inside", "there is no model, so nothing says where it was fitted", "give --model")
-    if trained is None:
-        raise MethodError("--stay-inside", "the model does not know where it was fitted", "fit it again")
-    return trained
-
-
 def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
     """Raises TaskError unless start and goal keep the limits and their distance from all obstacles."""
     limits, scene = problem.limits, problem.scene
@@ -169,9 +155,10 @@ def find_obstruction(problem: PlanningProblem) -> str:
         refused = why_refused(problem.scene, q, limits.clearance)
         if refused is not None:
             return f"the {name} is not allowed: {refused[0]}"
-    need, bound = shortest_duration(problem)
-    if problem.objective == "energy" and duration < need:
-        return f"{duration:g} s is too short: at the {bound} limits it takes {need:.3f} s at least"
+    needs = _need(limits, np.abs(problem.goal - problem.start))
+    bound = max(needs, key=lambda name: needs[name])
+    if problem.objective == "energy" and duration < needs[bound]:
+        return f"{duration:g} s is too short: at the {bound} limits it takes {needs[bound]:.3f} s at least"
     tool, rules = problem.way.speed, problem.rules
     if problem.objective == "energy" and tool is not None and rules is not None and rules.length > tool * duration:
         return f"{duration:g} s is too short: at {tool:g} m/s the tool takes {rules.length / tool:.3f} s at least"
@@ -185,19 +172,12 @@ def find_obstruction(problem: PlanningProblem) -> str:
     return ""
 
 
-def shortest_duration(problem: PlanningProblem) -> tuple[float, str]:
-    """No motion from rest to rest is shorter, whatever its path [s], and which limits say so.
+def _need(limits: Limits, way: Array) -> dict[str, float]:
+    """No motion of each joint's way from rest to rest is shorter by each kind of limit, whatever its path [s].
 
     Half of a way d needs √(d / a) at an acceleration a; and a speed that is a parabola of curvature j, as high as it
     can be over a time T, covers j T³ / 12.
     """
-    found = _need(problem.limits, np.abs(problem.goal - problem.start))
-    name = max(found, key=lambda key: found[key])
-    return found[name], name
-
-
-def _need(limits: Limits, way: Array) -> dict[str, float]:
-    """Shortest durations of a way of each joint by each kind of limit [s]."""
     found = {"speed": float(np.max(way / limits.speed))}
     if limits.acceleration is not None:
         found["acceleration"] = float(np.max(2.0 * np.sqrt(way / limits.acceleration)))
@@ -217,11 +197,6 @@ def _duration(task: Task, limits: Limits, objective: Objective) -> float:
     if objective == "energy":
         raise TaskError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
     return 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0  # of a pose the way is unknown
-
-
-def with_energy(problem: PlanningProblem) -> PlanningProblem:
-    """The same task at fixed duration with energy as its objective."""
-    return replace(problem, objective="energy", free="vias")
 
 
 def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
@@ -251,15 +226,13 @@ def _loaded(model: HybridModel, payload: Payload, task: Task) -> HybridModel:
     return replace(model, arm=model.arm.with_payload(payload))
 
 
-def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
-    """Positions of the joints that the model speaks of and that do not move."""
-    if len(model.joint_names) < task.n:
-        raise TaskError(
-            task.source,
-            f"the task moves {task.n} joints, the model knows {len(model.joint_names)}",
-            "fit a model of all joints (--links 6)",
-        )
-    return held[: len(model.joint_names) - task.n]
+def _torque(model: HybridModel, held: Array, task: Task) -> TorqueModel:
+    """Torque of the joints that move, the others that the model speaks of held at their places."""
+    known = len(model.joint_names)
+    if known < task.n:
+        what = f"the task moves {task.n} joints, the model knows {known}"
+        raise TaskError(task.source, what, "fit a model of all joints (--links 6)")
+    return torque_of_model(model, task.n, list(held[: known - task.n]))
 
 
 def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None) -> Limits:
@@ -281,18 +254,18 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
             raise TaskError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     bound = makers if makers is not None and makers.binding and task.makers else None
+    published = (None, None) if bound is None else (bound.acceleration, bound.jerk)  # of as many joints as the arm has
+    acceleration, jerk = (
+        own if own is not None or theirs is None else theirs[: task.n]
+        for own, theirs in zip((task.acceleration, task.jerk), published, strict=True)
+    )
     return Limits(
         lower,
         upper,
         arm.velocity_limit if task.speed is None else task.speed,
         usable,
         task.clearance,
-        _first(task.acceleration, None if bound is None else bound.acceleration, task.n),
-        _first(task.jerk, None if bound is None else bound.jerk, task.n),
+        acceleration,
+        jerk,
         reserve,
     )
-
-
-def _first(own: Array | None, makers: Array | None, count: int) -> Array | None:
-    """The task's own limit, else the maker's of as many joints as move."""
-    return own if own is not None or makers is None else makers[:count]

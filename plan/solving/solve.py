@@ -22,7 +22,7 @@ from plan.problem.result import Certificate, PlanResult, Status, certify, certif
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
 from plan.solving.parallel import require_workers, search_in_parallel
-from plan.solving.set_up import find_obstruction, with_energy
+from plan.solving.set_up import find_obstruction
 from plan.spline import Splines
 
 # Evaluations for each start of the energy search from whose result time is shortened.
@@ -68,7 +68,7 @@ def find_starts(
         trial: Taught via points.
         seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
     """
-    base = with_energy(problem) if problem.objective == "time" else problem
+    base = replace(problem, objective="energy", free="vias") if problem.objective == "time" else problem
     seeds: list[Seed] = []
     if trial is not None:
         problems = [_taught(base, trial)]
