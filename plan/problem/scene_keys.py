@@ -188,7 +188,8 @@ class SceneTable:
         if count is not None and len(values) != count:
             raise self.fault(key, f"has {len(values)} numbers, not {count}", f"give {count}")
         if positive and np.any(values <= 0):
-            raise self.fault(key, f"{values.tolist()} is not above zero throughout", "give positive numbers")
+            remedy = "give lengths" if key.endswith("_m") else "give positive numbers"
+            raise self.fault(key, f"{values.tolist()} is not above zero throughout", remedy)
         return values
 
     def angles(self, key: str, count: int | None = None, positive: bool = False) -> Float[Array, " k"] | None:
