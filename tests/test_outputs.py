@@ -39,8 +39,8 @@ ELSEWHERE = {
     "ident compare": "ident/cli/test_cli.py",
 }
 # Results of many arms or robots name them for each.
-EACH = {"blind": ("outcomes", "BlindOutcomeRecord"), "close": ("arms", "ClosedArmRecord")}
-EACH |= {"watch": ("arms", "WatchedArmRecord"), "telemetry": ("sessions", "InspectedRecord")}
+EACH = {"ident.blind": ("outcomes", "BlindOutcomeRecord"), "ident.close": ("arms", "ClosedArmRecord")}
+EACH |= {"ident.watch": ("arms", "WatchedArmRecord"), "ident.telemetry": ("sessions", "InspectedRecord")}
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def test_results_name_robot_joints_and_sessions(name: str, at: Place) -> None:
     file = at.out / "result.json"
     run(name, *lines(at)[name], "--json", str(file))
     record = check_file(file)
-    each = EACH.get(record["schema"].split("/")[0].partition(".")[2])
+    each = EACH.get(record["schema"].split("/")[0])
     assert all(map(is_named, record[each[0]] if each else [record])), record
     given = {parameter.name for parameter in commands()[name].params if parameter.required}
     if given & READS:

@@ -17,6 +17,8 @@ RUNNING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spa
 NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "urllib.Request")
 CHANGING = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod")
 CHANGING += ("os.chown", "os.utime", "shutil.rmtree", "shutil.move", "shutil.copyfile")
+# Those whose last argument may be the folder that their path is relative to, as a file descriptor.
+BESIDE = ("os.remove", "os.rmdir")
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 # Libraries write their compiled code and Python its own there: nothing of the user's.
 CACHES = ("__pycache__",)
@@ -59,6 +61,8 @@ class Guard:
         if event == "exec" or (event == "compile" and "<unknown>" not in repr(arguments)):
             self.compiled.append(repr(arguments)[:300])
         paths = [one for one in arguments if isinstance(one, str | bytes | Path)]
+        if event in BESIDE and isinstance(arguments[-1], int) and arguments[-1] >= 0:  # seen from an open folder
+            paths = [Path(os.readlink(f"/proc/self/fd/{arguments[-1]}"), os.fsdecode(one)) for one in paths]
         if event in (*RUNNING, *NETWORK, "pickle.find_class") or (event in CHANGING and not all(map(self._may, paths))):
             self.done.append(f"{event} {arguments!r}"[:300])
 

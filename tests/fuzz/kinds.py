@@ -126,7 +126,8 @@ def check_model(model: HybridModel) -> None:
 def check_diagnosed(found: tuple[Diagnosed, ArmModel]) -> None:
     for change in found[0].changes:
         finite("a figure", *(v for v in change.values.values() if isinstance(v, float)))
-    finite("a loss", found[0].tuned.losses.coulomb, found[0].tuned.losses.viscous, found[0].tuned.links)
+    losses, links = found[0].tuned
+    finite("a loss", losses.coulomb, losses.viscous, links)
 
 
 def check_motions(found: Any) -> None:
