@@ -43,8 +43,7 @@ _integrate = compiled("f1 f1 f1 f1 f f f f i f1 f1")(integrate_twist)
 
 def mean_inertia(session: SessionContext, joint: int) -> float:
     """Mean inertia of the link side about a joint [kg m²]."""
-    mass_matrix = session.runs[0].arm.derivatives(*sampled_states(session))[2]
-    return max(float(np.mean(mass_matrix[:, joint, joint])), 1e-6)
+    return max(float(session.runs[0].arm.mean_inertia(sampled_states(session)[0])[joint]), 1e-6)
 
 
 def deflect(

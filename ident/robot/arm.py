@@ -196,6 +196,11 @@ class ArmModel:
             out[0, k], out[1, k], out[2, k] = pin.computeRNEADerivatives(self.model, data, *state)
         return out[0], out[1], out[2]
 
+    def mean_inertia(self, q: Float[Array, "T n"]) -> Float[Array, " n"]:
+        """What each joint moves of the links, on average over some positions [kg m²]."""
+        still = np.zeros_like(q)
+        return np.asarray(np.diagonal(self.derivatives(q, still, still)[2], axis1=1, axis2=2).mean(axis=0))
+
     @property
     def inertial_parameters(self) -> Float[Array, " 10n"]:
         """Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz [SI]."""

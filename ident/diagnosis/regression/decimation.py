@@ -70,6 +70,4 @@ def moved_inertia(arm: ArmModel, motions: Sequence[Motion]) -> Float[Array, " n"
     """What each joint moves of the arm's links, on average over the poses of a session [kg m²]."""
     some = few(motions)
     every = max(1, sum(len(motion.time) for motion in some) // SAMPLED_POSES)
-    q = np.concatenate([np.asarray(motion.q[::every]) for motion in some])
-    mass = arm.derivatives(q, np.zeros_like(q), np.zeros_like(q))[2]
-    return np.asarray(np.diagonal(mass, axis1=1, axis2=2).mean(axis=0))
+    return arm.mean_inertia(np.concatenate([np.asarray(motion.q[::every]) for motion in some]))

@@ -228,12 +228,11 @@ class Candidates:
         """
         best = (0.0, 0.0)
         for j, local in enumerate(self.evidence.layout.local):
-            before, after = (
-                self._block_squares(j, residual_weights(self.evidence, one)[local]) for one in (without, beside)
-            )
+            weights = (residual_weights(self.evidence, one)[local] for one in (without, beside))
+            before, after = (self.evidence.times(j, own) @ own for own in weights)
             place = self.evidence.layout.places[j]
-            own = np.array([place[int(column)] for column in group.columns if int(column) in place], dtype=int)
-            acts = np.trace(self.evidence.free[j].part(own), axis1=1, axis2=2) > 0.0
+            at = np.array([place[int(column)] for column in group.columns if int(column) in place], dtype=int)
+            acts = np.trace(self.evidence.free[j].part(at), axis1=1, axis2=2) > 0.0
             if not acts.any() or acts.all():
                 continue
             usual, high = np.quantile(before[~acts], [0.5, 0.9])
@@ -241,9 +240,6 @@ class Candidates:
             if before[acts].mean() > high:
                 best = max(best, (closed, closed / max(excess, 1e-300)))
         return best[1]
-
-    def _block_squares(self, joint: int, weights: Array) -> Array:
-        return np.asarray(self.evidence.times(joint, weights) @ weights)
 
     def _gates(
         self,
