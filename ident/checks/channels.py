@@ -12,6 +12,9 @@ from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of, joints_at
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
+# Share of a channel's range by which values that a limit cuts off may differ (chosen: below a converter's step).
+ROUNDING = 1e-4
+
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the samples in which a position or torque is frozen, and velocities that are."""
@@ -159,17 +162,19 @@ def check_clipping(session: Session) -> list[TelemetryIssue]:
 def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
     """Number of samples at a channel's cut-off maximum, and the maximum; zero if it is not cut off.
 
-    A cut piles up at one value what would lie above it: far more samples than in any slice just below.
+    A cut piles up at one value, up to rounding, what would lie above it: far more samples than in any slice just below.
     """
     if len(values) < LIMIT.top_samples or np.ptp(values) == 0.0:
         return 0, 0.0
-    top, at = float(values.max()), values == values.max()
+    top, at = float(values.max()), values >= values.max() - ROUNDING * np.ptp(values)
     # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
     if at.sum() < LIMIT.top_samples or top < LIMIT.top_level * np.abs(values).max() or is_coarse(values[:, None])[0]:
         return 0, top
     if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < LIMIT.top_stretch:
         return 0, top
-    width = max(LIMIT.top_range * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(values)))))
+    width = max(
+        LIMIT.top_range * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(np.where(at, top, values)))))
+    )
     below, _ = np.histogram(values[~at], bins=top - width * np.arange(LIMIT.top_slices, -1, -1))
     return (int(at.sum()), top) if at.sum() > LIMIT.top_pile * below.max() else (0, top)
 

@@ -10,6 +10,7 @@ URDF's masses, the rotor's inertia and the level of friction are. A flipped sign
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
+from ident.checks.channels import flat_top
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of, joints_at
 from ident.recordings.recording import Session, TelemetryIssue
@@ -26,6 +28,9 @@ from ident.safe_read import toml_key
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
 TRANSITION_RAD_S = 0.02
 ORIGIN_STATES = 2000
+# A torque that a limit cuts off says nothing of gravity, nor does its filtered value so near the limit, as a share of
+# its range; where hardly a state is left beside the cut, all are taken (chosen: as a filter settles; one in thirty).
+NEAR_CUT, LEAST_UNCUT = 0.03, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,16 +144,16 @@ def jackknife(
     return found, np.sqrt((pieces - 1) * np.var(parts, axis=0))
 
 
-def _surely_off(states: States, joint: int) -> bool:
+def _surely_off(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
     """Whether gravity's coefficient is out of range however it is drawn: strong friction that varies can hide it.
 
     Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
     """
     held = states.settings
-    terms = joint_terms(states, joint)
+    terms = joint_terms(states, joint, rows)
     bare = [terms, np.ones(len(terms))]
-    for columns in (bare, [*bare, states.q[:, joint]]):
-        whole, error = jackknife(np.column_stack(columns), states.tau[:, joint], held.pieces)
+    for columns in (bare, [*bare, states.q[rows, joint]]):
+        whole, error = jackknife(np.column_stack(columns), states.tau[rows, joint], held.pieces)
         size, doubt = abs(float(whole[0])), held.sure * float(error[0])
         if size + doubt > held.scale_low and size - doubt < held.scale_high:
             return False
@@ -177,8 +182,9 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     """
     held = states.settings
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
-    right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
-    wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
+    rows = [_below_cuts(session, states, joint) for joint in range(arm.n)]
+    right = {joint: fit_signed(states, joint, 1.0, rows[joint]) for joint in tested}
+    wrong = {joint: fit_signed(states, joint, -1.0, rows[joint]) for joint in tested}
     flipped = [
         joint
         for joint in tested
@@ -193,14 +199,29 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         seen |= {"joint": session.joints[worst]}
         issues.append(issue_of("sign", session.name, joints_at(session, flipped), **seen))
     # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
-    sprung = {joint: fit_signed(states, joint, -1.0 if joint in flipped else 1.0, spring=True) for joint in tested}
-    issues += _check_scale(session, states, upright, sprung)
+    signs = {joint: -1.0 if joint in flipped else 1.0 for joint in tested}
+    sprung = {joint: fit_signed(states, joint, sign, rows[joint], spring=True) for joint, sign in signs.items()}
+    issues += _check_scale(session, states, (upright, sprung), rows)
     return issues + _check_origin(session, arm, states)
 
 
+def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T"]:
+    """States whose torque a limit does not cut off; all where no limit does, or hardly one is left."""
+    kept, every = np.ones(len(states.tau), dtype=bool), np.concatenate([run.effort[:, joint] for run in session.runs])
+    for sign in (1.0, -1.0):
+        count, level = flat_top(sign * every)
+        if count:
+            kept &= sign * states.tau[:, joint] < level - NEAR_CUT * np.ptp(every)
+    return kept if kept.mean() > LEAST_UNCUT else np.ones_like(kept)
+
+
 def _check_scale(
-    session: Session, states: States, fits: dict[int, SignedFit], sprung: dict[int, SignedFit]
+    session: Session,
+    states: States,
+    both: tuple[dict[int, SignedFit], dict[int, SignedFit]],
+    rows: Sequence[Bool[Array, " T"]],
 ) -> list[TelemetryIssue]:
+    fits, sprung = both
     held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
     deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
     off = [
@@ -208,7 +229,7 @@ def _check_scale(
         for joint in heavy
         if joint not in deaf
         and all(not held.scale_low < fit[joint].gravity < held.scale_high for fit in (fits, sprung))
-        and _surely_off(states, joint)
+        and _surely_off(states, joint, rows[joint])
     ]
     issues = []
     if deaf:

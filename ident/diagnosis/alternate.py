@@ -20,7 +20,13 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
-from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
+from ident.diagnosis.selection.urdf_scale import (
+    added_evidence,
+    best_belief,
+    find_wrong_links,
+    first_belief,
+    one_link_is_wrong,
+)
 from ident.effects.base import SessionContext
 
 
@@ -70,6 +76,11 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             sure = _without(unlikely, sure, session, baseline)
             search, doubted = sure.search, sure.doubted
             error, unlikely = _how_wrong(search, sure.found, session, baseline)
+        off = _wrong_links(search, sure.found, baseline)
+        if off and left:
+            error = replace(error, usual=error.usual | off)
+            again = {one.key for one in free.layout.groups if one.effect.inertia_like and one.joint in off}
+            search = replace(search, barred=search.barred - again)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
         steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
@@ -171,6 +182,13 @@ def _how_wrong(
     return prior.error, set()
 
 
+def _wrong_links(search: Search, found: SearchResults, baseline: Baseline) -> frozenset[int]:
+    """Links that are off by themselves beside the names, and are to have one."""
+    groups = [item.group for item in found.named]
+    spare = inflation(search.evidence, project(search.evidence.gram(), search.evidence, search.prior, groups))
+    return find_wrong_links(search, baseline, groups, spare)
+
+
 def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
     """The search once more, some names barred."""
     search = replace(sure.search, barred=sure.search.barred | names)
@@ -187,21 +205,23 @@ def _sure(
     """
     beaten = 0
     found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
+    most = held.most_doubted * len(joints)
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
         needless = find_needless(fine)
-        if needless is not None and len(search.barred) < held.most_doubted:
-            search = replace(search, barred=search.barred | {groups[needless].key})
+        if needless is not None and len(search.barred) < most:
+            lost = {groups[needless].key}
+            search = replace(search, barred=search.barred | lost, redundant=search.redundant | lost)
             found = search.run(found.named)
             continue
         estimates = estimate_effects(search, fine, session, found.named)
-        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
+        kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
         hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
         refused = refused or find_uneven(search, groups, kept, hidden)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
-        if refused and len(doubted) <= held.most_doubted:
+        if refused and len(doubted) <= most:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
             found = search.run(found.named)
@@ -209,7 +229,7 @@ def _sure(
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
             return Settled(search, found, estimates, fine, doubted)
-        if not refused and beaten < held.most_doubted:
+        if not refused and beaten < most:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)
             other = replace(search, barred=search.barred | lost).run(found.named)

@@ -31,11 +31,15 @@ NEAR = 2.5
 
 
 def rated_torque(session: SessionContext, joint: int) -> float:
-    """Rated torque of a joint [N m]; half as much again as its largest modelled load where the URDF has no limit."""
+    """Rated torque of a joint [N m].
+
+    Where the URDF has no limit it is half as much again as the largest modelled load of the joint and those behind it:
+    motors do not grow towards the tip, and one about a vertical axis carries next to nothing of its size.
+    """
     rated = float(session.rated_torque[joint])
     if np.isfinite(rated) and rated > 0.0:
         return rated
-    return max(1.5 * max(float(np.abs(run.total[:, joint]).max(initial=0.0)) for run in session.runs), 1e-3)
+    return max(1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs), 1e-3)
 
 
 def friction_states(run: RunContext, joint: int) -> JointStates:

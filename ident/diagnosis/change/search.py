@@ -160,7 +160,7 @@ class ChangeSearch(Search):
         """Changes that stand, and those that explained as much as a change must and did not."""
         names: list[Group] = []
         failed: dict[Key, Weighed] = {}
-        while len(names) < self.settings.most_effects:
+        while len(names) < self.settings.most_effects * self.evidence.layout.n:
             step = self._next(names, failed)
             if step is None:
                 break

@@ -29,14 +29,16 @@ class UrdfError:
         scale: Of each link's numbers in their own size, in units of the usual belief.
         com_m: Of every link's centre of mass besides, root mean square distance [m]: what a drawing's other origin or
             a hose's weight does to a short link as much as to a long one.
+        usual: Links that are believed as any URDF's all the same: what is off there is to have a name.
     """
 
     scale: float = 1.0
     com_m: float = 0.0
+    usual: frozenset[int] = frozenset()
 
     def divided(self, factor: float) -> UrdfError:
         """Both smaller by a factor."""
-        return UrdfError(self.scale / factor, self.com_m / factor)
+        return UrdfError(self.scale / factor, self.com_m / factor, self.usual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +67,12 @@ class Baseline:
 
     def prior_of(self, error: UrdfError, wrong_link: int | None = None, factor: float = 1.0) -> Float[Array, "r r"]:
         """Information on the base parameters' change in a URDF that is so far off, and at one link more by a factor."""
-        std = error.scale * self.number_std
+        std = np.hypot(error.scale * self.number_std, _shifted(self.nominal, error.com_m))
+        for link in error.usual:
+            std[10 * link : 10 * (link + 1)] = min(error.scale, 1.0) * self.number_std[10 * link : 10 * (link + 1)]
         if wrong_link is not None:
             std[10 * wrong_link : 10 * (wrong_link + 1)] *= factor
-        return base_prior(self.base, np.hypot(std, _shifted(self.nominal, error.com_m)))
+        return base_prior(self.base, std)
 
 
 def _shifted(arm: ArmModel, com_m: float) -> Float[Array, " 10n"]:

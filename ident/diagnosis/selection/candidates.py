@@ -32,6 +32,7 @@ class Candidates:
         seed: Of the sign flips.
         barred: Candidates that can't be it, whatever they explain.
         absurd: Those of them whose figures no arm has.
+        redundant: Those of them that another name's law includes: no second name, but perhaps the right one.
         settings: What candidates are held to.
         finer: Sums of finer grids, made for the names of this session last.
     """
@@ -42,6 +43,7 @@ class Candidates:
     seed: int = 0
     barred: frozenset[Key] = frozenset()
     absurd: frozenset[Key] = frozenset()
+    redundant: frozenset[Key] = frozenset()
     settings: SelectionSettings = USUAL_SELECTION
     finer: FinerSums = field(default_factory=FinerSums)
 
@@ -127,10 +129,28 @@ class Candidates:
         counts = {effect.id: effect.screens for effect in (group.effect for group in groups)}
         return {name: float(np.log(n * sum(g.effect.id == name for g in groups))) for name, n in counts.items()}
 
-    def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
-        """For each effect and joint its best inner figures and their log evidence."""
-        taken = {group.key for group in without} | self.barred
-        return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key not in taken])
+    def best_by_key(
+        self, projection: Projection, without: Sequence[Group] = (), place: Group | None = None
+    ) -> dict[Key, tuple[float, Group]]:
+        """For each effect and joint its best inner figures and their log evidence.
+
+        Args:
+            projection: The model beside which they stand.
+            without: Effects of that model.
+            place: Only what acts at a joint where this effect does; all if None.
+        """
+        taken, n = {group.key for group in without} | self.barred, self.evidence.layout.n
+        here = set(range(n) if place is None else place.acts_on(n))
+        groups = [one for one in self.evidence.layout.groups if one.key not in taken and here & set(one.acts_on(n))]
+        return self._best_of(projection, groups)
+
+    def best_rivals(
+        self, projection: Projection, without: Sequence[Group], place: Group
+    ) -> dict[Key, tuple[float, Group]]:
+        """The same of all that may stand in the place of a name."""
+        return replace(self, barred=self.barred - (self.redundant - self.absurd)).best_by_key(
+            projection, without, place
+        )
 
     def best_absurd(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
         """The same of what has figures that no arm has."""

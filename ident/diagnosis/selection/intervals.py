@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,10 @@ from ident.effects.base import Interval, SessionContext, undefined
 SILENT = 1e-9
 # Log odds are told up to this: more is no number of a computer's.
 MOST_NATS = 700.0
+# Deviations from the mean at the ends of a 95 % interval.
+NORMAL_95 = 1.96
+# Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
+MOST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,24 +227,27 @@ def widened(interval: Interval, doubt: float) -> Interval:
 
 
 def _beside(
-    search: Search,
-    group: Group,
-    others: Sequence[Group],
-    ahead: Sequence[Group],
-    scores: Mapping[Key, float],
-    spare: float,
-) -> list[float]:
-    """Log evidence of a name together with each candidate that has more, where the two explain different things.
+    search: Search, group: Group, others: Sequence[Group], rivals: Sequence[Group], own: float
+) -> tuple[set[Key], dict[Key, float]]:
+    """Which candidates explain something else than a name does, and what it adds beside each other one.
 
-    What explains something else is no rival: both may be there.
+    What leaves a name most of its own evidence is no rival: both may be there.
+
+    Args:
+        search: The search.
+        group: The name.
+        others: The other names.
+        rivals: The candidates.
+        own: The name's evidence [nats].
     """
-    gram, found = search.evidence.gram(), []
-    for rival in ahead:
-        if rival.key != group.key:
-            left = search.score_beside(gram, group, [*others, rival]) / spare
-            if left > 0.0:
-                found.append(scores[rival.key] + left)
-    return found
+    gram, apart, added = search.evidence.gram(), set[Key](), dict[Key, float]()
+    for rival in rivals:
+        left = search.score_beside(gram, group, [*others, rival])
+        if left > MOST * own:
+            apart.add(rival.key)
+        elif left > 0.0:
+            added[rival.key] = left
+    return apart, added
 
 
 def _without_name(
@@ -254,22 +261,51 @@ def _without_name(
     return [score / spare for score, rival in best if search.score_beside(gram, group, [*others, rival]) <= 0.0]
 
 
+def _most_of_it(
+    search: Search,
+    best: Mapping[Key, tuple[float, Group]],
+    group: Group,
+    others: Sequence[Group],
+    apart: Collection[Key],
+    spare: float,
+) -> dict[str, float]:
+    """Log evidence of each effect that is a part of a name's law and explains most of what that does, by its id.
+
+    A constant torque beside a slight spring is what a spring that rests out of reach is; a zero of the first joint
+    beside a slight tilt is a tilt. Together with the name it explains the same, for the cost of one effect more.
+    """
+    gram, score, found = search.evidence.gram(), best[group.key][0], dict[str, float]()
+    whole = project(gram, search.evidence, search.prior, [*others, group])
+    for own, rival in best.values():
+        most = own >= MOST * score and rival.key not in {group.key, *apart} and not rival.effect.event
+        if most and search.score_of(whole, rival) <= 0.0:
+            found[rival.effect.id] = score / spare - search.cost_of(rival)
+    return found
+
+
 def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
-    """Probability of a name against all others for its slot, the names too near to tell, and its odds against each."""
-    held, best = search.settings, search.best_by_key(projection, others)
+    """Probability of a name against all others for its slot, the names too near to tell, and its odds against each.
+
+    No arm obeys a law to the letter. Where its own differs by a share d of the torque, a rival may explain as much as
+    ½ d² of the whole gain less: evidence is counted in units in which that is one.
+    """
+    held, best = search.settings, search.best_rivals(projection, others, group)
+    share = group.effect.doubt.share / NORMAL_95
+    spare += 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = best[group.key][0] - held.rival_nats * spare
     near_it = [rival for score, rival in best.values() if score > least]
     # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
     allowed = search.significant_keys(projection, near_it) | {group.key}
-    ahead = [rival for score, rival in best.values() if score > best[group.key][0] and rival.key in allowed]
-    allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(projection, others, rival)}
+    rivals = [rival for _, rival in best.values() if rival.key in allowed and rival.key != group.key]
+    apart, added = _beside(search, group, others, rivals, best[group.key][0])
+    ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
+    allowed -= apart | {key for key in ahead if not search.helps(projection, others, best[key][1])}
     scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
-    own = max(
-        [scores[group.key], *_beside(search, group, others, [r for r in ahead if r.key in scores], scores, spare)]
-    )
-    best_of_effect: dict[str, float] = {}
+    both = [scores[key] + added[key] / spare for key in (ahead & allowed & added.keys()) - search.redundant]
+    own = max([scores[group.key], *both])
+    best_of_effect = _most_of_it(search, best, group, others, apart, spare)
     for (effect, _, _), score in scores.items():
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
     best_of_effect[group.effect.id] = own

@@ -26,7 +26,7 @@ class Search(Candidates):
         named = self._standing(gram, [item for item in start if item.group.key not in self.barred])
         ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
         refused = None
-        while len(named) < self.settings.most_effects:
+        while len(named) < self.settings.most_effects * self.evidence.layout.n:
             chosen = [item.group for item in named]
             step = self._forward(gram, chosen)
             if step is None:
@@ -123,7 +123,7 @@ class Search(Candidates):
             for i in range(len(current)):
                 others = current[:i] + current[i + 1 :]
                 projection = project(gram, self.evidence, self.prior, others)
-                best = self.best_by_key(projection, others)
+                best = self.best_by_key(projection, others, current[i])
                 current[i] = self.steadier(projection, others, best[current[i].key][1])
                 rival = max(best.values(), key=lambda pair: pair[0])[1]
                 if rival.key != current[i].key and self._beats(projection, others, rival, current[i]):

@@ -55,6 +55,7 @@ class SelectionSettings(Settings, table="selection"):
     usual_urdf_com_m: float = number()
     inertial_odds: float = number()
     wrong_link_factor: float = number()
+    wrong_link_nats: float = number()
 
 
 USUAL_SELECTION = SelectionSettings()

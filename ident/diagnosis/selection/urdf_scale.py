@@ -56,7 +56,7 @@ def best_belief(
     least = search.prior.error if error is None else error
     tried = []
     for other in _errors(search.settings):
-        wider = UrdfError(max(other.scale, least.scale), max(other.com_m, least.com_m))
+        wider = UrdfError(max(other.scale, least.scale), max(other.com_m, least.com_m), least.usual)
         prior = Prior.believing(search.evidence, baseline, wider)
         tried.append(Belief(wider, _evidence(search, prior, groups, spare) - _cost(wider, search.settings)))
     return max(tried, key=lambda belief: belief.evidence)
@@ -103,7 +103,7 @@ def added_evidence(
     usual = group.effect.prior_scale(group.effect.asked(session), group.joint, group.variant)
     without, beside = [], []
     for error in _errors(search.settings):
-        prior = Prior.believing(evidence, baseline, error)
+        prior = Prior.believing(evidence, baseline, replace(error, usual=search.prior.error.usual))
         alone = _evidence(search, prior, others, spare) - _cost(error, search.settings)
         view = project(gram, evidence, prior, others, columns)
         (gain, scaled), told = view.gain(lone), view.rest[:-1, :-1] / spare
@@ -144,6 +144,25 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
     priors = [baseline.prior_of(error, k, settings.wrong_link_factor) for k in range(evidence.layout.n)]
     alone = max(_evidence(search, Prior.of(evidence, one), groups, spare) for one in priors)
     return bool(alone - np.log(len(priors)) > everywhere + settings.unlikely_nats)
+
+
+def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group], spare: float) -> frozenset[int]:
+    """Links that are off by more than usual however wrong the URDF is at all others; none if most are.
+
+    Args:
+        search: The session's sums, and the belief.
+        baseline: What the belief is made of.
+        groups: The effects beside which it is asked.
+        spare: How many times the modelled variance the misfit has.
+    """
+    error, n = search.prior.error, search.evidence.layout.n
+    if error.scale <= 1.0 and error.com_m == 0.0:
+        return frozenset()
+    beliefs = [Prior.believing(search.evidence, baseline, replace(error, usual=error.usual | {k})) for k in range(n)]
+    as_wrong = _evidence(search, search.prior, groups, spare)
+    lost = [as_wrong - _evidence(search, belief, groups, spare) for belief in beliefs]
+    wrong = frozenset(k for k, nats in enumerate(lost) if nats > search.settings.wrong_link_nats)
+    return wrong if len(wrong | error.usual) <= n / 2 else frozenset()
 
 
 def _evidence(search: Search, belief: Prior, groups: Sequence[Group], spare: float) -> float:

@@ -316,7 +316,7 @@ def _heaviest(arm: MovedArm, j: int) -> float:
 
 
 EFFECTS: dict[str, Planted] = {
-    "stribeck_friction": Planted(plant_stribeck, up_to(0.8)),
+    "stribeck_friction": Planted(plant_stribeck, up_to(0.3)),
     "nonlinear_viscous_friction": Planted(plant_curved, up_to(1.5)),
     "load_dependent_friction": Planted(plant_load, fixed(0.5)),
     "thermal_friction": Planted(plant_thermal, fixed(0.95)),
@@ -326,7 +326,7 @@ EFFECTS: dict[str, Planted] = {
     "joint_coupling": Planted(plant_coupling, up_to(0.8)),
     "joint_elasticity": Planted(plant_elasticity, lambda arm, j: 0.1 / float(arm.peak[j])),
     "backlash": Planted(plant_backlash, fixed(0.04)),
-    "torque_ripple": Planted(plant_ripple, up_to(0.8)),
+    "torque_ripple": Planted(plant_ripple, up_to(0.15)),
     "spring_torque": Planted(plant_spring, over_range(1.5)),
     "payload": Planted(plant_payload, _heaviest, view="loss", whole_arm=True),
     "link_inertial_error": Planted(plant_link, fixed(0.8), view="loss"),
@@ -334,7 +334,7 @@ EFFECTS: dict[str, Planted] = {
     "torque_gain_error": Planted(plant_gain, fixed(0.6), view="loss"),
     "torque_offset": Planted(plant_offset, up_to(1.0), view="no_offset"),
     "torque_delay": Planted(plant_delay, fixed(0.06), whole_arm=True),
-    "torque_saturation": Planted(plant_saturation, fixed(0.7)),
+    "torque_saturation": Planted(plant_saturation, fixed(0.4)),
     "encoder_offset": Planted(plant_encoder, fixed(0.2), view="loss"),
     "external_contact": Planted(
         plant_contact, lambda arm, j: 4.0 * float(arm.peak.max()) / length_of(arm.model), local=True

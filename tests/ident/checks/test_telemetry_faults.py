@@ -132,6 +132,12 @@ TOLD: dict[str, tuple[Fault, dict[str, str], tuple[str, ...] | None, int]] = {
     "frozen torque": (frozen("effort", 1), {"stuck_channel": "warning", "time_gap": "note"}, None, 121),
     "wild sample": (column("position", 3, wild, 1), {"garbage_cells": "note"}, ALL[3:4], 1),
     "cut torque": (column("effort", 0, lambda tau: np.clip(tau, -15, 15)), {"clipped_effort": "warning"}, ALL[:1], 0),
+    "torque cut most of the time": (
+        column("effort", 1, lambda tau: np.minimum(tau, 0.4 * tau.max() + 1e-5 * tau)),
+        {"clipped_effort": "warning"},
+        ALL[1:2],
+        0,
+    ),
     "joint at rest": (
         both(column("position", 5, np.ones_like), column("velocity", 5, np.zeros_like)),
         {"insufficient_excitation": "warning"},

@@ -15,6 +15,7 @@ from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     Plant,
     analyse,
+    at_joint,
     gain_on_2,
     load_friction_on_2,
     named,
@@ -77,6 +78,16 @@ def test_twins_are_told_as_one_class(short_arm: ArmModel) -> None:
     assert finding.joints == ("joint_1",)
     assert {"torque_offset", "asymmetric_friction"} <= set(finding.estimate.rivals)
     assert finding.estimate.probability < 0.9
+
+
+def test_a_part_that_explains_most_of_a_law_stands_in_its_class(short_arm: ArmModel) -> None:
+    """Law: a spring far from its rest is a constant torque beside a slight spring: both stand in the class, and the
+    spring alone, which needs no second cause, first.
+    """
+    analysis = analyse(short_arm, lambda arm, q, dq, ddq: at_joint(2, 12.0 + 3.0 * q[:, 2]))
+    shares = next(one for one in analysis.diagnosis.findings if one.joints == ("joint_3",)).estimate.shares
+    assert {"spring_torque", "torque_offset"} <= set(shares)
+    assert shares["spring_torque"] > shares["torque_offset"] > 0.05
 
 
 def test_a_name_is_believed_by_what_it_closes_and_adds(short_arm: ArmModel) -> None:
