@@ -9,9 +9,10 @@ STAMP := $(VENV)/.installed
 run: install
 	$(BIN)/ident demo --out out/demo
 
+# Two workers on two cores: threads of their own would only wait for each other.
 test: lint types
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 -m "not slow"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow"
 
 lint: install
 	$(BIN)/ruff check .

@@ -83,7 +83,7 @@ def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext)
             {"coulomb_difference_Nm": 50.0, "viscous_difference_Nms_rad": 0.0},
             "one direction would drive",
         ),
-        ("thermal_friction", {"viscous_change": -1.4, "coulomb_change": 0.1}, "viscous_change -1.4"),
+        ("thermal_friction", {"viscous_change": -1.9, "coulomb_change": 0.1}, "viscous_change -1.9"),
         ("presliding_hysteresis", {"amplitude_Nm": 2.0, "displacement_rad": 0.9}, "slip after less"),
         ("joint_elasticity", {"stiffness_Nm_rad": 12.0, "damping_Nms_rad": 1.0}, "fold up"),
         ("joint_elasticity", {"stiffness_Nm_rad": 1e9, "damping_Nms_rad": 1.0}, "as good as rigid"),
