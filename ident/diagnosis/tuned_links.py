@@ -44,6 +44,8 @@ BEYOND = 3.0
 LEAST_SHARE = 0.5
 # A URDF so many times less sure than usual says nothing (chosen: beyond the size of any link).
 UNKNOWN = 100.0
+# Names of a link's changes.
+MASS, MOMENT, ABOUT = "mass_change_kg", "moment_change_{}_kgm", "about_axis_kgm"
 # A moment below this share of mass × reach of all that turns is none: gravity does not show at the joint.
 LEAST_MOMENT = 1e-3
 
@@ -59,7 +61,7 @@ class TunedLink:
         about_axis: Change of the first moment about the joint's axis of all that turns with it, along the URDF's own
             [kg m]; None where gravity shows nothing of it.
         urdf_moment: What the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by.
-        beyond_tolerance: Whether it is more than URDFs are wrong by.
+        beyond: Which of its changes, by their names in `figures`, are more than URDFs are wrong by.
     """
 
     joint: str
@@ -67,7 +69,12 @@ class TunedLink:
     moment: Mapping[str, Interval]
     about_axis: Interval | None
     urdf_moment: float
-    beyond_tolerance: bool
+    beyond: frozenset[str]
+
+    @property
+    def beyond_tolerance(self) -> bool:
+        """Whether any change is more than URDFs are wrong by."""
+        return bool(self.beyond)
 
     @property
     def share(self) -> Interval | None:
@@ -90,16 +97,21 @@ class TunedLink:
 
     def figures(self) -> dict[str, Interval]:
         """Its changes by name."""
-        named = {"mass_change_kg": self.mass, "about_axis_kgm": self.about_axis}
-        moments = {f"moment_change_{axis}_kgm": one for axis, one in self.moment.items()}
+        named = {MASS: self.mass, ABOUT: self.about_axis}
+        moments = {MOMENT.format(axis): one for axis, one in self.moment.items()}
         return {name: one for name, one in named.items() if one is not None} | moments
 
     def words(self, link: str) -> str:
         """What is wrong with the URDF's link, in a sentence."""
-        parts = [] if self.share is None else [f"the moment about its axis by {self.share.words('%', 100.0)}"]
-        parts += [] if self.mass is None else [f"its mass by {self.mass.words('kg')}"]
-        moved = parts or [f"its moment along {axis} by {one.words('kg m')}" for axis, one in self.moment.items()]
-        how = f"tuning moved {' and '.join(moved)}"
+        parts = []
+        if ABOUT in self.beyond and self.about_axis is not None:
+            moved = self.about_axis.words("kg m") if self.share is None else self.share.words("%", 100.0)
+            parts.append(f"the moment about its axis by {moved}")
+        if MASS in self.beyond and self.mass is not None:
+            parts.append(f"its mass by {self.mass.words('kg')}")
+        along = [(axis, one) for axis, one in self.moment.items() if MOMENT.format(axis) in self.beyond]
+        parts += [f"its moment along {axis} by {one.words('kg m')}" for axis, one in along]
+        how = f"tuning moved {' and '.join(parts)}"
         return f"{link} is off by more than URDFs are: {how}; mend its <inertial>, or the gain of {self.joint}"
 
 
@@ -130,12 +142,15 @@ def measure_tuned_links(
     for k, link in enumerate(arm.links):
         at = range(10 * k, 10 * k + 4)
         about, urdf, usual = _about_axis(baseline, k, free, free @ score)
-        wrong = [_is_beyond(own[i], baseline.number_std[i]) for i in at if known[i]]
-        if about is not None and std[at[0]] > baseline.number_std[at[0]]:
-            wrong.append(_is_beyond(about, usual))
+        names = (MASS, *(MOMENT.format(axis) for axis in "xyz"))
+        wrong = {
+            name for name, i in zip(names, at, strict=True) if known[i] and _is_beyond(own[i], baseline.number_std[i])
+        }
+        if about is not None and std[at[0]] > baseline.number_std[at[0]] and _is_beyond(about, usual):
+            wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, any(wrong))
+        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong))
     return found
 
 
