@@ -17,11 +17,10 @@ from ident.show.palette import NAMED, TUNED
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     describe_unnamed,
+    diagnosis_headline,
     energy_pair,
     first_action,
-    has_name,
     order_of,
-    verdict_key,
 )
 from ident.show.report.words import (
     TABLES,
@@ -122,8 +121,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     runs = int(facts["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
-    words = TABLES["verdicts"][verdict_key(record)].format(has=has_name(record))
-    console.print(styled((verdict, "bold"), f": {words}"))
+    console.print(styled((verdict, "bold"), f": {diagnosis_headline(record)}"), soft_wrap=True)
     if action := first_action(record):
         console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)
     for one in findings:

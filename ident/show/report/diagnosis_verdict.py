@@ -52,13 +52,43 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence, with the size of a gap that has no name."""
-    loudest = _loudest(record)
+    """The verdict as a sentence, with the size of a gap that has no name; before it what `opening` says."""
+    joint, beyond = largest_gap(record)
+    size = f": {joint} is off by {significant(beyond)} N m beyond noise" if joint else ""
     findings = record.get("findings", [])
     more = f", and {len(findings) - 3} more" if len(findings) > 3 else ""
     named = join_words([_finding(finding) for finding in findings[:3]]) + more
-    words = TABLES["headlines"].get(verdict_key(record), record["verdict"].replace("_", " "))
-    return str(words).format(has=has_name(record), named=named, size=f": {loudest}" if loudest else "")
+    has = "has a name" if any(one.get("probability", 1.0) >= LIKELY for one in findings) else "may have a name"
+    words = str(TABLES["headlines"].get(verdict_key(record), record["verdict"].replace("_", " ")))
+    return " ".join(filter(None, (opening(record), words.format(has=has, named=named, size=size))))
+
+
+def opening(record: Mapping[str, Any]) -> str:
+    """Whose torque is off by a factor, and where the gap is largest if that, or what comes first, is elsewhere.
+
+    Without such words what is to be done first, the first name and the first place of the map are about one joint.
+    """
+    scale, told = _misread(record), first_action(record)
+    named = [joint for one in record.get("findings", [])[:1] for joint in one["joints"]]
+    about = [one for one in record.get("joints", []) if re.search(rf"(?<!\w){re.escape(one)}(?!\w)", told)]
+    first = f"What to do first is about {join_words(about)}"
+    if scale:
+        about, first = scale["joints"], f"The torque of {join_words(scale['joints'])} is off by a factor"
+    largest = largest_gap(record)[0]
+    mapped = next((one["joint"] for one in record.get("where", [])), largest)
+    if not largest or all(one in (some or [one]) for one in (largest, mapped) for some in (about, named)):
+        return f"{first}." if scale else ""
+    before = f"{first}; " if about and (scale or largest not in about) else ""
+    beside = "" if mapped in (largest, *about, *named) else f", and can be placed at {mapped}"
+    return f"{sentence(f'{before}the gap is largest at {largest}{beside}')}."
+
+
+def largest_gap(record: Mapping[str, Any]) -> tuple[str, float]:
+    """The joint whose model errs most beyond noise, and by how much [N m]; no joint where there is no gap."""
+    gaps = record.get("gap", {}).items()
+    found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
+    found |= {one["joint"]: one["beyond_noise_Nm"] for one in record.get("where", []) if "beyond_noise_Nm" in one}
+    return max(found.items(), key=lambda one: one[1], default=("", 0.0))
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
@@ -68,25 +98,13 @@ def verdict_key(record: Mapping[str, Any]) -> str:
     return "small" if is_small(record) else "mostly" if record.get("findings") else "none_of_catalogue"
 
 
-def has_name(record: Mapping[str, Any]) -> str:
-    """How sure it is that a gap has the names that are told: one of them at least is likelier than not, or none is."""
-    findings = record.get("findings", [])
-    likely = any(one.get("probability", 1.0) >= LIKELY for one in findings)
-    return "has a name" if likely else "may have a name"
-
-
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: set a torque that is far off by a factor, or off at the joint of the largest gap.
-
-    No other size is right before. A little off at another joint, it comes after what to do about the largest gap.
-    """
-    scale, where = misread_torque(record), record.get("where", [])
-    off = [joint for one in record.get("telemetry", []) if one["issue"] == "torque_scale" for joint in one["joints"]]
-    factors = [float(number) for number in re.findall(r"reads (\d+\.\d+) ±", scale)]
-    far = any(abs(math.log(max(factor, 0.01))) > math.log(FAR_OFF) for factor in factors)
-    if scale and (far or not where or where[0]["joint"] in off):
-        return scale
-    return " ".join(filter(None, (_first_of_names(record), scale)))
+    """What to do first: set a torque that is off by a factor, for no other size is right before."""
+    scale = _misread(record)
+    if scale is None:
+        return _first_of_names(record)
+    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
+    return f"{scale['evidence'].partition(': ')[2] if alone else scale['evidence']}: {scale['remedy']}."
 
 
 def _first_of_names(record: Mapping[str, Any]) -> str:
@@ -105,23 +123,19 @@ def _first_of_names(record: Mapping[str, Any]) -> str:
     return f"Record this next: {motion}." if motion else ""
 
 
-def misread_torque(record: Mapping[str, Any]) -> str:
-    """Which joint's whole torque is off by a factor, and what to do: no other size is right before; "" for none.
+def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """What telemetry says of joints whose whole torque is off by a factor, if anything.
 
-    Nothing either where a likely name says what it is: a body, or first of all the gain of every joint that is off.
+    None, too, where a likely name says what it is: a body, or first of all the gain of every joint that is off.
     """
-    off = [one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"]
+    off = next((one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"), None)
     likely = [one for one in record.get("findings", []) if one.get("probability", 1.0) >= LIKELY]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
-    if not off or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
-        return ""
+    if off is None or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
+        return None
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
-    if set(off[0]["joints"]) <= gained and likely[0]["effect"] in gains:
-        return ""
-    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
-    evidence = off[0]["evidence"].partition(": ")[2] if alone else off[0]["evidence"]
-    return f"{evidence}: {off[0]['remedy']}."
+    return None if set(off["joints"]) <= gained and likely[0]["effect"] in gains else off
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -144,8 +158,6 @@ def _next_motion(record: Mapping[str, Any]) -> str:
     return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
 
 
-# From this factor on a torque is far off: beyond what makers' data sheets and URDFs leave open.
-FAR_OFF = 1.15
 # A name below is less likely than not.
 LIKELY = 0.5
 # Tied names that one sentence holds.
@@ -175,16 +187,6 @@ def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
         for joint, gap in record.get("gap", {}).items()
         if gap["rms_Nm"] > OVERTUNED * gap.get("fixed_rms_Nm", float("inf"))
     ]
-
-
-def _loudest(record: Mapping[str, Any]) -> str:
-    """How far off the model is at the joint where it is furthest off beyond noise."""
-    beyond = {joint: gap["rms_Nm"] ** 2 - gap["noise_floor_Nm"] ** 2 for joint, gap in record.get("gap", {}).items()}
-    if not beyond:
-        return ""
-    joint = max(beyond, key=lambda name: beyond[name])
-    rms, noise = (significant(record["gap"][joint][key]) for key in ("rms_Nm", "noise_floor_Nm"))
-    return f"{joint} is off by {rms} N m, of which noise is {noise} N m"
 
 
 def is_small(record: Mapping[str, Any]) -> bool:

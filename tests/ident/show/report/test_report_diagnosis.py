@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -123,14 +124,10 @@ def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
     assert first_action(record).startswith("Record this next: ")
     record["findings"][0]["probability"] = 0.48
     tied = first_action({**record, "verdict": "named"})
-    assert tied.startswith(
-        "Act on none yet, for it may be Stribeck friction or nonlinear viscous friction; record this"
-    )
+    assert tied.startswith("Act on none yet, for it may be Stribeck friction or nonlinear viscous friction; record")
     record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
-    assert "fit the arm's own inertias" in first_action(record)
-    assert "fit the arm's own inertias" in first_action(
-        {**record, "verdict": "named"}
-    )  # a doubt outranks a name of 48 %
+    for verdict in (record["verdict"], "named"):  # a doubt outranks a name of 48 %
+        assert "fit the arm's own inertias" in first_action({**record, "verdict": verdict})
     record["gap"]["joint_2"]["fixed_rms_Nm"] = 0.2 * record["gap"]["joint_2"]["rms_Nm"]
     assert first_action(record).startswith("Record this again")
     text = written(tmp_path, record).replace("\xa0", " ")
@@ -187,7 +184,7 @@ def test_refusal_shows_the_remedy_first(tmp_path: Path) -> None:
     assert text.index("set effort_sign") < text.index("Recordings:") < text.index("slow sweeps")
 
 
-def test_headline_names_no_more_than_three(tmp_path: Path) -> None:
+def test_headline_names_no_more_than_three() -> None:
     """Five findings make three names and a count."""
     record = {**RECORD, "verdict": "partial", "findings": RECORD["findings"] * 5}
     assert diagnosis_headline(record).endswith("and 2 more.")
@@ -295,30 +292,32 @@ def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dic
 @pytest.mark.parametrize(
     "effect", ["load_dependent_friction", "torque_offset", "spring_torque", "gravity_misalignment"]
 )
-def test_a_torque_off_by_a_factor_comes_before_friction(effect: str) -> None:
-    assert first_action(acted_on(effect, 0.97)) == "Do so."
-    assert first_action(acted_on(effect, 0.97, SCALE)).startswith("elbow reads 1.32")
-
-
-@pytest.mark.parametrize(
-    ("factor", "joint", "first"), [("1.10", "wrist", "Do so. "), ("1.10", "elbow", ""), ("0.80", "wrist", "")]
-)
-def test_a_torque_a_little_off_at_another_joint_comes_after(factor: str, joint: str, first: str) -> None:
-    """What to do where the gap is largest stands first; far off, the torque does."""
-    scale = {**SCALE, "evidence": SCALE["evidence"].replace("1.32", factor)}
-    record = {**acted_on("load_dependent_friction", 0.97, scale), "where": [{"joint": joint}]}
-    assert first_action(record).startswith(f"{first}elbow reads {factor}")
+@pytest.mark.parametrize(("named", "largest", "mapped"), product(("elbow", "wrist"), *[("elbow", "wrist", "base")] * 2))
+@pytest.mark.parametrize("scale", [None, "elbow", "wrist"])
+def test_first_line_first_action_and_place_are_about_one_joint_or_the_line_names_all(
+    effect: str, scale: str | None, named: str, largest: str, mapped: str
+) -> None:
+    """A torque that is off comes first in both, however little; where the gap is largest is always told."""
+    off = [{**SCALE, "joints": [scale], "evidence": f"{scale} reads 1.10 ± 0.02"}] if scale else []
+    record = acted_on(effect, 0.97, *off) | {"joints": ["elbow", "wrist", "base"]}
+    record["findings"][0] |= {"joints": [named], "action": f"Look at {named}"}
+    record["gap"] = {one: {"rms_Nm": 1.0 + (one == largest), "noise_floor_Nm": 0.9} for one in record["joints"]}
+    record["where"] = [{"joint": mapped}]
+    line, action = diagnosis_headline(record), first_action(record)
+    about = {scale or named, named, largest, mapped}
+    assert all(joint in line for joint in about)
+    assert (scale or named) in action
+    assert line.startswith(f"The torque of {scale} is off by a factor") or not scale
+    assert f"gap is largest at {largest}" in line or len(about) == 1
 
 
 @pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
+    """A gain of one joint says nothing of another that is off; a load acts on all."""
     assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
     assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
-
-
-def test_a_gain_of_one_joint_says_nothing_of_another_that_is_off() -> None:
-    two = {**SCALE, "joints": ["elbow", "wrist"]}
-    assert first_action(acted_on("torque_gain_error", 0.97, two)).startswith("elbow reads 1.32")
+    two = first_action(acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]}))
+    assert two.startswith("Do so." if effect == "payload" else "elbow reads 1.32")
 
 
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
