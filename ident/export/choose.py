@@ -1,14 +1,16 @@
 """How far a file is from recordings, and which of all candidates is written.
 
-Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: RMS over
-the runs of the work that this difference does. Replay: the arm starts from a measured state, gets the logged torque for
+Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: RMS of the
+work that this difference does in a stretch of time; that of whole runs, of which there are few, is next to nothing by
+chance in one file or another. Replay: the arm starts from a measured state, gets the logged torque for
 a quarter of a second, and is compared with the measured state at the end; from a longer stretch without feedback any
 model drifts away, and nothing is learnt of it.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
 of one of them, and at each joint the losses and laws of one, or friction between theirs. Of all these the one is
-written whose errors are least, as shares of the least of the first two's; one that is larger than both counts several
-times as much, so that it is taken only where a joint's torque, energy and replay ask for different things.
+written whose errors are least, as shares of the least of the first two's, by the upper end of what stretches and
+windows leave open; one that is larger than both counts several times as much, so that it is taken only where a joint's
+torque, energy and replay ask for different things.
 """
 
 from __future__ import annotations
@@ -35,10 +37,12 @@ MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "positi
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
 # One file is worse than another beyond this logarithm of the ratio of their errors: less are the simulators' own steps.
 WORTH = 0.005
+# Standard errors by which a candidate has to be better to be taken.
+ERRORS = 2.0
 # What an error that is larger than the least of others' counts more, by its logarithm.
 WORSE = 4.0
-# Stretches of a run whose errors are independent [s].
-STRETCH = 1.0
+# Stretches of a run whose work is compared [s].
+STRETCH = 2.0
 # Passes over the joints, each of which may change its candidate for what the others have done to it.
 PASSES = 3
 # A candidate with friction between that of the others is called so, and after the one whose laws it has.
@@ -55,52 +59,51 @@ class Gap:
     """How far a model is from recordings, joint by joint.
 
     Attributes:
-        torque: RMS of the torque [N m], shape (n,).
-        energy: RMS over the runs of the energy error [J], shape (n,).
-        position: RMS of the position at the end of a window [rad], shape (n,); NaN where nothing was replayed.
-        velocity: RMS of the velocity there [rad/s], shape (n,).
-        windows: Number of windows.
+        squares: Squared errors of torque (with the share of its samples), energy, position and velocity, of each
+            stretch or window, shape (k, n): their means are the squares of the errors in N m, J, rad and rad/s.
         count: Samples behind the torque, shape (n,).
-        chance: What the energy would be if the errors of single stretches were independent: no more is any model's [J].
         left: What is left of each run's torque, zero where a joint does not slide [N m].
     """
 
-    torque: Float[Array, " n"]
-    energy: Float[Array, " n"]
-    position: Float[Array, " n"]
-    velocity: Float[Array, " n"]
-    windows: int
+    squares: Mapping[str, Float[Array, "k n"]]
     count: Float[Array, " n"]
-    chance: Float[Array, " n"]
     left: Sequence[Float[Array, "t n"]] = ()
+
+    def error(self, name: str) -> Float[Array, " n"]:
+        """RMS of a measure, NaN where nothing was measured."""
+        return np.sqrt(self.squares[name].mean(axis=0))
 
     @property
     def rms(self) -> float:
         """RMS of the torque over all joints' samples [N m]."""
-        return float(np.sqrt(self.count @ self.torque**2 / max(self.count.sum(), 1.0)))
+        return float(np.sqrt(self.count @ self.error("torque") ** 2 / max(self.count.sum(), 1.0)))
 
-    def over(self, others: Sequence[Gap], beyond_chance: bool = False) -> Float[Array, "m n"]:
+    def over(self, others: Sequence[Gap], errors: float = 0.0) -> Float[Array, "m n"]:
         """Logarithms of its errors over the least of others', by measure and joint; zero where nothing was measured.
 
-        Energies as they are, or beyond what they are by chance alone.
+        Args:
+            others: Of the same recordings.
+            errors: How many of their standard errors, pair by pair of stretches, are added.
         """
         found = []
         for name, least in LEAST.items():
-            if name == "energy" and beyond_chance:
-                least = np.min([one.chance for one in others], axis=0)
-            own, *theirs = (np.hypot(getattr(one, name), least) for one in (self, *others))
-            found.append(np.nan_to_num(np.log(own / np.min(theirs, axis=0))))
+            own, *theirs = (one.squares[name] + least**2 for one in (self, *others))
+            best = np.argmin([one.mean(axis=0) for one in theirs], axis=0)
+            rival = np.array(theirs)[best, :, np.arange(own.shape[1])].T
+            spread = own / own.mean(axis=0) - rival / rival.mean(axis=0)
+            ratio = np.log(own.mean(axis=0) / rival.mean(axis=0)) + errors * spread.std(axis=0) / np.sqrt(len(own))
+            found.append(np.nan_to_num(0.5 * ratio))
         return np.array(found)
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
         """What each joint's errors cost against the least of others': those that are larger, several times as much."""
-        ratios = self.over(others, beyond_chance=True)
+        ratios = self.over(others, ERRORS)
         return np.sum(ratios + WORSE * np.maximum(ratios, 0.0), axis=0)
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        named = {**MEASURES, "velocity": "velocity_rms_rad_s"}
-        told = {key: dict(zip(joints, map(float, getattr(self, name)), strict=True)) for name, key in named.items()}
-        return {**told, "windows": self.windows}
+        named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
+        told = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
+        return {**told, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
 
 
 def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = None) -> Gap:
@@ -112,26 +115,26 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = 
         known: Has the distances of torque and energy, where only the replay is to be measured.
     """
     each = max(1, MOST_WINDOWS // len(runs))
-    missed = np.concatenate([_roll_run(model, motion, each) for motion in runs], axis=1)
-    windows = missed.shape[1]
-    miss = np.sqrt(np.mean(missed**2, axis=1)) if windows else np.full((2, runs[0].n), np.nan)
+    replay = np.concatenate([_roll_run(model, motion, each) for motion in runs], axis=1) ** 2
+    replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
+    replayed = dict(zip(("position", "velocity"), replay, strict=True))
     if known is not None:
-        return replace(known, position=miss[0], velocity=miss[1], windows=windows)
-    counts, squares, work, chance, lefts = *np.zeros((4, runs[0].n)), []
+        return replace(known, squares={**known.squares, **replayed})
+    counts, squares, works, lefts = np.zeros(runs[0].n), [], [], []
     for motion in runs:
         torque = model.joint_torque(motion.q, motion.dq, motion.ddq, motion.interval)
         left = motion.tau_filtered - motion.filtered(model.read_log(torque, motion.interval))
         left = np.where(motion.settled, left, 0.0)
         lefts.append(left)
         counts += motion.settled.sum(axis=0)
-        squares += np.sum(left**2, axis=0)
         step = motion.interval * motion.lowpass.factor
-        starts = np.arange(0, len(left), max(1, round(STRETCH / step)))
-        works = np.add.reduceat(left * motion.dq[motion.coarse] * step, starts, axis=0)
-        work, chance = work + np.sum(works, axis=0) ** 2, chance + np.sum(works**2, axis=0)
-    torque = np.sqrt(squares / np.maximum(counts, 1.0))
-    energy, chance = (np.sqrt(one / len(runs)) for one in (work, chance))
-    return Gap(torque, energy, miss[0], miss[1], windows, counts, chance, lefts)
+        number = max(1, round(len(left) * step / STRETCH))
+        starts = np.linspace(0, len(left), number, endpoint=False).astype(int)
+        squares.append(np.add.reduceat(left**2, starts, axis=0))
+        works.append(np.add.reduceat(left * motion.dq[motion.coarse] * step, starts, axis=0))
+    torque = np.concatenate(squares)
+    energy = np.concatenate(works) ** 2
+    return Gap({"torque": torque * len(torque) / np.maximum(counts, 1.0), "energy": energy, **replayed}, counts, lefts)
 
 
 def _roll_run(model: LoadedModel, motion: Motion, count: int) -> Float[Array, "2 w n"]:
@@ -173,9 +176,8 @@ class Chosen:
         return self.bodies if set(self.joints) == {self.bodies} else "mixed"
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
-        joints = dict(zip(names, self.joints, strict=True))
-        worse = {name: ratio for name, (_, ratio) in self.worse.items()}
-        return {"written": self.name, "bodies": self.bodies, "joints": joints, "worse": worse}
+        worse, joints = {name: ratio for name, (_, ratio) in self.worse.items()}, zip(names, self.joints, strict=True)
+        return {"written": self.name, "bodies": self.bodies, "joints": dict(joints), "worse": worse}
 
     def in_words(self, form: str, names: Sequence[str]) -> list[str]:
         """What a user should know of the choice."""
@@ -205,10 +207,8 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
         search.improve(bodies)
     bodies, joints = min(search.found, key=lambda key: search.cost(*key))
     gap = search.measure(bodies, joints, whole=True)
-    over, names = gap.over(search.others), options["after"].nominal.joint_names
-    most = {name: list(MEASURES)[k] for name, k in zip(names, over.argmax(axis=0), strict=True)}
-    ratios = zip(names, over.max(axis=0), strict=True)
-    worse = {name: (most[name], float(np.exp(r))) for name, r in ratios if r > WORTH}
+    most = zip(options["after"].nominal.joint_names, gap.over(search.others).T, strict=True)
+    worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
     gaps = {name: search.found[name, (name,) * runs[0].n] for name in options if name != "after"} | {"after": gap}
     return Chosen(mix(search.stated[bodies], bodies, joints), bodies, joints, gaps, worse)
 
@@ -228,8 +228,8 @@ class _Search:
             known = None
             if len(set(joints)) > 1 and not whole:
                 each = [self.found[bodies, (name,) * self.n] for name in joints]
-                torque, energy = (np.array([getattr(g, key)[j] for j, g in enumerate(each)]) for key in list(LEAST)[:2])
-                known = replace(each[0], torque=torque, energy=energy)
+                parts = ((key, [g.squares[key][:, j] for j, g in enumerate(each)]) for key in list(LEAST)[:2])
+                known = replace(each[0], squares={key: np.stack(part, axis=1) for key, part in parts})
             file = WrittenFile.write(self.form, self.folder, mix(self.stated[bodies], bodies, joints))
             self.found[bodies, joints] = measure_gap(file.load(self.runs[0].payload), self.runs, known)
         return self.found[bodies, joints]
@@ -271,11 +271,10 @@ class _Search:
             given.max(axis=0),
             np.array([stated.losses.coulomb, stated.losses.viscous]),
         )
-        table = []
-        for motion in self.runs:
-            columns = np.stack([stated.losses.direction(motion.q, motion.dq), motion.dq], axis=-1)
-            table.append(np.where(motion.settled[..., None], motion.filtered(columns), 0.0))
-        rows, target = np.concatenate(table), np.concatenate(list(gap.left))
+        columns = [np.stack([stated.losses.direction(one.q, one.dq), one.dq], axis=-1) for one in self.runs]
+        table = zip(self.runs, columns, strict=True)
+        rows = np.concatenate([np.where(one.settled[..., None], one.filtered(two), 0.0) for one, two in table])
+        target = np.concatenate(list(gap.left))
         for j in range(self.n):
             span = np.maximum(high[:, j] - low[:, j], 1e-12)
             bounds = (low[:, j] - found[:, j]) / span - 1e-9, (high[:, j] - found[:, j]) / span + 1e-9
@@ -286,12 +285,8 @@ class _Search:
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:
     """The bodies of one candidate, with the losses and laws of one at each joint."""
-    losses = Losses(
-        *(
-            np.array([getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)])
-            for one in fields(Losses)
-        )
-    )
+    mixed = ([getattr(options[name].losses, one.name)[j] for j, name in enumerate(joints)] for one in fields(Losses))
+    losses = Losses(*map(np.array, mixed))
     changes = [change for change in options[bodies].changes if change.of_the_bodies]
     for j, name in enumerate(joints):
         changes += [c for c in options[name].changes if c.joint == j and not c.of_the_bodies]

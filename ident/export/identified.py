@@ -61,6 +61,7 @@ class Change:
         figures: The reported parameters with their intervals.
         law: Coefficients and shape of its law where the reported parameters leave them open, or None.
         kind: The effect itself, or None where it is none of those that are known.
+        probability: That it acts.
     """
 
     effect: str
@@ -69,6 +70,7 @@ class Change:
     figures: Mapping[str, Interval]
     law: Mapping[str, Any] | None = None
     kind: Effect | None = None
+    probability: float = 1.0
 
     @property
     def has_law(self) -> bool:
@@ -350,8 +352,9 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
     effect, where = finding["effect"], tuple(finding["joints"])
     figures = {name: _interval(effect, name, value) for name, value in finding["parameters"].items()}
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
-    whole = kind is not None and kind.scope == "arm"
-    return Change(effect, WHOLE_ARM if whole else joints.index(where[0]), where, figures, law, kind)
+    place = WHOLE_ARM if kind is not None and kind.scope == "arm" else joints.index(where[0])
+    sure = require_finite(finding.get("probability", 1.0), f"probability of {effect}")
+    return Change(effect, place, where, figures, law, kind, sure)
 
 
 def _interval(effect: str, name: str, value: dict[str, Any]) -> Interval:

@@ -342,6 +342,8 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
             f"{names}: dry friction turns round over a displacement (sliding_range_rad of parameters.toml), for which "
             "neither file has words: robot.xml sticks and slips at once, robot.urdf leaves it to the simulator"
         )
+    doubtful = ", ".join(f"{c.effect} of {c.joints[0]}" for c in identified.changes if c.probability < 0.5)
+    lines += [f"less likely than not, and written all the same: {doubtful}"] * bool(doubtful)
     missed = identified.links.missed
     if missed > LEAST_MISSED:
         lines.append(f"{missed:.1%} of the changed inertias' torque is left out: no real bodies have it")

@@ -54,7 +54,7 @@ def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Ide
     np.testing.assert_array_equal(found.stated.links.total, 0.0)
     np.testing.assert_allclose(found.stated.losses.coulomb, 4.0, rtol=1e-3)
     for gap in found.gaps.values():
-        assert np.all(found.gaps["after"].torque <= 1.01 * gap.torque + 1e-6)
+        assert np.all(found.gaps["after"].error("torque") <= 1.01 * gap.error("torque") + 1e-6)
     assert bool(found.in_words(form, arm.joint_names)) == (found.name != "after" or bool(found.worse))
 
 
@@ -87,15 +87,16 @@ def test_meshes_are_kept_as_hulls() -> None:
         assert there.max(axis=0) == pytest.approx(here.max(axis=0), abs=1e-5)
 
 
-def test_an_error_is_worse_as_it_is_but_for_energy_of_chance() -> None:
-    """Law: of one run alone, too, errors compare by their ratio; in a choice, energies do beyond what chance makes."""
-    one, chance = np.ones(6), np.full(6, 10.0)
-    better = Gap(one, one, one, one, 1, one, chance)
-    worse = Gap(1.1 * one, 2.0 * one, one, one, 1, one, chance)
-    np.testing.assert_allclose(np.exp(worse.over([better, worse]))[:, 0], [1.1, 2.0, 1.0], rtol=1e-6)
-    np.testing.assert_allclose(np.exp(worse.over([better], beyond_chance=True))[1], np.sqrt(104.0 / 101.0))
-    assert np.all(worse.cost([better]) > 4.0 * np.log(1.1))
+def test_an_error_is_worse_by_its_ratio_and_by_what_stretches_leave_open_in_a_choice() -> None:
+    """Law: errors compare by their ratio; a candidate that is better in one stretch alone is not taken."""
+    one = dict.fromkeys(("torque", "energy", "position"), np.ones((9, 6)))
+    better, worse = (Gap({**one, "energy": k * one["energy"]}, np.ones(6)) for k in (1.0, 4.0))
+    luck = Gap({**one, "energy": 1.0 - 0.9 * np.eye(9, 1) * np.ones(6)}, np.ones(6))
+    np.testing.assert_allclose(np.exp(worse.over([better, worse]))[:, 0], [1.0, 2.0, 1.0], rtol=1e-6)
+    assert np.all(worse.cost([better]) > 4.0 * np.log(2.0))
     assert np.all(better.cost([worse]) < 0.0)
+    assert np.all(luck.over([better])[1] < 0.0)
+    assert np.all(luck.cost([better]) >= 0.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
