@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import io
+import pickle
 from itertools import count, pairwise
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from ident import diagnose
+from ident.arrays import freeze, least_squares
+from ident.errors import ArmgapError, InputError, ModelError, RecordingError, RobotError
 from ident.progress import listening, stage, step
 from ident.robot.names import data_path
 from ident.show.console import BETWEEN_LINES, progress_line
@@ -87,3 +91,48 @@ def test_a_terminal_gets_one_line_that_is_gone_at_the_end() -> None:
     assert "diagnose: 75 %" in shown
     assert shown.count("\n") <= 1
     assert shown.endswith("\x1b[2K")
+
+
+def test_least_squares_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: where LAPACK's fast way gives up, the solution is the same one, columns of zeros or of one kind included."""
+    rng = np.random.default_rng(0)
+    table, target = rng.normal(size=(20, 6)), rng.normal(size=20)
+    table[:, 2], table[:, 4] = 0.0, 2.0 * table[:, 3]
+    fast = least_squares(table, target, 1e-8)
+
+    def give_up(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("numpy.linalg.lstsq", give_up)
+    np.testing.assert_allclose(least_squares(table, target, 1e-8), fast, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [InputError, RecordingError, RobotError, ModelError])
+def test_message_is_one_line_with_place_fault_and_remedy(kind: type[InputError]) -> None:
+    """The message names where, what and remedy in this order, in one line, and keeps them as data."""
+    error = kind("log.csv, column 3", "text in a number: 'x'", "correct the cell")
+    assert str(error) == "log.csv, column 3: text in a number: 'x'; correct the cell"
+    assert (error.where, error.what, error.remedy) == (
+        "log.csv, column 3",
+        "text in a number: 'x'",
+        "correct the cell",
+    )
+    assert isinstance(error, ArmgapError)
+
+
+def test_an_error_survives_the_way_from_a_worker_process() -> None:
+    """Copied through a process boundary an error keeps its class and its data."""
+    error = pickle.loads(pickle.dumps(RobotError("a", "b", "c")))
+    assert type(error) is RobotError
+    assert (error.where, error.what, error.remedy) == ("a", "b", "c")
+
+
+def test_freeze_copies_and_forbids_writing() -> None:
+    """Changing the source does not change the copy, and the copy can't be written."""
+    source = np.arange(3)
+    copy = freeze(source)
+    source[0] = 7
+    assert copy[0] == 0.0
+    assert copy.dtype == float
+    with pytest.raises(ValueError, match="read-only"):
+        copy[0] = 1.0

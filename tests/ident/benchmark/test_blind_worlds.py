@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from made_up_cases import answer, finding, result, truth
 
-from ident.benchmark.cases import FULL_MIX, Slot, draw_case, draw_world_of, plan_slots
+from ident.benchmark.cases import FULL_MIX, Slot, draw_case, draw_world_of, name_by_evidence, plan_slots
 from ident.benchmark.pages import write_blind_pages
+from ident.benchmark.run import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.scoring import Outcome, auroc, score_case
-from ident.benchmark.summary import NUMBERS, WORDS, BlindReport, world_axes
-from ident.simulation.simulate import SimulationOptions
-from ident.simulation.world import PRESETS, World, find_worlds
+from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, world_axes
+from ident.effects.transmission import SpringTorque
+from ident.export.identified import IdentifiedArm
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+from ident.simulation.hardware import Hardware
+from ident.simulation.simulate import SimulationOptions, simulate
+from ident.simulation.world import PRESETS, World, draw_world_arm, find_worlds, noise_density
+from tests.ident.diagnosis.planted import analyse, load_arm, nothing, record, spring_on_3
 
 RIGHT = finding("stribeck_friction", "joint_2", amplitude_Nm=(0.9, 1.1))
 WRONG = finding("torque_delay", "joint_1", "joint_2")
@@ -122,3 +131,137 @@ def test_the_page_has_the_scores_over_each_property(tmp_path: Path) -> None:
     page = html.unescape(write_blind_pages(report, {}, tmp_path).read_text())
     assert all({**NUMBERS, **WORDS}[axis] in page for axis in report.worlds)
     assert "encoder noise and rounding" in page
+
+
+def ask(*signatures: tuple[float, ...]) -> float:
+    rows = np.array(signatures)
+    return name_by_evidence(rows @ rows.T, np.random.default_rng(1))
+
+
+def test_what_is_large_and_alone_is_named() -> None:
+    assert ask((12.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 20.0)) > 0.99
+
+
+def test_twins_are_a_coin_and_what_is_hidden_is_not_named() -> None:
+    assert ask((12.0, 0.0), (12.0, 0.0)) == pytest.approx(0.5, abs=0.3)
+    assert ask((0.05, 0.0), (0.0, 9.0)) < 0.2
+
+
+def test_more_of_it_is_named_more_often() -> None:
+    told = [ask((size, 0.3 * size), (0.0, 9.0)) for size in (0.5, 2.0, 8.0)]
+    assert told == sorted(told)
+    assert told[0] < 0.5 < told[-1]
+
+
+def test_the_density_of_noise_holds_its_variance() -> None:
+    """Over all frequencies it adds up to the variance; above half of the log rate nothing is seen."""
+    arm = ArmModel.load("tm5-900")
+    world = replace(world_of(1, robot="tm5-900"), rate_hz=200.0, coloured_share=0.3, corner_hz=2.0)
+    world = replace(world, encoder_noise_rad=1e-6, encoder_bits=24, encoder_at="motor")
+    hardware: Hardware = draw_world_arm(arm, world, np.random.default_rng(2))
+    hardware = hardware.replace(sensing=hardware.sensing.replace(count_noise=0.0, count=np.full(6, 1e-12)))
+    f = np.linspace(0.0, 100.0, 20001)
+    variance = np.trapezoid(noise_density(hardware, world, f), f, axis=0)
+    np.testing.assert_allclose(np.sqrt(variance), hardware.sensing.noise_floor, rtol=0.02)
+    assert np.isinf(noise_density(hardware, world, np.array([101.0]))).all()
+
+
+def test_efficiency_is_ours_over_the_oracles() -> None:
+    world = world_of(3)
+    cases = [replace(outcome(i, world, *([RIGHT] if i < 2 else [])), oracle=0.8) for i in range(4)]
+    report = BlindReport("several", 1, {}, tuple(cases), {})
+    assert report.efficiency["3"].value == pytest.approx(0.5 / 0.8)
+    assert report.to_dict()["scores"]["efficiency"] == {"3": pytest.approx(0.625)}
+    assert "efficiency: 3x 0.625" in report.summary()
+
+
+JOINT = 2  # of the spring
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return load_arm()
+
+
+@pytest.fixture(scope="module")
+def spring(arm: ArmModel) -> dict[str, Any]:
+    """What a diagnosis says of an arm with a spring."""
+    return analyse(arm, spring_on_3, [SpringTorque()]).diagnosis.to_dict()
+
+
+@pytest.fixture(scope="module")
+def healthy(arm: ArmModel) -> dict[str, Any]:
+    """What it says of the same arm without."""
+    return analyse(arm, nothing, [SpringTorque()]).diagnosis.to_dict()
+
+
+@pytest.fixture(scope="module")
+def motions(arm: ArmModel) -> Sequence[Motion]:
+    return record(arm, nothing)
+
+
+def ratio(model: IdentifiedArm, healthy: Mapping[str, Any], motions: Sequence[Motion], arm: ArmModel) -> float:
+    return error_ratio(rms_left(model, motions)[[JOINT]], rms_left(tuned_arm(healthy, arm), motions)[[JOINT]])
+
+
+def test_a_cause_with_right_figures_can_be_taken_out(
+    arm: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
+) -> None:
+    """Law: the patched model less its cause is the model of the arm without it; with the cause left in it is not."""
+    assert [one["effect"] for one in spring["findings"]] == ["spring_torque"]
+    assert ratio(edited_arm(spring, arm, [0]), healthy, motions, arm) <= EDIT_WITHIN
+    assert ratio(edited_arm(spring, arm), healthy, motions, arm) > 2.0
+
+
+def test_a_cause_that_went_into_tuning_cannot(
+    arm: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
+) -> None:
+    """Law: where tuning took the cause, taking the name out leaves what tuning took."""
+    assert ratio(tuned_arm(spring, arm), healthy, motions, arm) > EDIT_WITHIN
+    swapped = {**spring, "baseline": {**spring["baseline_alone"]}}
+    swapped["baseline"]["joint_3"]["laws"] = spring["baseline"]["joint_3"]["laws"]
+    assert ratio(edited_arm(swapped, arm, [0]), healthy, motions, arm) > EDIT_WITHIN
+
+
+def test_nothing_but_the_chosen_names_is_taken_out(arm: ArmModel, spring: dict[str, Any]) -> None:
+    """Law: tuning is the same with a name and without; names that are not chosen stay."""
+    whole, without = edited_arm(spring, arm), edited_arm(spring, arm, [0])
+    assert len(whole.changes) == 1
+    assert not without.changes
+    np.testing.assert_array_equal(whole.links.tuned, without.links.tuned)
+    np.testing.assert_array_equal(whole.losses.coulomb, without.losses.coulomb)
+
+
+def test_the_twin_is_the_arm_of_the_case_without_its_cause() -> None:
+    """Law: a case without a cause is its own twin, to the bit; a cause changes nothing of the twin; the other motions
+    are others.
+    """
+    options = SimulationOptions(seed=5, runs=1, duration=3.0, motions=("spline",))
+    twin, other = twins_of(options)
+    case = simulate(options).session
+    np.testing.assert_array_equal(case.runs[0].effort, twin.runs[0].effort)
+    assert not np.array_equal(other.runs[0].position[:100], twin.runs[0].position[:100])
+    shifted = twins_of(replace(options, effects=("torque_offset:joint_1:3.0",)))[0]
+    np.testing.assert_array_equal(case.runs[0].effort, shifted.runs[0].effort)
+
+
+def test_where_nothing_true_is_named_there_is_no_test() -> None:
+    diagnosis = {"findings": [finding("payload", "joint_3")]}
+    assert edit_case(SimulationOptions(), answer(truth()), diagnosis) == {"why": "nothing true was named"}
+
+
+def test_edits_are_told_by_effect(tmp_path: Path) -> None:
+    """Law: the share passed counts the tests alone; without any there is no score."""
+    world = world_of(3)
+    ratios = (1.05, 1.3, None)
+    cases = [
+        replace(outcome(i, world, RIGHT), edit=None if r is None else {"edited": r, "tuned": 3.0, "unedited": 5.0})
+        for i, r in enumerate(ratios)
+    ]
+    report = BlindReport("several", 1, {}, tuple(cases), {})
+    assert report.scores["edit"].value == pytest.approx(0.5)
+    told = json.loads(json.dumps(report.to_dict()))["edits"]["stribeck_friction"]
+    assert told["cases"] == 2
+    assert told["median"]["edited"] == pytest.approx(1.175)
+    assert "Take the cause out again" in write_blind_pages(report, {}, tmp_path).read_text(encoding="utf-8")
+    assert "edit" not in BlindReport("several", 1, {}, tuple(cases[2:]), {}).scores

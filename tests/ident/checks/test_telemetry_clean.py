@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import spoil, spoil_column
 
-from ident.checks import TelemetryReport, inspect
+from ident.checks import TelemetryReport, inspect, inspect_sessions
+from ident.errors import InputError, RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session, cut_before
+from ident.recordings.save import write_recording, write_session
 from ident.robot.arm import ArmModel
 
 HARMLESS = {"jitter", "clock_restarts", "joints_renamed"}
@@ -136,3 +140,112 @@ def test_halves_of_the_real_pandas_are_clean(real_data: Path, sapienza: Session)
         run = session.runs[0]
         for half in cut_before(run, np.array([len(run) // 2])):
             assert alarms(inspect(session.replace(runs=[half]), arm)) <= {"insufficient_excitation", "torque_scale"}
+
+
+@pytest.fixture(scope="module", params=["ur10e", "panda", "panda bag", "ur10 bag"])
+def real(request: pytest.FixtureRequest, real_data: Path, ur10e_toml: Path) -> tuple[Session, ArmModel]:
+    """A real session and its robot."""
+    if request.param == "ur10e":
+        session = load_session(real_data / "ur10e/identification/ur-20_02_10-30sec_12harm.csv", session_file=ur10e_toml)
+        return session, ArmModel.load(real_data / "ur10e/ur10e.urdf")
+    if request.param == "panda":
+        return request.getfixturevalue("sapienza"), ArmModel.load("panda")
+    if request.param == "panda bag":
+        return load_session(real_data / "panda/unisa_fer/panda_exciting_trajectory.db3"), ArmModel.load("panda")
+    return load_session(real_data / "ur10_cb/ur10_exciting_trajectory.db3"), ArmModel.load("ur10")
+
+
+@pytest.mark.real
+def test_a_flipped_sign_is_found_on_every_joint(real: tuple[Session, ArmModel]) -> None:
+    session, arm = real
+    for joint, name in enumerate(arm.joint_names):
+        (issue,) = inspect(spoil_column(session, "effort", joint, np.negative), arm).find("effort_sign_flipped")
+        assert issue.joints == (name,)
+
+
+@pytest.mark.real
+def test_another_unit_is_no_torque(real: tuple[Session, ArmModel]) -> None:
+    session, arm = real
+    for scale in (0.1, 1000.0):
+        report = inspect(spoil(session, lambda run, scale=scale: run.replace(effort=run.effort * scale)), arm)
+        assert [issue.issue for issue in report.fatal] == ["effort_not_torque"]
+
+
+@pytest.mark.real
+def test_degrees_and_milliseconds_are_found(real: tuple[Session, ArmModel]) -> None:
+    session, arm = real
+    degrees = spoil(
+        session, lambda run: run.replace(position=np.degrees(run.position), velocity=np.degrees(run.velocity))
+    )
+    assert [issue.issue for issue in inspect(degrees, arm).fatal] == ["units_degrees"]
+    slow = spoil(session, lambda run: run.replace(time=1e3 * run.time))
+    assert [issue.issue for issue in inspect(slow, arm).fatal] == ["wrong_time_base"]
+
+
+@pytest.mark.real
+def test_the_ur10e_controllers_own_model_is_no_measurement(real_data: Path, ur10e_model_toml: Path) -> None:
+    """The last columns of its logs: at least five of six joints are told to be computed."""
+    session = load_session(real_data / "ur10e/identification", session_file=ur10e_model_toml)
+    report = inspect(session, ArmModel.load(real_data / "ur10e/ur10e.urdf"))
+    (issue,) = report.fatal
+    assert issue.issue == "effort_is_model"
+    assert len(issue.joints) >= 5
+
+
+@pytest.mark.real
+def test_raw_currents_are_no_torque(real_data: Path, tmp_path: Path, ur10e_toml: Path) -> None:
+    """The UR10e's currents, read as if they were effort."""
+    settings = tmp_path / "session.toml"
+    settings.write_text(ur10e_toml.read_text().replace("/current", "/effort").partition("[drive")[0])
+    session = load_session(real_data / "ur10e/validation", session_file=settings)
+    (issue,) = inspect(session, ArmModel.load(real_data / "ur10e/ur10e.urdf")).fatal
+    assert issue.issue == "effort_not_torque"
+    assert "drive_gain" in issue.remedy
+
+
+def test_the_report_is_json_with_the_worst_first(clean: Session, arm: ArmModel) -> None:
+    session = spoil_column(clean, "effort", 0, np.negative)
+    session = spoil_column(session, "position", 3, lambda q: np.where(np.arange(len(q)) == 444, q + 5.0, q))
+    data = json.loads(json.dumps(inspect(session, arm).to_dict()))
+    assert [issue["severity"] for issue in data["telemetry"]] == ["fatal", "note"]
+    assert set(data["telemetry"][0]) == {"issue", "joints", "severity", "evidence", "remedy"}
+    assert (data["fit"], data["runs"], data["joints"]) == (False, 5, list(arm.joint_names))
+
+
+def test_bad_cells_are_refused_by_name_and_mended_on_request(clean: Session, arm: ArmModel, tmp_path: Path) -> None:
+    """One line names file, line and column; the mended copy is the session without that row, and is accepted."""
+    write_session(clean, tmp_path / "session")
+    path = tmp_path / "session/run0.parquet"
+    write_recording(clean.runs[0], path.with_suffix(".csv"))
+    path.unlink()
+    lines = path.with_suffix(".csv").read_text().splitlines()
+    cells = lines[100].split(",")
+    lines[100] = ",".join([cells[0], "O.5", *cells[2:]])
+    path.with_suffix(".csv").write_text("\n".join(lines))
+    report = inspect(load_session(tmp_path / "session"), arm)
+    with pytest.raises(InputError, match=r"run0.csv, line 101, column joint_1/position: 'O.5'") as caught:
+        report.require_fit()
+    assert "\n" not in str(caught.value)
+    assert "--mend" in caught.value.remedy
+    report.mend(tmp_path / "mended")
+    again = inspect(load_session(tmp_path / "mended"), arm)
+    assert again.issues == ()
+    assert again.session.samples == clean.samples - 1
+
+
+def test_a_robot_with_more_joints_gets_them_locked(clean: Session, arm: ArmModel) -> None:
+    report = inspect(clean.replace(runs=[run.select(arm.joint_names[:5]) for run in clean.runs]), arm)
+    assert report.arm is not None
+    assert report.arm.joint_names == arm.joint_names[:5]
+    assert [issue.issue for issue in report.issues] == ["joints_locked"]
+
+
+def test_sessions_together_need_the_same_joints(clean: Session, arm: ArmModel) -> None:
+    fewer = clean.replace(runs=[run.select(arm.joint_names[:5]) for run in clean.runs])
+    with pytest.raises(RecordingError, match="other joints"):
+        inspect_sessions([clean, fewer], arm)
+
+
+def test_another_robots_joints_are_refused(clean: Session) -> None:
+    with pytest.raises(RecordingError, match="none of the robot's"):
+        inspect(clean, ArmModel.load("ur10"))

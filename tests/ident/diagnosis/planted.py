@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache, lru_cache
 
 import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.selection.search import Search
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
@@ -74,6 +79,7 @@ def loaded(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
 
 
+@cache
 def load_arm() -> ArmModel:
     """The first three joints of the TM5-900, the wrist locked."""
     return ArmModel.load("tm5-900", joints=["joint_1", "joint_2", "joint_3"])
@@ -89,8 +95,23 @@ def record(arm: ArmModel, plant: Plant) -> list[Motion]:
 
 
 def analyse(arm: ArmModel, plant: Plant, catalogue: Sequence[Effect] = CATALOGUE) -> Analysis:
-    """The diagnosis of such recordings; each run has a clock of its own."""
+    """The diagnosis of such recordings, made once a process; each run has a clock of its own."""
+    return _analyse(arm, plant, tuple(catalogue))
+
+
+@lru_cache(maxsize=16)
+def _analyse(arm: ArmModel, plant: Plant, catalogue: tuple[Effect, ...]) -> Analysis:
     return diagnose(record(arm, plant), arm, catalogue, common_clock=False)
+
+
+def search_of(analysis: Analysis) -> Search:
+    """Its search before anything was named."""
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    return Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+
+
+def named_groups(analysis: Analysis) -> list[Group]:
+    return [item.group for item in analysis.search.named]
 
 
 def named(analysis: Analysis) -> set[tuple[str, str]]:

@@ -12,18 +12,16 @@ from scipy.linalg import solve_toeplitz
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.baseline import UrdfError
-from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.noise import prediction_error
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
-from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record
+from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record, search_of
 
 SPREAD = 0.05
 
@@ -123,11 +121,6 @@ def test_a_filter_of_few_samples_is_stable() -> None:
     filtering, innovation = prediction_error(np.array([1.0, 0.2, -1.1, 0.3, 0.1]))
     assert np.array_equal(filtering, [1.0, -0.2, 0.0, 0.0, 0.0])
     assert innovation == pytest.approx(0.96)
-
-
-def search_of(analysis: Analysis) -> Search:
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    return Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
 
 
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:

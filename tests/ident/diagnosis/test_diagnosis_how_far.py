@@ -13,14 +13,15 @@ from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, spread_of_runs,
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.settings import USUAL_REPLAY
 from ident.diagnosis.gap.shapley import shapley_shares
+from ident.diagnosis.heldout_gain import OF_A_SLIDE, of_a_slide
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Prior
 from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     analyse,
     load_friction_on_2,
+    named_groups,
+    search_of,
     spring_on_3,
 )
 
@@ -39,16 +40,12 @@ def pair(short_arm: ArmModel) -> Analysis:
 
 @pytest.fixture(scope="module")
 def held_out(pair: Analysis) -> HeldOut:
-    return HeldOut(pair.evidence, Prior.of(pair.evidence, pair.baseline.prior))
-
-
-def groups_of(analysis: Analysis) -> list[Group]:
-    return [named.group for named in analysis.search.named]
+    return search_of(pair).held_out
 
 
 def test_unseen_residuals_have_the_held_out_rms(pair: Analysis, held_out: HeldOut) -> None:
     """Law: the series of held-out residuals and the sums of the held-out score are the same numbers."""
-    for name, groups in (("unseen_before", []), ("unseen_after", groups_of(pair))):
+    for name, groups in (("unseen_before", []), ("unseen_after", named_groups(pair))):
         left = [np.where(item.counts, getattr(item, name), 0.0) for item in pair.series]
         count = np.sum([item.counts.sum(axis=0) for item in pair.series], axis=0)
         rms = np.sqrt(np.sum([np.sum(part**2, axis=0) for part in left], axis=0) / count)
@@ -57,7 +54,7 @@ def test_unseen_residuals_have_the_held_out_rms(pair: Analysis, held_out: HeldOu
 
 def test_shares_add_up_to_what_all_close(pair: Analysis, held_out: HeldOut) -> None:
     """Law (Shapley): shares sum to the joint share whatever the order of the names, and each keeps its own."""
-    groups = groups_of(pair)
+    groups = named_groups(pair)
     assert len(groups) == 2
     floors = 0.5 * held_out.score(groups).rms
     start, end = held_out.score().rms ** 2, held_out.score(groups).rms ** 2
@@ -68,7 +65,7 @@ def test_shares_add_up_to_what_all_close(pair: Analysis, held_out: HeldOut) -> N
 
 def test_effects_that_do_the_same_get_the_same(pair: Analysis, held_out: HeldOut) -> None:
     """Law (Shapley): alone, an effect has all that it closes; beside its own double, half of it."""
-    group = groups_of(pair)[0]
+    group = named_groups(pair)[0]
     start, end = held_out.score().rms ** 2, held_out.score([group]).rms ** 2
     (alone,) = shapley_shares(held_out, [group], np.zeros(3))
     assert alone == pytest.approx(np.sum(start - end) / np.sum(start), rel=1e-9)
@@ -178,3 +175,17 @@ def test_a_single_run_has_no_spread_and_the_record_says_why() -> None:
     np.testing.assert_allclose(spread_of_runs(several), [1.0, 0.0])
     assert spreads(None, None)["energy_error_std_missing"] == ONE_RUN
     assert spreads(0.0, 1.0) == {"energy_error_before_std_J": 0.0, "energy_error_after_std_J": 1.0}
+
+
+@pytest.mark.parametrize(("turning", "sliding"), list(OF_A_SLIDE.items()))
+def test_every_unit_of_a_turning_joint_has_one_of_a_sliding_joint(turning: str, sliding: str) -> None:
+    assert of_a_slide(f"it takes 3 {turning} (1 to 5 {turning})") == f"it takes 3 {sliding} (1 to 5 {sliding})"
+
+
+def test_a_curved_law_of_a_slide_is_a_force_over_a_speed_in_metres() -> None:
+    told = of_a_slide("at 0.5 rad/s 2.1 N m [1, 3] more than on the straight line from rest to 1 rad/s")
+    assert told == "at 0.5 m/s 2.1 N [1, 3] more than on the straight line from rest to 1 m/s"
+
+
+def test_words_stay_as_they_are() -> None:
+    assert of_a_slide("the radius of a quadrant: 3 N") == "the radius of a quadrant: 3 N"

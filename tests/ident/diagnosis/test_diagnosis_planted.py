@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from ident.diagnosis.diagnose import Analysis
+from ident import diagnose as diagnose_files
+from ident.arrays import Array
+from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.posterior import Beside
+from ident.diagnosis.regression.settings import USUAL_REGRESSION
+from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.verdict import believed
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.recordings.recording import Payload, TelemetryIssue
 from ident.robot.arm import ArmModel
+from tests.ident.diagnosis import planted
+from tests.ident.diagnosis.contract import check_places
 from tests.ident.diagnosis.planted import (
     Plant,
     analyse,
     at_joint,
     gain_on_2,
+    healthy_torque,
     load_friction_on_2,
     named,
     offset_on_1,
+    record,
     spring_on_3,
     stribeck_on_1,
 )
+from tests.ident.made_up import made_motions
 
 # Effect, joint, what was put in, which figure, its true value, and by how much the interval may miss it: tuned inertias
 # and friction take a few per cent of a gain with them.
@@ -142,3 +154,94 @@ def test_the_map_shows_the_joint(short_arm: ArmModel) -> None:
     for place in places:
         assert 0.0 <= place.share_of_gap <= 1.0
         assert place.low < place.high
+
+
+READS = 1.25
+
+
+def misread_load_friction(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """Joint 2 has friction of 0.16 |τ_rigid,₂|, and its log reads 1.25 times the torque."""
+    friction = 2.0 * load_friction_on_2(arm, q, dq, ddq)
+    return READS * friction + at_joint(1, (READS - 1.0) * healthy_torque(arm, q, dq, ddq)[:, 1])
+
+
+def test_load_friction_is_named_beside_a_wrong_scale(short_arm: ArmModel) -> None:
+    joint = short_arm.joint_names[1]
+    alarm = TelemetryIssue("torque_scale", (joint,), "warning", "reads 1.25 of the model", "check its gain")
+    motions = record(short_arm, misread_load_friction)
+    found = diagnose(motions, short_arm, CATALOGUE, common_clock=False, telemetry=[alarm]).diagnosis
+    names = {(one.effect, name) for one in found.findings for name in one.joints}
+    assert ("load_dependent_friction", joint) in names
+
+
+LOAD = Payload(1.2, (0.0, 0.05, 0.08))
+
+
+def test_a_payload_is_weighed_on_a_known_arm(short_arm: ArmModel) -> None:
+    """Law: with inertias known to 0.5 % a body of 1.2 kg is found within a tenth, and its interval holds it."""
+
+    def law(q, dq, ddq):  # type: ignore[no-untyped-def]
+        with_load = short_arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq)
+        return healthy_torque(short_arm, q, dq, ddq) + with_load - short_arm.inverse_dynamics(q, dq, ddq)
+
+    motions = made_motions(short_arm, law, range(6), 8.0, 50.0, noise=0.3)
+    catalogue = [find_effect(name) for name in ("payload", "torque_offset", "load_dependent_friction")]
+    analysis = diagnose(motions, short_arm, catalogue, inertia_share=USUAL_REGRESSION.known_share)
+    (finding,) = analysis.diagnosis.findings
+    assert finding.estimate.group.effect.id == "payload"
+    mass = finding.estimate.parameters["mass_kg"]
+    assert abs(mass.value - 1.2) < 0.12
+    assert mass.low <= 1.2 <= mass.high
+
+
+SLOW = pytest.mark.slow
+# Sessions by folder of the development recordings, with their URDF beside.
+REAL = ("airbot_play", "rokae_ar5")
+OTHER_WORLD = ("session_a03", "session_a05", "session_b00", "session_b03", "session_b04")
+
+
+def check_first_place(diagnosis: Diagnosis) -> None:
+    """The first place is at a joint of the first name; a session without a gap has no place."""
+    check_places(diagnosis.to_dict())
+    if diagnosis.verdict == "no_gap":
+        assert not diagnosis.where
+    elif diagnosis.findings:
+        first = diagnosis.findings[0]
+        assert diagnosis.where[0].joint in first.joints
+        assert diagnosis.where[0].joint in first.action
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        planted.nothing,
+        planted.stribeck_on_1,
+        planted.load_friction_on_2,
+        pytest.param(planted.spring_on_3, marks=SLOW),
+        pytest.param(planted.gain_on_2, marks=SLOW),
+    ],
+)
+def test_places_of_a_planted_gap(short_arm: ArmModel, plant: planted.Plant) -> None:
+    diagnosis = planted.analyse(short_arm, plant).diagnosis
+    check_first_place(diagnosis)
+    assert bool(diagnosis.findings) == (plant is not planted.nothing)
+
+
+def of_files(session: Path, robot: Path) -> Diagnosis:
+    return diagnose_files(session, robot)
+
+
+@SLOW
+@pytest.mark.real
+@pytest.mark.parametrize("folder", REAL)
+def test_places_of_real_recordings(real_data: Path, folder: str) -> None:
+    check_first_place(of_files(real_data / folder, real_data / folder / "robot.urdf"))
+
+
+@SLOW
+@pytest.mark.parametrize("session", OTHER_WORLD)
+def test_places_of_another_simulator(session: str) -> None:
+    home = os.environ.get("IDENT_OTHER_WORLD")
+    if not home:
+        pytest.skip("set IDENT_OTHER_WORLD to a folder of sessions of another simulator")
+    check_first_place(of_files(Path(home) / session, Path(home) / "robot.urdf"))

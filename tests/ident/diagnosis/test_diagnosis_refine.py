@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,16 +16,17 @@ from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.finer_sums import FinerSums
 from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
+from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import Interval
+from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import LAW_SHARE, TABLE
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, stribeck_on_1
+from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, named_groups, search_of, stribeck_on_1
 
 
 def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> None:
@@ -32,9 +34,8 @@ def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> Non
     0.06 rad/s is met within a fifth.
     """
     analysis = analyse(short_arm, stribeck_on_1)
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    groups = [item.group for item in analysis.search.named]
+    search = search_of(analysis)
+    groups = named_groups(analysis)
     fine = refine(search, analysis.session, analysis.baseline, groups)
     gains = [
         project(one.evidence.gram(), one.evidence, one.prior).gain(group)[0]
@@ -58,37 +59,25 @@ def test_what_a_law_leaves_between_the_points_of_its_grid_needs_no_name(short_ar
     """
     curved = analyse(short_arm, curved_on_1)
     assert [item.group.key[:2] for item in curved.search.named] == [("nonlinear_viscous_friction", 0)]
-    search = Search(
-        curved.evidence, (prior := Prior.of(curved.evidence, curved.baseline.prior)), HeldOut(curved.evidence, prior)
-    )
-    best = search.best_by_key(project(curved.evidence.gram(), curved.evidence, prior, named_groups(curved)))
+    search = search_of(curved)
+    best = search.best_by_key(project(curved.evidence.gram(), curved.evidence, search.prior, named_groups(curved)))
     score, second = best["stribeck_friction", 0, None]
     assert score > 10.0
     fine = refine(search, curved.session, curved.baseline, [*named_groups(curved), second])
     assert find_needless(fine) == 1
 
     both = analyse(short_arm, lambda *states: curved_on_1(*states) + load_friction_on_2(*states))
-    search = Search(
-        both.evidence, (prior := Prior.of(both.evidence, both.baseline.prior)), HeldOut(both.evidence, prior)
-    )
+    search = search_of(both)
     groups = named_groups(both)
     assert {group.key[:2] for group in groups} >= {("nonlinear_viscous_friction", 0), ("load_dependent_friction", 1)}
     assert find_needless(refine(search, both.session, both.baseline, groups)) is None
 
 
-def named_groups(analysis: Analysis) -> list[Group]:
-    return [item.group for item in analysis.search.named]
-
-
 def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(short_arm: ArmModel) -> None:
     """Law: where the best point of a grid fails on runs left out, the best one that doesn't stands for its effect."""
     analysis = analyse(short_arm, stribeck_on_1)
-    search = Search(
-        analysis.evidence,
-        (prior := Prior.of(analysis.evidence, analysis.baseline.prior)),
-        HeldOut(analysis.evidence, prior),
-    )
-    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    search = search_of(analysis)
+    projection = project(analysis.evidence.gram(), analysis.evidence, search.prior)
     best = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
     assert search.steadier(projection, [], best) is best
     before = search.held_out.score()
@@ -102,7 +91,7 @@ def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(
             worse[0] += 10.0 * before.misfit[0] if any(group is best for group in groups) else 0.0
             return replace(found, misfit=worse)
 
-    other = replace(search, held_out=OneRunKnows(analysis.evidence, prior)).steadier(projection, [], best)
+    other = replace(search, held_out=OneRunKnows(analysis.evidence, search.prior)).steadier(projection, [], best)
     assert other is not best
     assert other.key == best.key
     gain, error = search.held_out.score([other]).gain_over(before)
@@ -114,9 +103,8 @@ def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_
     no say.
     """
     analysis = analyse(short_arm, stribeck_on_1)
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    search = search_of(analysis)
+    projection = project(analysis.evidence.gram(), analysis.evidence, search.prior)
     best = search.best_by_key(projection)
     truth = best[("stribeck_friction", 0, None)][1]
     weaker = next(
@@ -160,9 +148,8 @@ def test_intervals_hold_what_laws_may_differ() -> None:
 def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:
     """Law: whatever signs hold at zero, all coefficients keep a variance, and none is negative that mustn't be."""
     analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    groups = [item.group for item in analysis.search.named]
+    search = search_of(analysis)
+    groups = named_groups(analysis)
     fine = refine(search, analysis.session, analysis.baseline, groups)
     effect = fine.groups[0].effect
     # A law of the opposite sign: all that may not be negative is held at zero.
@@ -179,9 +166,8 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
 def test_the_same_names_asked_again_get_the_same_sums(short_arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: sums that are kept are those of a pass anew, whatever the friction's variation by then; others are not."""
     analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    groups = [item.group for item in analysis.search.named]
+    search = search_of(analysis)
+    groups = named_groups(analysis)
     passes: list[int] = []
 
     def counted(*given: Any, **options: Any) -> Evidence:
@@ -191,7 +177,7 @@ def test_the_same_names_asked_again_get_the_same_sums(short_arm: ArmModel, monke
     monkeypatch.setattr("ident.diagnosis.selection.refine.gather", counted)
     refine(search, analysis.session, analysis.baseline, groups)
     wider = analysis.evidence.with_run_spread(2.0 * analysis.evidence.spread)
-    later = replace(search, evidence=wider, held_out=HeldOut(wider, prior))
+    later = replace(search, evidence=wider, held_out=HeldOut(wider, search.prior))
     kept = refine(later, analysis.session, analysis.baseline, groups).search.evidence
     anew = refine(replace(later, finer=FinerSums()), analysis.session, analysis.baseline, groups).search.evidence
     assert len(passes) == 2
@@ -215,9 +201,8 @@ def mirrored(sums: Array) -> Array:
 def test_a_class_is_cut_by_the_odds_that_the_settings_ask_for(short_arm: ArmModel) -> None:
     """Law: in a class are the holder and all that it is ahead of by no more than these odds, the nearest first."""
     analysis = analyse(short_arm, stribeck_on_1)
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    search = search_of(analysis)
+    projection = project(analysis.evidence.gram(), analysis.evidence, search.prior)
     truth = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
     weigh = {
         odds: weigh_rivals(
@@ -246,3 +231,107 @@ def test_a_class_has_the_sum_of_its_names(short_arm: ArmModel) -> None:
     assert held.shares == pytest.approx({"a": 0.45, "b": 0.3, "c": 0.05})
     assert held.class_probability == pytest.approx(0.8)
     assert replace(held, probability=0.9).class_probability == 1.0
+
+
+RANGE, AMPLITUDE = 0.006, 4.0  # [rad], [N m]
+
+
+def stop_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """A slider that is held by one spring: 4 N m after 6 mrad, more than dry friction that turns round at once."""
+    state, torque = 0.0, np.zeros(len(q))
+    for k in range(1, len(q)):
+        state = min(max(state + q[k, 0] - q[k - 1, 0], -RANGE), RANGE)
+        torque[k] = AMPLITUDE * state / RANGE
+    return at_joint(0, torque)
+
+
+@pytest.fixture(scope="module")
+def analysis(short_arm: ArmModel) -> Analysis:
+    return analyse(short_arm, stop_on_1, [find_effect("presliding_hysteresis")])
+
+
+def test_parts_have_columns_of_the_whole(analysis: Analysis) -> None:
+    """Law: a part's ranges and columns are those of the whole at the same places; no column is made for it."""
+    groups = [group for group in analysis.evidence.layout.groups if group.joint == 0]
+    whole, parts = groups[0], groups[1:]
+    ranges = dict(zip(whole.columns, whole.variant.shape.values(), strict=True))
+    assert not whole.borrows
+    assert len(parts) >= len(ranges)
+    for part in parts:
+        assert part.borrows
+        assert part.key == whole.key
+        assert list(part.variant.shape.values()) == [ranges[column] for column in part.columns]
+    assert sum(len(own) for own in analysis.evidence.layout.own) == len({c for g in groups for c in g.columns}) * 3
+
+
+def test_ranges_that_it_does_not_need_cost_a_build_up_nothing(analysis: Analysis) -> None:
+    """Law: of a spring and slider of one range a part with it has more evidence than all ranges; the name's figures are
+    those of all of them.
+    """
+    evidence, search = analysis.evidence, search_of(analysis)
+    projection = project(evidence.gram(), evidence, search.prior)
+    whole = next(group for group in evidence.layout.groups if group.joint == 0)
+    score, best = search.best_by_key(projection)[whole.key]
+    assert best.borrows
+    assert RANGE in best.variant.shape.values()
+    assert score > search.score_of(projection, whole) + 1.0
+    assert analysis.diagnosis.findings[0].estimate.told.variant.shape == whole.variant.shape
+
+
+DROP = 1.92
+
+
+def waves(falls: tuple[float, float]) -> Profile:
+    """Friction of one or two waves a turn, of 1 N m and of 3 N m, known to 0.1 N m each."""
+    effect = find_effect("position_dependent_friction")
+    points = [
+        Group(effect, 0, Variant({"order": order}), np.arange(2 * k, 2 * k + 2)) for k, order in enumerate((1, 2))
+    ]
+    coefficients = np.array([1.0, 0.0]), np.array([3.0, 0.0])
+    return Profile(points[0], tuple(points), -np.array(falls), coefficients, 2 * (100.0 * np.eye(2),), DROP)
+
+
+def figures(grid: Profile) -> dict[str, tuple[float, float]]:
+    effect, best = find_effect("position_dependent_friction"), grid.group
+    told = effect.parameters(None, 0, best.variant, grid.coefficients[0], 0.01 * np.eye(2))  # type: ignore[arg-type]
+    session: SessionContext = None  # type: ignore[assignment]
+    found = grid.widened(told, session, np.full(2, 0.1)) | grid.inner_figures()
+    return {name: (one.low, one.high) for name, one in found.items()}
+
+
+def test_points_that_explain_the_same_are_all_told() -> None:
+    """Law: with nothing between two orders the order is either, and the amplitude reaches over both intervals."""
+    found = figures(waves((0.0, 0.0)))
+    assert found["order"] == (1.0, 2.0)
+    assert found["amplitude_Nm"][0] == pytest.approx(1.0 - 0.196)
+    assert found["amplitude_Nm"][1] == pytest.approx(3.0 + 0.196)
+
+
+def test_a_point_that_is_less_likely_reaches_less_far() -> None:
+    """Law: at a fall of three quarters of the drop an interval is half as wide; beyond the drop a point counts not."""
+    assert figures(waves((0.0, 0.75 * DROP)))["amplitude_Nm"][1] == pytest.approx(3.0 + 0.5 * 0.196)
+    found = figures(waves((0.0, 1.01 * DROP)))
+    assert found["order"] == (1.0, 1.0)
+    assert found["amplitude_Nm"] == pytest.approx((1.0 - 0.196, 1.0 + 0.196))
+
+
+@pytest.mark.parametrize(
+    ("falls", "open_", "words"),
+    [
+        ((-9.0, -3.0, 0.0, -3.0, -9.0), "", r"^0.06 rad/s \["),
+        ((-9.0, -6.0, -3.0, -0.5, 0.0), "high", "^at least"),
+        ((0.0, -0.5, -3.0, -6.0, -9.0), "low", "^at most"),
+        ((-0.3, -0.1, 0.0, -0.1, -0.2), "both", "or anything else"),
+    ],
+)
+def test_an_end_that_was_not_tried_is_open(falls: tuple[float, ...], open_: str, words: str) -> None:
+    """Law: an interval ends half a step beyond the grid, and says which end the recordings leave open."""
+    effect, speeds = find_effect("stribeck_friction"), (0.015, 0.03, 0.06, 0.12, 0.24)
+    points = [Group(effect, 0, Variant({"stribeck_velocity_rad_s": v, "exponent": 1.0}), np.arange(1)) for v in speeds]
+    best = points[int(np.argmax(falls))]
+    many = (np.ones(1),) * 5, (np.eye(1),) * 5
+    found = Profile(best, tuple(points), np.array(falls), *many, DROP).inner_figures()["stribeck_velocity_rad_s"]
+    assert found.open == open_
+    assert 0.015 / 2**0.51 < found.low <= found.value <= found.high < 0.24 * 2**0.51
+    assert re.search(words, found.words("rad/s"))
+    assert found.to_dict().get("open", "") == open_

@@ -1,5 +1,7 @@
 """Laws of the plant's friction: it sticks, it slides at its level, and it never gives energy."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,15 @@ from ident.simulation.laws import (
     change_law,
     cool_down,
     heat_law,
+    make_law,
     plain_friction,
     sliding_level,
     viscous_drag,
     warm_up,
 )
 from ident.simulation.loop import fresh_state
+from ident.simulation.outside import remembered_torque
+from ident.simulation.sensing import Sensing, ideal_sensing, read_encoder, read_temperature, read_torque, torque_noise
 
 DT = 5e-4
 
@@ -123,3 +128,130 @@ def test_heat_settles_where_loss_and_cooling_balance():
     assert cool_down(network, rise, 1e5) == pytest.approx(0.0, abs=1e-3)
     twice = cool_down(network, cool_down(network, rise, 30.0), 30.0)
     assert twice == pytest.approx(cool_down(network, rise, 60.0))
+
+
+TICK = 1e-3
+
+
+def follow(angle, transmitted=0.0, **law):  # type: ignore[no-untyped-def]
+    """Torque of a law along a path of one joint."""
+    joint = make_law("outside", 1, **law)[0]
+    state = fresh_state(1)
+    state["transmitted"] = transmitted
+    speed = np.gradient(angle, TICK)
+    return np.array([remembered_torque(joint, state[0], q, v, TICK) for q, v in zip(angle, speed, strict=True)])
+
+
+def at_speed(speed, seconds=2.0):  # type: ignore[no-untyped-def]
+    return speed * np.arange(round(seconds / TICK)) * TICK
+
+
+def test_without_a_law_there_is_no_torque() -> None:
+    assert not follow(at_speed(0.5)).any()
+
+
+def test_a_seal_is_viscous_when_slow_and_a_spring_when_quick() -> None:
+    slow = follow(at_speed(0.2), seal=10.0, seal_relaxation=0.1)
+    assert slow[-1] == pytest.approx(-10.0 * 0.2 * 0.1, rel=1e-2)
+    t = np.arange(2000) * TICK
+    quick = 0.01 * np.sin(2 * np.pi * 20.0 * t)
+    torque = follow(quick, seal=10.0, seal_relaxation=1.0)
+    assert np.corrcoef(torque[1000:], quick[1000:])[0, 1] < -0.99
+
+
+def test_rest_strengthens_a_contact_and_slip_renews_it() -> None:
+    moving = at_speed(0.3)
+    rested = np.concatenate([np.zeros(3000), moving])
+    fresh, aged = follow(moving, ageing=1.0, ageing_slip=0.01), follow(rested, ageing=1.0, ageing_slip=0.01)[3000:]
+    assert -aged[:20].mean() > 2.0 * -fresh[:20].mean()
+    assert aged[-1] == pytest.approx(fresh[-1], rel=1e-3)
+    assert follow(-moving, ageing=1.0)[-1] > 0.0
+
+
+def test_tooth_friction_turns_round_within_a_tooth_and_needs_load() -> None:
+    angle = at_speed(0.5)
+    torque = follow(angle, transmitted=40.0, tooth=0.05, tooth_order=20.0)
+    assert torque.max() == pytest.approx(2.0, rel=0.02)
+    assert torque.min() == pytest.approx(-2.0, rel=0.02)
+    assert abs(torque[: round(2 * np.pi / 20 / 0.5 / TICK)].mean()) < 0.05
+    assert not follow(angle, tooth=0.05).any()
+
+
+def test_a_kinematic_error_shakes_hardest_at_the_resonance() -> None:
+    law = {"wobble": 1e-3, "wobble_order": 100.0, "wobble_inertia": 1.0, "wobble_resonance": 60.0}
+    below, at, above = (np.abs(follow(at_speed(v), **law)[200:]).max() for v in (0.2, 0.6, 1.8))
+    assert at > 5.0 * below
+    assert at > 1.2 * above
+
+
+RATED, RATIO = np.array([157.0, 43.0]), np.array([100.0, 80.0])
+TICKS = np.arange(4001) * 1e-3
+TIMES = np.arange(1000) * 4e-3
+WAVE = np.column_stack([20.0 * np.sin(2.0 * TICKS), 5.0 * np.cos(3.0 * TICKS)])
+
+
+def read(sensing, clock=0.0, seed=0):
+    return read_torque(sensing, TICKS, WAVE, np.zeros_like(WAVE), TIMES, clock, np.random.default_rng(seed))
+
+
+def true(times=TIMES):
+    return np.column_stack([20.0 * np.sin(2.0 * times), 5.0 * np.cos(3.0 * times)])
+
+
+def test_ideal_sensors_read_the_truth():
+    np.testing.assert_allclose(read(ideal_sensing(2)), true(), atol=1e-4)
+    angles = read_encoder(ideal_sensing(2), TICKS, WAVE, TIMES, np.random.default_rng(0))
+    np.testing.assert_allclose(angles, true(), atol=1e-4)
+
+
+def test_a_delay_is_a_shift_in_time():
+    late = read(ideal_sensing(2).replace(delay=0.0137))
+    np.testing.assert_allclose(late[20:], true(TIMES - 0.0137)[20:], atol=1e-3)
+
+
+def test_gain_offset_drift_and_limit_act_on_their_own_joint():
+    base = read(ideal_sensing(2))
+    np.testing.assert_allclose(read(ideal_sensing(2).set(0, gain=1.1))[:, 0], 1.1 * base[:, 0])
+    shifted = read(ideal_sensing(2).set(1, offset=0.5, drift=0.01), clock=100.0) - base
+    np.testing.assert_allclose(shifted[:, 1], 0.5 + 0.01 * (TIMES + 100.0), atol=1e-9)
+    np.testing.assert_allclose(shifted[:, 0], 0.0, atol=1e-12)
+    assert read(ideal_sensing(2).set(0, limit=12.0))[:, 0].max() == pytest.approx(12.0, rel=1e-2)
+
+
+def test_noise_has_the_stated_size_and_colour():
+    sensing = Sensing.typical(RATED, RATIO)
+    noise = torque_noise(sensing, 40000, 4e-3, np.random.default_rng(1))
+    np.testing.assert_allclose(noise.std(axis=0), sensing.noise_floor, rtol=0.05)
+    neighbours = (noise[1:] * noise[:-1]).mean(axis=0) / noise.var(axis=0)
+    assert (neighbours > 0.2).all()
+
+
+def test_noise_grows_with_the_load():
+    sensing = Sensing.typical(RATED, RATIO)
+    steady = np.ones_like(WAVE)
+    spread = []
+    for load in (0.0, 1.0):
+        rng = np.random.default_rng(2)
+        torque = read_torque(sensing, TICKS, load * steady * RATED, 0.0 * steady, TIMES, 0.0, rng)
+        spread.append(torque.std(axis=0))
+    np.testing.assert_allclose(spread[1] / spread[0], 2.0, rtol=1e-6)
+
+
+def test_encoders_count():
+    """Readings are whole counts of the motor's encoder, near the truth."""
+    sensing = Sensing.typical(RATED, RATIO)
+    reading = read_encoder(sensing, TICKS, WAVE, TIMES, np.random.default_rng(0))
+    counts = reading / sensing.count
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-3)
+    assert np.abs(reading - true())[:, 0].max() < 1e-4
+
+
+def test_silent_sensors_repeat_whatever_the_chance():
+    silent = Sensing.typical(RATED, RATIO).silent()
+    np.testing.assert_array_equal(read(silent, seed=1), read(silent, seed=2))
+
+
+def test_temperatures_are_read_in_tenths():
+    reading = read_temperature(TICKS, 0.0 * WAVE + 3.0, TIMES, 24.0, np.random.default_rng(0))
+    np.testing.assert_allclose(reading * 10.0, np.round(reading * 10.0), atol=1e-9)
+    assert reading.mean() == pytest.approx(27.0, abs=0.02)

@@ -1,10 +1,19 @@
 """Laws of the motions: from rest to rest, smooth, within limits, free of self-collision, and each of its kind."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
 import pytest
 
-from ident.errors import InputError
+from ident.errors import InputError, RecordingError
 from ident.robot.arm import ArmModel
+from ident.simulation.simulate import SimulationOptions, simulate
+from ident.trajectories.files import read_commands
 from ident.trajectories.kinds import KINDS, plan_motions
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, chirp, ramps, via_spline
@@ -118,3 +127,83 @@ def test_other_arms_get_motions_too():
 def test_bad_requests_are_refused(arm, kinds, runs, duration, told):
     with pytest.raises(InputError, match=told):
         plan_motions(arm, kinds, runs, duration, np.random.default_rng(0))
+
+
+JOINTS = ("joint_1", "joint_2")
+
+
+@pytest.fixture(scope="module")
+def two_joints() -> ArmModel:
+    return ArmModel.load("tm5-900", joints=JOINTS)
+
+
+def table(seconds: float = 2.0, rate: float = 250.0) -> dict[str, np.ndarray]:
+    """A swing of 0.4 rad and back, from rest to rest."""
+    time = np.arange(round(seconds * rate) + 1) / rate
+    swing = 0.2 * (1.0 - np.cos(2.0 * np.pi * time / seconds))
+    return {"time": time, **{f"{name}/position_command": swing * (k + 1) for k, name in enumerate(JOINTS)}}
+
+
+def written(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    if path.suffix == ".parquet":
+        pq.write_table(pa.table(columns), path)
+    else:
+        pacsv.write_csv(pa.table(columns), path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_commands_come_back_as_motion(tmp_path: Path, two_joints: ArmModel, suffix: str) -> None:
+    """At the controller's ticks the motion is the file's curve, with its speed and from rest to rest."""
+    motion = read_commands(written(tmp_path / f"01_swing{suffix}", table()), two_joints)[0]
+    time = np.arange(len(motion.q)) * 1e-3
+    assert motion.name == "swing"
+    assert motion.duration == pytest.approx(2.0)
+    assert motion.q[:, 0] == pytest.approx(0.2 * (1.0 - np.cos(np.pi * time)), abs=1e-6)
+    assert motion.dq[:, 1] == pytest.approx(0.4 * np.pi * np.sin(np.pi * time), abs=1e-3)
+    assert np.all(motion.dq[[0, -1]] == 0.0)
+
+
+def test_a_folder_is_run_in_order(tmp_path: Path) -> None:
+    """Every file is a run; the simulated two_joints follows it to within a few milliradians."""
+    whole = ArmModel.load("tm5-900")
+    for number, seconds in ((2, 3.0), (1, 2.0)):
+        columns = table(seconds)
+        columns |= {
+            f"{name}/position_command": 0.0 * columns["time"] for name in whole.joint_names if name not in JOINTS
+        }
+        written(tmp_path / f"{number:02d}_swing.csv", columns)
+    motions = read_commands(tmp_path, whole)
+    session = simulate(SimulationOptions(rate=125.0, pause=(1.0, 1.0)), "session", motions=motions).session
+    assert [round(run.duration) for run in session.runs] == [2, 3]
+    for run, motion in zip(session.runs, motions, strict=True):
+        assert np.abs(run.position - motion.q[::8][: len(run.position)]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joint_2/position_command": None}, "no column 'joint_2/position_command'"),
+        ({"joint_1/position_command": 9.0}, "out of its limits"),
+        ({"joint_1/position_command": np.nan}, "not finite"),
+        ({"time": 0.0}, "time goes on by 0 s"),
+    ],
+)
+def test_unusable_commands_are_refused(
+    tmp_path: Path, two_joints: ArmModel, change: dict[str, float | None], words: str
+) -> None:
+    """The one line names the file, what is wrong with it, and the remedy."""
+    columns = table()
+    for name, value in change.items():
+        if value is None:
+            del columns[name]
+        else:
+            columns[name] = np.full_like(columns[name], value)
+    with pytest.raises(RecordingError, match=words):
+        read_commands(written(tmp_path / "wrong.csv", columns), two_joints)
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path, two_joints: ArmModel) -> None:
+    """A folder without commands makes no session."""
+    with pytest.raises(RecordingError, match=r"holds no \.csv"):
+        read_commands(tmp_path, two_joints)

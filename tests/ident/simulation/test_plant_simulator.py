@@ -1,17 +1,38 @@
 """Laws of the closed loop: rest to rest, within limits, repeatable."""
 
+import json
+import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from ident.effects.catalogue import CATALOGUE as EFFECTS
 from ident.errors import InputError
+from ident.recordings.load import load_session
+from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
 from ident.simulation import visibility
-from ident.simulation.hardware import draw_hardware
-from ident.simulation.simulate import SimulationOptions, simulate
+from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
+from ident.simulation.hardware import DECOYS, add_decoy, draw_hardware
+from ident.simulation.request import (
+    ENVELOPE_NAME,
+    Answer,
+    EffectRequest,
+    TrueEffect,
+    find_joint,
+    open_envelope,
+    parse_effect,
+    parse_payload,
+    seal,
+)
+from ident.simulation.simulate import SimulationOptions, simulate, simulate_to, write_simulation
 from ident.simulation.simulator import Simulator, choose_step
+from ident.simulation.visibility import VisibilityMeter
 from ident.trajectories.kinds import plan_motions
+from logs.make import TRAINING_SAMPLES, sealed_key, training_counts
 
 SHORT = SimulationOptions(motions=("spline", "chirp"), runs=3, duration=2.5, rate=100.0, seed=5, temperature=True)
 
@@ -126,3 +147,195 @@ def test_a_diverging_plant_is_refused(hardware, tmp_path, monkeypatch, capfd):
 def test_individual_arms_differ(arm):
     one, other = (draw_hardware(arm, np.random.default_rng(seed)).friction.coulomb for seed in (1, 2))
     assert (np.abs(np.log(one / other)) > 1e-3).all()
+
+
+TINY = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0)
+ANSWER = Answer(
+    "tm5-900", 3, (TrueEffect("payload", True, (), 1.0, "mass_kg", {"mass_kg": 1.0}),), ("inertia",), {"joint_1": 0.4}
+)
+
+
+@pytest.fixture(scope="module")
+def motions(arm):
+    return plan_motions(arm, ["fourier"], 2, 3.0, np.random.default_rng(1))
+
+
+def test_the_catalogue_is_complete():
+    assert set(CATALOGUE) == {effect.id for effect in EFFECTS}
+    assert len(OUTSIDE) >= 4
+    assert not set(OUTSIDE) & set(CATALOGUE)
+
+
+@pytest.mark.parametrize("effect", [*CATALOGUE, *OUTSIDE])
+def test_every_effect_runs_at_every_joint_and_changes_the_recording(hardware, motions, effect):
+    """Typical sizes are physical, simulable and visible at one joint or another."""
+    meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
+    cause = find_cause(effect)
+    for joint in (0, 2, 5) if not cause.whole_arm else (5,):
+        scene = Circumstances(hardware, joint, motions, np.random.default_rng(2))
+        size = cause.checked(scene, cause.typical(scene))
+        changed, parameters = cause.apply(scene, size)
+        assert changed is not hardware
+        assert all(isinstance(value, str) or math.isfinite(value) for value in parameters.values())
+    scene = Circumstances(hardware, 2, motions, np.random.default_rng(2))
+    assert meter.measure(cause, scene, cause.typical(scene), 2).max() > 1e-3
+
+
+def test_a_visible_amplitude_is_found(hardware, motions):
+    meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
+    for effect in ("load_dependent_friction", "torque_saturation"):
+        cause = find_cause(effect)
+        scene = Circumstances(hardware, 2, motions, np.random.default_rng(2))
+        size = meter.find_size(cause, scene, 2.0, seed=2)
+        assert meter.share(cause, scene, size, seed=2) == pytest.approx(2.0, rel=0.1)
+
+
+def test_an_amplitude_beyond_physics_is_refused(hardware, motions):
+    """Joint 1 is vertical: no encoder offset there shows in gravity, the torque does not depend on it."""
+    meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
+    cause = find_cause("encoder_offset")
+    scene = Circumstances(hardware, 0, motions, np.random.default_rng(2))
+    with pytest.raises(InputError, match="can't be reached"):
+        meter.find_size(cause, scene, 50.0, seed=2)
+
+
+def test_effects_act_together():
+    both = simulate(replace(TINY, effects=("payload:1.2", "torque_gain_error:joint_3:0.05")))
+    assert [effect.effect for effect in both.answer.effects] == ["payload", "torque_gain_error"]
+    assert both.hardware.bodies.added[-1].mass == 1.2
+    assert both.hardware.sensing.gain[2] == pytest.approx(1.05)
+
+
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        ("rust:joint_1:1", "stribeck_friction"),
+        ("payload:-1", "between 0 and"),
+        ("torque_delay:100", "between 0 and"),
+        ("link_inertial_error:joint_2:-0.9", "between -0.6 and"),
+        ("joint_elasticity:joint_2:-5", "between"),
+        ("stribeck_friction:joint_9:1", "joint_1, joint_2"),
+        ("stribeck_friction:7:1", "joint_1, joint_2"),
+        ("stribeck_friction", "joint_1, joint_2"),
+        ("stribeck_friction:joint_1:much", "is not a size"),
+        ("stribeck_friction:joint_1:nan", "is not a size"),
+        ("stribeck_friction:joint_1:0x", "more than 0x"),
+        ("stribeck_friction:joint_1:1:2", "ID:JOINT:SIZE"),
+    ],
+)
+def test_bad_effects_are_refused_with_what_is_valid(effect, told):
+    with pytest.raises(InputError) as caught:
+        simulate(replace(TINY, effects=(effect,)))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("rate", 0.0),
+        ("rate", 1e5),
+        ("decoys", ("swan",)),
+        ("pause", (5.0, 1.0)),
+        ("payload", Payload(-1.0)),
+        ("inertia_error", 0.9),
+        ("noise", -1.0),
+        ("seed", -1),
+        ("friction_factors", (1.0, 0.0)),
+        ("robot", "r2d2"),
+    ],
+)
+def test_bad_options_are_refused(name, value):
+    with pytest.raises(InputError):
+        simulate(replace(TINY, **{name: value}))
+
+
+def test_effects_are_read_from_text(arm):
+    assert parse_effect("payload:1.5") == EffectRequest("payload", "", 1.5)
+    assert parse_effect("torque_delay::3x") == EffectRequest("torque_delay", "", None, 3.0)
+    assert parse_effect("backlash:joint_2") == EffectRequest("backlash", "joint_2")
+    assert find_joint(parse_effect("backlash:3:1e-3"), arm) == 2
+    assert parse_payload("0.5@0,0.01,0.03") == Payload(0.5, (0.0, 0.01, 0.03))
+    with pytest.raises(InputError):
+        parse_payload("heavy")
+
+
+@pytest.mark.parametrize("decoy", DECOYS)
+def test_decoys_change_the_arm_but_name_no_effect(decoy):
+    plain = simulate(TINY)
+    changed = simulate(replace(TINY, decoys=(decoy,)))
+    assert changed.answer.effects == ()
+    assert changed.answer.decoys == (decoy,)
+    assert not np.array_equal(plain.session.runs[0].effort, changed.session.runs[0].effort)
+
+
+def test_decoys_have_their_stated_size(hardware):
+    rng = np.random.default_rng(0)
+    shifted = add_decoy(hardware, "geometry", rng)
+    assert 0.0 < np.abs(shifted.bodies.geometry_shift).max() <= 1e-3
+    heavier = add_decoy(hardware, "inertia", rng)
+    assert np.abs(heavier.bodies.mass_scale / hardware.bodies.mass_scale - 1.0).max() <= 0.1
+
+
+def test_a_known_payload_is_told_and_carried():
+    result = simulate(replace(TINY, payload=Payload(1.0, (0.0, 0.0, 0.04))))
+    assert (result.session.payload, result.answer.effects) == (Payload(1.0, (0.0, 0.0, 0.04)), ())
+    assert result.hardware.bodies.added[0].mass == 1.0
+
+
+def test_the_folder_is_a_session_and_tells_nothing(tmp_path):
+    options = replace(TINY, effects=("payload:1.2",))
+    calls = []
+    written = simulate_to(tmp_path / "s", options, progress=lambda: calls.append(1))
+    assert len(calls) == written.runs == 2
+    session = load_session(tmp_path / "s")
+    assert session.robot == "tm5-900"
+    assert session.samples == written.samples
+    assert sorted(path.suffix for path in (tmp_path / "s").iterdir()) == [".json", ".parquet", ".parquet", ".toml"]
+    assert "payload" not in (tmp_path / "s/session.toml").read_text()
+
+
+def test_the_answer_is_written_on_request(tmp_path):
+    options = replace(TINY, effects=("payload:1.2",))
+    simulation = simulate(options)
+    write_simulation(simulation, tmp_path / "s", answer=True)
+    assert Answer.from_dict(json.loads((tmp_path / "s/answer.json").read_text())) == simulation.answer
+    with pytest.raises(InputError, match="--sealed"):
+        write_simulation(simulation, tmp_path / "s", answer=True, sealed=True)
+
+
+def test_a_foreign_folder_is_not_replaced(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="thesis"):
+        simulate_to(tmp_path, TINY)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_an_envelope_opens_with_its_key_only(tmp_path):
+    """Nothing leaks by length either: one effect or none, the envelope is as long."""
+    key, file = b"a secret of some length", tmp_path / ENVELOPE_NAME
+    seal(Answer("tm5-900", 3, (), (), {}), tmp_path, b"key")
+    length = file.stat().st_size
+    assert len(seal(ANSWER, tmp_path, key)) == 64
+    assert file.stat().st_size == length
+    assert "payload" not in file.read_text()
+    assert open_envelope(tmp_path, key) == ANSWER
+    with pytest.raises(InputError, match="key"):
+        open_envelope(tmp_path, b"another")
+    envelope = json.loads(file.read_text())
+    file.write_text(json.dumps({**envelope, "text": "00" + envelope["text"][2:]}))
+    with pytest.raises(InputError, match="changed"):
+        open_envelope(tmp_path, key)
+
+
+def test_the_papers_number_of_samples():
+    counts = training_counts(np.random.default_rng(901))
+    assert 2 * counts.sum() == TRAINING_SAMPLES
+    assert counts.min() > 50
+
+
+def test_shipped_envelopes_open():
+    """The answer of each shipped sealed session is one effect of the catalogue."""
+    for name in ("sealed_1", "sealed_2", "sealed_3"):
+        (effect,) = open_envelope(data_path(f"logs/tm5_900/{name}"), sealed_key(name)).effects
+        assert effect.effect in CATALOGUE
