@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from tests.fuzz.corpus import write_files
 from tests.fuzz.guard import Guard
 from tests.fuzz.kills import GOOD, kill_everywhere, writings
 from tests.fuzz.kinds import NETS, Kind, kinds
@@ -27,18 +26,6 @@ PASSED_OVER = ("marker", "metadata.yaml", "store/figures", "store/effects", "sto
 # Far more than any reader here needs, on however slow a machine: a test that would never end is to fail instead.
 PATIENCE_S = 60
 TERABYTE = 1 << 40
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("corpus")
-    write_files(folder, net=False)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def guard() -> Guard:
-    return Guard()
 
 
 @pytest.fixture

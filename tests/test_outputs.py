@@ -21,7 +21,6 @@ from typer.testing import CliRunner, Result
 
 from ident.robot.names import data_path
 from ident.schemas.publish import list_kinds, make_schema
-from tests.fuzz.corpus import write_files
 from tests.schemas import check_file
 
 HERE = Path(__file__).parent
@@ -109,13 +108,6 @@ def _names(command: Any) -> set[str]:
 
 # A page of figures of the paper's own arm: no result file, and always written.
 PAGES = {"plan paper"}
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("corpus")
-    write_files(folder, net=False)
-    return folder
 
 
 @pytest.fixture

@@ -40,11 +40,6 @@ Folder = Path
 
 
 @pytest.fixture(scope="module")
-def guard() -> Guard:
-    return Guard()
-
-
-@pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     """What a stranger gave: a robot, its session, model, diagnosis and scene, all called after hostile text."""
     folder = tmp_path_factory.mktemp("given")

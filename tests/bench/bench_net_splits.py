@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tempfile
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -25,31 +24,22 @@ from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion.motion import Motion, prepare
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
-from tests.ident.conftest import ur10e_settings
+from tests.ident.conftest import UR10E_TEST, UR10E_TRAINING, halves, load_sapienza, load_ur10e
 
 Split = tuple[str, ArmModel, tuple[Motion, ...], tuple[Motion, ...]]
 # Runs that the UR10e's fits take, and how many random draws of each.
 DRAWS = ((3, 2), (4, 4), (6, 4))
-# Of which every choice of four is fitted.
-SIX = ("12-50sec_12harm", "19_14harm50sec", "10-20sec_7harm", "unload", "10-30sec_12harm", "19_15harm50sec")
-
-
-def _read_ur10e(folder: Path, paths: list[Path]) -> tuple[Motion, ...]:
-    """Runs whose clocks know nothing of each other."""
-    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write(ur10e_settings())
-        file.flush()
-        runs = tuple(run for path in paths for run in load_session(path, session_file=Path(file.name)).runs)
-    return prepare(Session("ur10e", runs, common_clock=False))
 
 
 def every_choice_of_ur10e(folder: Path) -> Iterator[Split]:
     """Four of six runs, the other two left out."""
-    paths = [path for part in SIX for path in folder.glob("ur10e/identification/*.csv") if part in path.name]
-    motions, arm = _read_ur10e(folder, paths), ArmModel.load(folder / "ur10e/ur10e.urdf")
+    motions, arm = (
+        prepare(load_ur10e(folder, (*UR10E_TRAINING, *UR10E_TEST))),
+        ArmModel.load(folder / "ur10e/ur10e.urdf"),
+    )
     for chosen in combinations(range(len(motions)), 4):
         train, test = ([m for k, m in enumerate(motions) if (k in chosen) == wanted] for wanted in (True, False))
         yield f"ur10e {' '.join(map(str, chosen))}", arm, tuple(train), tuple(test)
@@ -58,7 +48,7 @@ def every_choice_of_ur10e(folder: Path) -> Iterator[Split]:
 def of_ur10e(folder: Path, rng: np.random.Generator) -> Iterator[Split]:
     """Random parts of the unloaded runs."""
     paths = sorted(p for p in folder.glob("ur10e/identification/*.csv") if "load" not in p.name or "unload" in p.name)
-    motions = _read_ur10e(folder, paths)
+    motions = prepare(load_ur10e(folder, [path.name for path in paths]))
     arm = ArmModel.load(folder / "ur10e/ur10e.urdf")
     for size, draws in DRAWS:
         for _ in range(draws):
@@ -76,23 +66,11 @@ def of_single_runs(folder: Path) -> Iterator[Split]:
         arm = ArmModel.load(robot)
         run = match_joints(load_session(folder / path), arm.joint_names)[0].runs[0]
         yield from _halves(name, arm, run)
-    tables = {
-        kind: np.loadtxt(folder / f"panda/sapienza_inria_2019/exciting_traj_{kind}.txt")
-        for kind in ("positions", "velocity", "torques", "time")
-    }
-    q, dq, tau = (tables[kind].reshape(-1, 7) for kind in ("positions", "velocity", "torques"))
-    names = tuple(f"panda_joint{i}" for i in range(1, 8))
-    yield from _halves(
-        "panda 1 kHz", ArmModel.load("panda"), Recording("sapienza", names, tables["time"], q, tau, velocity=dq)
-    )
+    yield from _halves("panda 1 kHz", ArmModel.load("panda"), load_sapienza(folder).runs[0])
 
 
 def _halves(name: str, arm: ArmModel, run: Recording) -> Iterator[Split]:
-    middle = len(run) // 2
-    first, second = (
-        prepare(Session(part, (run.at(where, part),)))
-        for part, where in (("a", slice(0, middle)), ("b", slice(middle, None)))
-    )
+    first, second = map(prepare, halves(run))
     yield f"{name} a > b", arm, first, second
     yield f"{name} b > a", arm, second, first
 

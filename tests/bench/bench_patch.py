@@ -43,7 +43,7 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
-from tests.ident.conftest import ur10e_settings
+from tests.ident.conftest import load_sapienza, ur10e_settings
 
 REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
 PIECES, SEED = 6, 5
@@ -79,13 +79,8 @@ def real(folder: str, robot: str = "robot.urdf", pattern: str = "*.parquet", set
 
 
 def panda() -> Arm:
-    """A run at 1 kHz, one number a line."""
-    folder = REAL / "panda/sapienza_inria_2019"
-    parts = [np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques", "velocity")]
-    clock, position, torque, velocity = parts[0], *(part.reshape(-1, 7) for part in parts[1:])
-    joints = tuple(f"panda_joint{i}" for i in range(1, 8))
-    run = Recording("panda", joints, clock, position, torque, velocity=velocity)
-    return ArmModel.load("panda"), Session("panda", tuple(in_pieces(run)), common_clock=False)
+    runs = tuple(in_pieces(load_sapienza(REAL).runs[0]))
+    return ArmModel.load("panda"), Session("panda", runs, common_clock=False)
 
 
 def simulated(effects: Sequence[str]) -> Arm:

@@ -16,25 +16,15 @@ from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.recordings.recording import Recording, Session
 from ident.sessions import open_sessions
-from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
-from tests.ident.made_up import made_session
+from tests.ident.diagnosis.planted import load_arm, sprung_session
 
 SIZE = 1e4  # N m
 FIT = FitOptions(inertia="nominal", net="none")
 
 
-@cache
-def clean() -> Session:
-    """Six runs of 8 s at 125 Hz, with a spring across joint 3."""
-    arm = load_arm()
-    return made_session(
-        arm, lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + spring_on_3(arm, q, dq, ddq), range(6), 8.0, 125.0
-    )
-
-
 def spoil(count: int, run: int = 2, joint: int = 1, size: float = SIZE) -> Session:
     """So many torques of one run are wild, wherever they lie."""
-    session = clean()
+    session = sprung_session()
     effort = np.array(session.runs[run].effort)
     effort[np.random.default_rng(count).choice(len(effort), count, replace=False), joint] = size
     runs = [one.replace(effort=effort) if k == run else one for k, one in enumerate(session.runs)]
@@ -54,12 +44,12 @@ def diagnose(session: Session) -> Diagnosis:
 
 @cache
 def clean_fit() -> HybridModel:
-    return fit(clean())
+    return fit(sprung_session())
 
 
 @cache
 def clean_diagnosis() -> Diagnosis:
-    return diagnose(clean())
+    return diagnose(sprung_session())
 
 
 @pytest.mark.parametrize("count", [1, 100])
@@ -98,7 +88,7 @@ def test_a_thousand_are_refused_by_name() -> None:
 @pytest.mark.parametrize("size", [1e5, 1e130, 1e282])
 def test_garbage_in_the_first_rows_is_cut_out_before_the_rest_is_judged(size: float) -> None:
     """Law: no figure beyond physics is told, no other fault is made up, nothing warns."""
-    session, rng = clean(), np.random.default_rng(0)
+    session, rng = sprung_session(), np.random.default_rng(0)
     first = session.runs[0]
     spoilt = {name: np.array(values) for name, values in first.channels().items()}
     for values in spoilt.values():
@@ -121,8 +111,10 @@ def test_runs_of_which_nothing_is_left(runs: int) -> None:
     def empty(run: Recording) -> Recording:
         return run.replace(effort=np.full(run.effort.shape, np.nan))
 
-    session = clean().replace(runs=[empty(run) if k < runs else run for k, run in enumerate(clean().runs)])
+    session = sprung_session().replace(
+        runs=[empty(run) if k < runs else run for k, run in enumerate(sprung_session().runs)]
+    )
     (report,) = inspect_sessions([session], load_arm())
     assert report.session.samples == 1000 * (6 - runs)
-    assert report.session.joints == clean().joints
+    assert report.session.joints == sprung_session().joints
     assert len(report.session.runs) == max(6 - runs, 1)

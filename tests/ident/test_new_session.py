@@ -28,11 +28,6 @@ VISCOUS, COULOMB = 8.0, 5.0
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
 def run(arm: ArmModel) -> Recording:
     """Twenty seconds of the TM5-900 with friction, and its measured velocity."""
 

@@ -10,13 +10,11 @@ from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion.motion import prepare
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
+from tests.ident.conftest import UR10E_TEST, UR10E_TRAINING, halves, load_ur10e
 
 pytestmark = pytest.mark.real
-
-UR10E_TRAINING = ("12-50sec_12harm", "19_14harm50sec", "10-20sec_7harm", "unload")
-UR10E_TEST = ("10-30sec_12harm", "19_15harm50sec")
 
 
 def _score(train: Session, test: Session, arm: ArmModel, options: FitOptions) -> SessionScore:
@@ -24,29 +22,13 @@ def _score(train: Session, test: Session, arm: ArmModel, options: FitOptions) ->
     return evaluate(model, [(test.name, prepare(test))]).pooled
 
 
-def _halves(run: Recording) -> tuple[Session, Session]:
-    middle = len(run) // 2
-    parts = (slice(0, middle), slice(middle, None))
-    first, second = (Session(name, (run.at(part, name),)) for name, part in zip(("a", "b"), parts, strict=True))
-    return first, second
-
-
-def _ur10e(folder: Path, toml: Path, names: tuple[str, ...]) -> Session:
-    """Runs whose file names hold the given parts; the clock restarts from run to run."""
-    runs = []
-    for name in names:
-        (path,) = (path for path in folder.glob("ur10e/*/*.csv") if name in path.name)
-        runs += load_session(path, session_file=toml).runs
-    return Session("ur10e", tuple(runs), common_clock=False)
-
-
-def test_ur10e_is_explained_on_unseen_runs(real_data: Path, ur10e_toml: Path) -> None:
+def test_ur10e_is_explained_on_unseen_runs(real_data: Path) -> None:
     """Currents × literature gains, base inertias: R² where the joint moves ≥ 0.99 on joints 1 to 3, ≥ 0.98 on 4 to 6,
 
     and each rung of the ladder raises it over the one below, all joints together.
     """
     arm = ArmModel.load(real_data / "ur10e/ur10e.urdf")
-    train, test = (_ur10e(real_data, ur10e_toml, names) for names in (UR10E_TRAINING, UR10E_TEST))
+    train, test = (load_ur10e(real_data, names) for names in (UR10E_TRAINING, UR10E_TEST))
     score = _score(train, test, arm, FitOptions(inertia="base", offset=True))
     r2 = score.r2[-1]
     assert np.all(r2[:3] >= 0.99)
@@ -59,7 +41,7 @@ def test_panda_is_explained_from_half_to_half(sapienza: Session) -> None:
 
     ≥ 0.94: rows kept further from stops than once leave joint 7 fewer of them.
     """
-    train, test = _halves(sapienza.runs[0])
+    train, test = halves(sapienza.runs[0])
     panda = ArmModel.load("panda")
     consistent = _score(train, test, panda, FitOptions(inertia="consistent", offset=True))
     assert np.all(consistent.r2[-1] >= 0.95)
@@ -69,7 +51,7 @@ def test_panda_is_explained_from_half_to_half(sapienza: Session) -> None:
 
 def test_pandas_apparent_offsets_are_mass_errors(sapienza: Session) -> None:
     """With the nominal inertias joint 4 has an offset of about -2.8 N m; with consistent ones it is under 0.5 N m."""
-    motions, panda = prepare(_halves(sapienza.runs[0])[0]), ArmModel.load("panda")
+    motions, panda = prepare(halves(sapienza.runs[0])[0]), ArmModel.load("panda")
     offsets = {
         mode: fit_hybrid(motions, panda, FitOptions(inertia=mode, net="none", offset=True)).model.loss.offset  # type: ignore[arg-type]
         for mode in ("nominal", "consistent")
@@ -89,7 +71,7 @@ def test_second_pandas_bag_is_read_and_explained(real_data: Path) -> None:
     session, _ = match_joints(
         load_session(real_data / "panda/unisa_fer/panda_exciting_trajectory.db3"), panda.joint_names
     )
-    train, test = _halves(session.runs[0])
+    train, test = halves(session.runs[0])
     score = _score(train, test, panda, FitOptions(inertia="consistent", offset=True))
     assert np.all(score.r2[-1, 1:] >= 0.94)
     assert score.r2[-1, 0] >= 0.68
@@ -99,7 +81,7 @@ def test_ur10_is_explained_from_half_to_half(real_data: Path) -> None:
     """27.5 s at 125 Hz, smoothed offline: first half → second half R² ≥ 0.98 on joints 1 to 5, 0.89 on 6."""
     session = load_session(real_data / "ur10_cb/ur10_exciting_trajectory.db3")
     arm = ArmModel.load("ur10")
-    train, test = _halves(match_joints(session, arm.joint_names)[0].runs[0])
+    train, test = halves(match_joints(session, arm.joint_names)[0].runs[0])
     score = _score(train, test, arm, FitOptions(inertia="consistent", offset=True))
     assert np.all(score.r2[-1, :5] >= 0.98)
     assert score.r2[-1, 5] >= 0.89

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from ident import sessions
-from ident.arrays import Array
 from ident.checks import TelemetryReport, inspect_parts, inspection
 from ident.checks.filtered_run import USUAL_TELEMETRY
 from ident.diagnosis import from_reports as command
@@ -26,21 +25,14 @@ from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.sessions import Given, inspect_sources, open_sessions
-from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
-from tests.ident.made_up import made_session
+from tests.ident.diagnosis.planted import load_arm, sprung_session
 
 RUN = 1000  # samples
 
 
 @pytest.fixture(scope="module")
 def session() -> Session:
-    """Six runs of 8 s at 125 Hz, with a spring across joint 3."""
-    arm = load_arm()
-
-    def law(q: Array, dq: Array, ddq: Array) -> Array:
-        return healthy_torque(arm, q, dq, ddq) + spring_on_3(arm, q, dq, ddq)
-
-    return made_session(arm, law, range(6), 8.0, 125.0)
+    return sprung_session()
 
 
 def in_parts(paths: list[Path], robot: ArmModel | None = None) -> tuple[ArmModel, Iterable[TelemetryReport]]:

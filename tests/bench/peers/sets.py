@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from ident.arrays import Array
 from ident.recordings.columns import match_joints
@@ -16,11 +13,9 @@ from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path, find_urdf
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture
-from tests.ident.conftest import ur10e_settings
+from tests.ident.conftest import UR10E_TEST, UR10E_TRAINING, halves, load_sapienza, load_ur10e
 
 Run = tuple[Array, Array, Array]  # time, position, torque
-UR10E_TRAINING = ("12-50sec_12harm", "19_14harm50sec", "10-20sec_7harm", "unload")
-UR10E_TEST = ("10-30sec_12harm", "19_15harm50sec")
 
 
 @dataclass(frozen=True)
@@ -59,14 +54,8 @@ def real_sets(folder: Path) -> Iterator[Recorded]:
             arm = ArmModel.load(robot)
             run = match_joints(load_session(folder / path), arm.joint_names)[0].runs[0]
             yield _halves(name, find_urdf(robot), run)
-    panda = folder / "panda/sapienza_inria_2019"
-    if panda.is_dir():
-        kinds = ("positions", "torques", "time")
-        q, tau, time = (np.loadtxt(panda / f"exciting_traj_{kind}.txt") for kind in kinds)
-        names = tuple(f"panda_joint{i}" for i in range(1, 8))
-        yield _halves(
-            "Panda 1 kHz", find_urdf("panda"), Recording("panda", names, time, q.reshape(-1, 7), tau.reshape(-1, 7))
-        )
+    if (folder / "panda/sapienza_inria_2019").is_dir():
+        yield _halves("Panda 1 kHz", find_urdf("panda"), load_sapienza(folder).runs[0])
 
 
 def shipped_set() -> Recorded:
@@ -91,23 +80,13 @@ def fixture_sets(place: Path, seeds: int) -> Iterator[Recorded]:
 
 
 def _ur10e(folder: Path) -> Recorded:
-    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write(ur10e_settings())
-        file.flush()
-
-        def read(names: tuple[str, ...]) -> list[Recording]:
-            paths = [path for name in names for path in folder.glob("ur10e/*/*.csv") if name in path.name]
-            return [run for path in paths for run in load_session(path, session_file=Path(file.name)).runs]
-
-        train, test = read(UR10E_TRAINING), read(UR10E_TEST)
+    train, test = (load_ur10e(folder, names).runs for names in (UR10E_TRAINING, UR10E_TEST))
     runs = ([_plain(run) for run in part] for part in (train, test))
     return Recorded("UR10e", folder / "ur10e/ur10e.urdf", train[0].joints, *runs)
 
 
 def _halves(name: str, urdf: Path, run: Recording) -> Recorded:
-    middle = len(run) // 2
-    parts = ([_plain(run.at(part, name))] for part in (slice(0, middle), slice(middle, None)))
-    return Recorded(name, urdf, run.joints, *parts)
+    return Recorded(name, urdf, run.joints, *([_plain(half.runs[0])] for half in halves(run)))
 
 
 def _plain(run: Recording) -> Run:

@@ -41,11 +41,6 @@ def make_run(
 
 
 @pytest.fixture(scope="session")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="session")
 def clean(arm: ArmModel) -> Session:
     """Five healthy runs of 12 s on one clock."""
     rng = np.random.default_rng(5)

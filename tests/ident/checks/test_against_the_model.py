@@ -31,11 +31,6 @@ REAL = {
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
 def session() -> Session:
     return load_session(data_path("logs/tm5_900/E1"))
 

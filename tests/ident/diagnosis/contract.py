@@ -1,61 +1,35 @@
-"""A checker of the diagnosis's JSON against what was promised: keys, types, ranges."""
+"""A checker of the diagnosis's JSON against what was promised: its schema, and what no schema says."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from numbers import Real
 from typing import Any
 
 from tests.schemas import check_record
-
-VERDICTS = {"no_gap", "named", "partial", "none_of_catalogue", "not_testable", "refused"}
-AXES = {"speed", "direction", "load", "position", "reversal", "frequency", "time", "temperature", "pose"}
-SEVERITIES = {"note", "warning", "fatal"}
-
-
-def number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def figures(table: Mapping[str, Any], *keys: str) -> bool:
-    return all(number(table[key]) for key in keys)
 
 
 def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
     """Passes a record that is as the contract says, after a round through strict JSON; returns that."""
     record = check_record(record)
     assert record["schema"] == "ident.diagnosis/1"
-    assert isinstance(record["robot"], str)
-    joints = record["joints"]
-    assert joints
-    assert all(isinstance(name, str) for name in joints)
-    assert figures(record["session"], "runs", "samples", "duration_s")
-    assert record["verdict"] in VERDICTS
+    joints = set(record["joints"])
+    assert joints >= {*record["gap"], *(place["joint"] for place in record["where"])}
     for issue in record["telemetry"]:
-        assert issue["severity"] in SEVERITIES
-        assert set(issue["joints"]) <= set(joints)
-        assert all(isinstance(issue[key], str) and issue[key] for key in ("issue", "evidence", "remedy"))
-    for joint, gap in record["gap"].items():
-        assert joint in joints
-        assert figures(gap, "rms_Nm", "noise_floor_Nm", "ceiling_rms_Nm")
+        assert set(issue["joints"]) <= joints
+        assert all(issue[key] for key in ("issue", "evidence", "remedy"))
+    for gap in record["gap"].values():
         energy = gap["energy_error_J"]
-        assert figures(energy, "mean")
-        assert figures(energy, "std") if record["session"]["runs"] > 1 else energy["std_missing"]
-    for place in record["where"]:
-        assert place["joint"] in joints
-        assert place["axis"] in AXES
-        assert figures(place, "low", "high", "share_of_gap", "p_value")
-        assert 0.0 < place["p_value"] <= 1.0
+        assert energy["std"] is not None if record["session"]["runs"] > 1 else energy["std_missing"]
+    assert all(0.0 < place["p_value"] <= 1.0 for place in record["where"])
     check_places(record)
     for finding in record["findings"]:
         _check_finding(finding, joints)
     for silent in record["not_testable"]:
-        assert isinstance(silent["effect"], str)
-        assert set(silent["joints"]) <= set(joints)
+        assert set(silent["joints"]) <= joints
         assert silent["reason"]
     if record["gap"]:
-        assert set(record["heldout"]["rms_before_Nm"]) == set(record["heldout"]["rms_after_Nm"]) == set(joints)
-        assert number(record["heldout"]["shrink"])
+        assert set(record["heldout"]["rms_before_Nm"]) == set(record["heldout"]["rms_after_Nm"]) == joints
+        assert record["heldout"]["shrink"] is not None
     return record
 
 
@@ -77,19 +51,17 @@ def check_places(record: Mapping[str, Any]) -> None:
         assert places[0]["joint"] in first
 
 
-def _check_finding(finding: dict[str, Any], joints: list[str]) -> None:
-    assert finding["class"][0] == finding["effect"]
+def _check_finding(finding: dict[str, Any], joints: set[str]) -> None:
     odds = finding["rivals"]
-    assert all(number(one) and one > 0.0 for one in odds.values())
+    assert all(one > 0.0 for one in odds.values())
     assert finding["effect"] not in odds
-    assert finding["class"][1:] == sorted((name for name, one in odds.items() if one <= 10.0), key=odds.__getitem__)
-    assert finding["joints"]
-    assert set(finding["joints"]) <= set(joints)
+    nearest = sorted((name for name, one in odds.items() if one <= 10.0), key=odds.__getitem__)
+    assert finding["class"] == [finding["effect"], *nearest]
+    assert set() < set(finding["joints"]) <= joints
     assert 0.0 <= finding["probability"] <= 1.0
     for value in finding["parameters"].values():
-        assert figures(value, "value", "low", "high")
         assert value["low"] <= value["value"] <= value["high"]
     held_out = finding["heldout"]
-    assert set(held_out["rms_before_Nm"]) == set(held_out["rms_after_Nm"]) <= set(joints)
-    assert figures(held_out, "energy_error_before_J", "energy_error_after_J", "shrink")
+    assert set(held_out["rms_before_Nm"]) == set(held_out["rms_after_Nm"]) <= joints
+    assert all(isinstance(held_out[f"energy_error_{when}_J"], float) for when in ("before", "after"))
     assert held_out["shrink"] <= 1.0

@@ -16,9 +16,9 @@ from ident.diagnosis.selection.search import Search
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
-from ident.recordings.recording import Payload
+from ident.recordings.recording import Payload, Session
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import made_motions, made_session
 
 COULOMB = np.array([6.0, 9.0, 5.0])  # [N m]
 VISCOUS = np.array([8.0, 10.0, 4.0])  # [N m s/rad]
@@ -35,6 +35,14 @@ Plant = Callable[[ArmModel, Array, Array, Array], Array]
 def healthy_torque(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     """What the baseline can say exactly: rigid body, rotors, viscous and Coulomb friction."""
     return arm.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + COULOMB * np.tanh(dq / SLIP) + VISCOUS * dq
+
+
+@cache
+def sprung_session() -> Session:
+    """Recordings of six runs of 8 s at 125 Hz, with a spring across joint 3."""
+    arm = load_arm()
+    law = lambda *states: healthy_torque(arm, *states) + spring_on_3(arm, *states)  # noqa: E731
+    return made_session(arm, law, range(6), 8.0, 125.0)
 
 
 def at_joint(joint: int, torque: Array, n: int = 3) -> Array:
@@ -74,9 +82,14 @@ def offset_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return at_joint(0, np.full(len(q), 0.3))
 
 
-def loaded(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+def carrying(load: Payload) -> Plant:
     """What a load at the last link adds."""
-    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+    return lambda arm, q, dq, ddq: (
+        arm.with_payload(load).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+    )
+
+
+loaded = carrying(LOAD)
 
 
 @cache
@@ -85,13 +98,13 @@ def load_arm() -> ArmModel:
     return ArmModel.load("tm5-900", joints=["joint_1", "joint_2", "joint_3"])
 
 
-def record(arm: ArmModel, plant: Plant) -> list[Motion]:
-    """Six runs of 8 s at 50 Hz."""
+def record(arm: ArmModel, plant: Plant, seeds: Sequence[int] = range(6)) -> list[Motion]:
+    """Runs of 8 s at 50 Hz."""
 
     def law(q: Array, dq: Array, ddq: Array) -> Array:
         return healthy_torque(arm, q, dq, ddq) + plant(arm, q, dq, ddq)
 
-    return made_motions(arm, law, range(6), 8.0, 50.0, noise=NOISE)
+    return made_motions(arm, law, seeds, 8.0, 50.0, noise=NOISE)
 
 
 def analyse(arm: ArmModel, plant: Plant, catalogue: Sequence[Effect] = CATALOGUE) -> Analysis:

@@ -31,7 +31,18 @@ from ident.laws.friction import JointStates, load_dependent_friction
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import COULOMB, NOISE, SLIP, Plant, at_joint, healthy_torque, load_arm, nothing
+from tests.ident.diagnosis.planted import (
+    COULOMB,
+    NOISE,
+    SLIP,
+    Plant,
+    at_joint,
+    carrying,
+    healthy_torque,
+    load_arm,
+    nothing,
+    record,
+)
 from tests.ident.made_up import Law, made_motions
 
 RUBBING = 0.06
@@ -47,8 +58,7 @@ def wrong_everywhere(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def with_load(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    heavier = arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
-    return wrong_everywhere(arm, q, dq, ddq) + heavier
+    return wrong_everywhere(arm, q, dq, ddq) + carrying(LOAD)(arm, q, dq, ddq)
 
 
 def with_friction(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
@@ -80,13 +90,6 @@ def wrong_law(arm: ArmModel) -> Law:
     return lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + wrong_everywhere(arm, q, dq, ddq)
 
 
-def runs_of(arm: ArmModel, plant: Plant, seeds: range) -> list[Motion]:
-    def law(q: Array, dq: Array, ddq: Array) -> Array:
-        return healthy_torque(arm, q, dq, ddq) + plant(arm, q, dq, ddq)
-
-    return made_motions(arm, law, seeds, 8.0, 50.0, noise=NOISE)
-
-
 @pytest.fixture(scope="module")
 def arm() -> ArmModel:
     return load_arm()
@@ -94,7 +97,7 @@ def arm() -> ArmModel:
 
 @pytest.fixture(scope="module")
 def before(arm: ArmModel) -> list[Motion]:
-    return runs_of(arm, wrong_everywhere, range(4))
+    return record(arm, wrong_everywhere, range(4))
 
 
 def searched(design: PairedDesign) -> ChangeSearch:
@@ -103,7 +106,7 @@ def searched(design: PairedDesign) -> ChangeSearch:
 
 
 def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = range(10, 14)) -> ArmComparison:
-    return compare(before, runs_of(arm, plant, seeds), arm, (Side(), Side()))
+    return compare(before, record(arm, plant, seeds), arm, (Side(), Side()))
 
 
 def test_nothing_changed_is_no_change_though_the_model_is_wrong(arm: ArmModel, before: list[Motion]) -> None:
@@ -149,8 +152,7 @@ def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -
     Were a gain of that part free beside the carried body, it would scale the body with the arm: ± 15 %.
     """
     sets = [
-        runs_of(arm, plant, seeds)
-        for plant, seeds in ((with_rubbing, range(4)), (with_load_and_rubbing, range(10, 14)))
+        record(arm, plant, seeds) for plant, seeds in ((with_rubbing, range(4)), (with_load_and_rubbing, range(10, 14)))
     ]
     widths = []
     for doubt in (STATED, BY_CURRENT):
@@ -181,7 +183,7 @@ def test_even_friction_by_load_holds_no_gain() -> None:
 
 
 def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, before: list[Motion]) -> None:
-    loaded = runs_of(arm, with_load, range(10, 14))
+    loaded = record(arm, with_load, range(10, 14))
     there, back = (compare(*sets, arm, (Side(), Side())) for sets in ((before, loaded), (loaded, before)))
     for found, sign in ((there, 1.0), (back, -1.0)):
         (change,) = found.changes
@@ -209,7 +211,7 @@ def with_bracket(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 
 def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, before: list[Motion]) -> None:
     """There its second moments are its own, and it explains more than a link of that moment and its own density."""
-    after = runs_of(arm, with_bracket, range(10, 14))
+    after = record(arm, with_bracket, range(10, 14))
     first = build_design(before, after, arm)
     search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
     asked = place_bodies(search, (), first.session, first.asked)
@@ -237,7 +239,7 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
     arm: ArmModel, before: list[Motion], plant: Plant, alone: bool
 ) -> None:
     """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
-    search = searched(build_design(before, runs_of(arm, plant, range(10, 14)), arm))
+    search = searched(build_design(before, record(arm, plant, range(10, 14)), arm))
     change = next(one for one in search.evidence.layout.groups if one.key == ("friction_change", 1, None))
     likely = [one.group for one in search.candidates(()) if one.group.joint == 1 and one.group.key != change.key]
     assert search.stands_in(likely[0], (), [change]) is not alone
@@ -246,7 +248,7 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
 
 def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Motion]) -> None:
     """Half of each side in either, none twice; where the model holds laws gain there what noise alone gives."""
-    design = build_design(before, runs_of(arm, wrong_everywhere, range(10, 14)), arm)
+    design = build_design(before, record(arm, wrong_everywhere, range(10, 14)), arm)
     dealt = [frozenset(one.tolist()) for one in design.permuted.dealings]
     assert {(len(one & set(range(4))), len(one & set(range(4, 8)))) for one in dealt} == {(2, 2)}
     assert len({frozenset({one, frozenset(range(8)) - one}) for one in dealt}) == len(dealt) > 3
@@ -258,7 +260,7 @@ def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Moti
 @pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
 def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plant: Plant, is_one: bool) -> None:
     """Friction by load holds the load itself: it explains a gain too, and does not stand behind one."""
-    design = build_design(before, runs_of(arm, plant, range(10, 14)), arm)
+    design = build_design(before, record(arm, plant, range(10, 14)), arm)
     evidence = design.sums.evidence
     model = project(evidence.gram(), evidence, design.prior)
     gain, *_ = [one for one in evidence.layout.groups if one.key == ("torque_gain_error", 1, None)]
@@ -357,5 +359,5 @@ def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -
 
 
 def test_healthy_arm_compares_equal(arm: ArmModel) -> None:
-    halves = runs_of(arm, nothing, range(6))
+    halves = record(arm, nothing, range(6))
     assert compare(halves[::2], halves[1::2], arm, (Side(), Side())).verdict == "no_change"

@@ -28,6 +28,7 @@ from tests.ident.diagnosis.planted import (
     VISCOUS,
     Plant,
     at_joint,
+    carrying,
     healthy_torque,
     load_arm,
     nothing,
@@ -38,10 +39,6 @@ from tests.schemas import check_record
 RATE, HOLD_S, SPEED, POSES = 50.0, 2.0, 0.3, 16
 LOAD = Payload(1.2, (0.05, 0.0, 0.06))
 ZERO, SPRING, TILT = 0.06, 15.0, 0.05  # [rad], [N m/rad], [rad]
-
-
-def with_load(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
 
 
 def with_tilt(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
@@ -93,7 +90,7 @@ def compared(plant: Plant) -> ArmComparison:
 
 
 def test_poses_alone_weigh_a_load_and_say_what_was_used() -> None:
-    found = compared(with_load)
+    found = compared(carrying(LOAD))
     (change,) = found.changes
     assert "payload" in change.estimate.rivals
     mass = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
@@ -200,7 +197,7 @@ def test_the_rest_of_the_arm_is_compared(arm: ArmModel, held: tuple[bool, bool],
 
 
 def test_a_load_is_weighed_by_the_joints_that_move(arm: ArmModel) -> None:
-    (change,) = compared_held(arm, with_load, (True, False)).changes
+    (change,) = compared_held(arm, carrying(LOAD), (True, False)).changes
     assert "payload" in change.estimate.rivals
     figure = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
     assert figure.low <= LOAD.mass_kg <= figure.high

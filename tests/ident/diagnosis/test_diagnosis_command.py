@@ -26,11 +26,6 @@ FEW = tuple(find_effect(name) for name in ("spring_torque", "torque_gain_error",
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
 def shipped() -> Session:
     return load_session(Path(data_path("logs/tm5_900")) / "E1")
 

@@ -250,6 +250,15 @@ def test_a_later_pass_has_the_rows_of_the_first(
         assert all(bool(run.kept) == bool(most) for run in session.runs)
 
 
+ONE_JOINT = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
+
+
+def rows_of(table: Array, run: int = 0, counts: bool = True, drawn: tuple[Array, ...] | None = None) -> Rows:
+    """A run's rows of one joint in one block."""
+    size = len(table)
+    return Rows(run, 0, (table,), np.full((size, 1), counts), np.zeros(size, dtype=int), drawn)
+
+
 @pytest.mark.parametrize("bursts", [0, 2])
 def test_whitening_finds_an_autoregression(bursts: int) -> None:
     """Law: of noise e_t = 0.6 e_{t−1} + 0.2 u_t the filter is (1, −0.6, 0, …) to 0.05, the innovation 0.2 and the level
@@ -262,9 +271,8 @@ def test_whitening_finds_an_autoregression(bursts: int) -> None:
         noise = lfilter([0.2], [1.0, -0.6], rng.standard_normal(1500))
         noise[: 100 * bursts] += 3.0 * np.sin(np.arange(100 * bursts))
         table = np.column_stack([columns, columns @ [3.0, -1.0, 0.5] + noise])
-        held.append(Rows(run, 0, (table,), np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)))
-    layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
-    noise = estimate_noise(layout, held)
+        held.append(rows_of(table, run))
+    noise = estimate_noise(ONE_JOINT, held)
     assert np.allclose(noise.coefficients[0], [1.0, -0.6, 0.0, 0.0, 0.0], atol=0.05)
     assert noise.innovation[0] == pytest.approx(0.2, rel=0.05)
     assert noise.level[0] == pytest.approx(0.25, rel=0.05)
@@ -281,10 +289,8 @@ def test_noise_over_fewer_rows_than_columns(count: int) -> None:
         waves = np.cos(np.pi * np.arange(count)[:, None] / count * np.arange(20))
         columns = waves @ rng.standard_normal((20, 303))
         torque = columns[:, 10:13] @ [3.0, -2.0, 4.0] + 0.4 * rng.standard_normal(count)
-        counts, blocks = np.ones((count, 1), dtype=bool), np.zeros(count, dtype=int)
-        rows = Rows(0, 0, (np.column_stack([columns, torque]),), counts, blocks)
-        layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
-        found.append(float(estimate_noise(layout, [rows]).level[0]))
+        rows = rows_of(np.column_stack([columns, torque]))
+        found.append(float(estimate_noise(ONE_JOINT, [rows]).level[0]))
     assert np.mean(found) == pytest.approx(0.4, rel=0.1)
     assert all(0.27 < one < 0.6 for one in found)
 
@@ -293,9 +299,8 @@ def test_noise_of_a_joint_that_stands_still() -> None:
     """Bound: of a joint without a row that counts the noise is that of its torque from sample to sample, to a tenth."""
     rng = np.random.default_rng(3)
     torque = 5.0 * np.sin(np.arange(2000) / 300.0) + 0.05 * rng.standard_normal(2000)
-    rows = Rows(0, 0, (torque[:, None],), np.zeros((2000, 1), dtype=bool), np.zeros(2000, dtype=int))
-    layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
-    assert estimate_noise(layout, [rows]).level[0] == pytest.approx(0.05, rel=0.1)
+    rows = rows_of(torque[:, None], counts=False)
+    assert estimate_noise(ONE_JOINT, [rows]).level[0] == pytest.approx(0.05, rel=0.1)
 
 
 def test_a_column_of_encoder_noise_explains_no_noise() -> None:
@@ -308,10 +313,8 @@ def test_a_column_of_encoder_noise_explains_no_noise() -> None:
         table = np.column_stack([rng.standard_normal((1500, 3)), candidate, 0.4 * error])
         drawn = np.zeros_like(table)
         drawn[:, 3] = rng.standard_normal(1500)
-        counts, blocks = np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)
-        held.append(Rows(run, 0, (table,), counts, blocks, (drawn,)))
-    layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
-    assert estimate_noise(layout, held).level[0] == pytest.approx(0.4, rel=0.05)
+        held.append(rows_of(table, run, drawn=(drawn,)))
+    assert estimate_noise(ONE_JOINT, held).level[0] == pytest.approx(0.4, rel=0.05)
 
 
 def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:

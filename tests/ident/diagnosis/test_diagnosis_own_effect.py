@@ -12,7 +12,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.next_experiment import next_experiment
 from ident.effects.base import Effect
-from ident.effects.catalogue import find_effect, load_catalogue
+from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.loading import load_module
@@ -67,7 +67,9 @@ def magnet_on_3(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 def catalogue(tmp_path_factory: pytest.TempPathFactory) -> tuple[Effect, ...]:
     path = tmp_path_factory.mktemp("own") / "magnet.py"
     path.write_text(MAGNET)
-    return load_catalogue(path)
+    found = load_catalogue(path)
+    assert found[:-1] == CATALOGUE
+    return found
 
 
 @pytest.fixture(scope="module")

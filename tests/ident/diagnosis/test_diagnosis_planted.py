@@ -19,7 +19,6 @@ from ident.diagnosis.verdict import believed
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.recordings.recording import Payload, TelemetryIssue
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis import planted
 from tests.ident.diagnosis.contract import check_places
 from tests.ident.diagnosis.planted import (
     Plant,
@@ -46,9 +45,21 @@ PLANTED = [
 ]
 
 
+def check_first_place(diagnosis: Diagnosis) -> None:
+    """The first place is at a joint of the first name; a session without a gap has no place."""
+    check_places(diagnosis.to_dict())
+    if diagnosis.verdict == "no_gap":
+        assert not diagnosis.where
+    elif diagnosis.findings:
+        first = diagnosis.findings[0]
+        assert diagnosis.where[0].joint in first.joints
+        assert diagnosis.where[0].joint in first.action
+
+
 def test_a_healthy_arm_has_no_gap(healthy: Analysis) -> None:
     """Law: where the baseline is the truth nothing is named, and no residual stands above the noise by 5 %."""
     assert healthy.diagnosis.verdict == "no_gap"
+    check_first_place(healthy.diagnosis)
     assert not healthy.diagnosis.findings
     for gap in healthy.diagnosis.gap.values():
         assert gap.unexplained is None
@@ -73,6 +84,7 @@ def test_a_planted_effect_is_named(
     assert (effect, joint) not in named(healthy)
     assert named(analysis) == {(effect, joint)}
     assert analysis.diagnosis.verdict == "named"
+    check_first_place(analysis.diagnosis)
     (finding,) = analysis.diagnosis.findings
     assert finding.estimate.rivals[0] == effect
     interval = finding.estimate.parameters[figure]
@@ -194,54 +206,22 @@ def test_a_payload_is_weighed_on_a_known_arm(short_arm: ArmModel) -> None:
     assert mass.low <= 1.2 <= mass.high
 
 
-SLOW = pytest.mark.slow
 # Sessions by folder of the development recordings, with their URDF beside.
 REAL = ("airbot_play", "rokae_ar5")
 OTHER_WORLD = ("session_a03", "session_a05", "session_b00", "session_b03", "session_b04")
 
 
-def check_first_place(diagnosis: Diagnosis) -> None:
-    """The first place is at a joint of the first name; a session without a gap has no place."""
-    check_places(diagnosis.to_dict())
-    if diagnosis.verdict == "no_gap":
-        assert not diagnosis.where
-    elif diagnosis.findings:
-        first = diagnosis.findings[0]
-        assert diagnosis.where[0].joint in first.joints
-        assert diagnosis.where[0].joint in first.action
-
-
-@pytest.mark.parametrize(
-    "plant",
-    [
-        planted.nothing,
-        planted.stribeck_on_1,
-        planted.load_friction_on_2,
-        pytest.param(planted.spring_on_3, marks=SLOW),
-        pytest.param(planted.gain_on_2, marks=SLOW),
-    ],
-)
-def test_places_of_a_planted_gap(short_arm: ArmModel, plant: planted.Plant) -> None:
-    diagnosis = planted.analyse(short_arm, plant).diagnosis
-    check_first_place(diagnosis)
-    assert bool(diagnosis.findings) == (plant is not planted.nothing)
-
-
-def of_files(session: Path, robot: Path) -> Diagnosis:
-    return diagnose_files(session, robot)
-
-
-@SLOW
+@pytest.mark.slow
 @pytest.mark.real
 @pytest.mark.parametrize("folder", REAL)
 def test_places_of_real_recordings(real_data: Path, folder: str) -> None:
-    check_first_place(of_files(real_data / folder, real_data / folder / "robot.urdf"))
+    check_first_place(diagnose_files(real_data / folder, real_data / folder / "robot.urdf"))
 
 
-@SLOW
+@pytest.mark.slow
 @pytest.mark.parametrize("session", OTHER_WORLD)
 def test_places_of_another_simulator(session: str) -> None:
     home = os.environ.get("IDENT_OTHER_WORLD")
     if not home:
         pytest.skip("set IDENT_OTHER_WORLD to a folder of sessions of another simulator")
-    check_first_place(of_files(Path(home) / session, Path(home) / "robot.urdf"))
+    check_first_place(diagnose_files(Path(home) / session, Path(home) / "robot.urdf"))

@@ -14,11 +14,6 @@ from ident.robot.arm import ArmModel
 
 
 @pytest.fixture(scope="session")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="session")
 def session(arm: ArmModel) -> SessionContext:
     """Rich motion: 80 s."""
     return make_session(arm)

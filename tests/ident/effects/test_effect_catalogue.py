@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from smooth_motion import Recover, edit_runs
+from smooth_motion import edit_runs
 
 from ident.arrays import Array
 from ident.effects.base import Effect, RunContext, SessionContext, StatesEffect, Variant
@@ -16,6 +16,7 @@ from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.effects.effect_info import TABLE, read_row
 from ident.effects.typical_sizes import friction_level, rated_torque
 from ident.errors import InputError
+from tests.fuzz.samples import CATALOGUE as MAGNET
 
 NAMES = {
     "stribeck_friction": "amplitude_Nm stribeck_velocity_rad_s exponent left_Nm at_speed_rad_s",
@@ -145,46 +146,6 @@ def test_an_unknown_id_is_told_the_known_ones() -> None:
         find_effect("phlogiston")
 
 
-MAGNET = '''
-import numpy as np
-from ident.effects.base import Effect, Variant
-from ident.effects.typical_sizes import coefficient_interval
-
-
-class Magnet(Effect):
-    """A magnet that pulls towards one angle: tau = A sin(k q)."""
-
-    id = "magnet"
-    summary = "torque repeats some times a turn"
-    nonnegative = (0,)
-
-    def untestable(self, session, joint):
-        q = np.concatenate([run.motion.q[:, joint] for run in session.runs])
-        return "the joint covers too little" if np.ptp(q) < 1.0 else None
-
-    def variants(self, session, joint):
-        return [Variant({"order": k}) for k in (3.0, 4.0)]
-
-    def columns(self, session, joint, variant):
-        return [np.sin(variant.inner["order"] * run.motion.q[:, [joint]]) for run in session.runs]
-
-    def parameters(self, session, joint, variant, coefficients, covariance):
-        return {"amplitude_Nm": coefficient_interval(0, coefficients, covariance)}
-'''
-
-
-def test_a_user_adds_an_effect_in_one_file(tmp_path: Path, session: SessionContext, recover: Recover) -> None:
-    """An effect of 25 lines stands beside the others and finds its own torque."""
-    path = tmp_path / "magnet.py"
-    path.write_text(MAGNET)
-    catalogue = load_catalogue(path)
-    assert catalogue[:-1] == CATALOGUE
-    magnet = find_effect("magnet", catalogue)
-    torque = [0.7 * np.sin(4 * run.motion.q[:, 1]) for run in session.runs]
-    figure = recover(magnet, session, 1, torque)["amplitude_Nm"]
-    assert figure.low < 0.7 < figure.high
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -193,14 +154,8 @@ def test_a_user_adds_an_effect_in_one_file(tmp_path: Path, session: SessionConte
         ("x = 1", "no complete effect"),
         (MAGNET.replace('id = "magnet"', "pass"), "no usable id"),
         (MAGNET.replace('"magnet"', '"backlash"'), "is taken"),
-        (
-            MAGNET.replace("    nonnegative", '    shown_by = "tides"\n    nonnegative'),
-            "'tides', which is no kind of motion",
-        ),
-        (
-            MAGNET.replace("    def untestable", "    def __init__(self, size): ...\n\n    def untestable"),
-            "can't be made",
-        ),
+        (MAGNET.replace("summary", 'shown_by = "tides"\n    summary'), "'tides', which is no kind of motion"),
+        (MAGNET.replace("def columns", "def __init__(self, size): ...\n\n    def columns"), "can't be made"),
     ],
 )
 def test_a_file_that_holds_no_effect_is_refused(tmp_path: Path, text: str | None, reason: str) -> None:

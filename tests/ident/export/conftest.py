@@ -10,11 +10,6 @@ from tests.ident.effects.smooth_motion import make_session
 
 
 @pytest.fixture(scope="session")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="session")
 def session(arm: ArmModel) -> SessionContext:
     """Two runs of 8 s."""
     return make_session(arm, seconds=8.0, runs=2)

@@ -27,11 +27,6 @@ SOME = Losses(np.full(6, 0.3), np.full(6, 5.0), np.full(6, 2.0), np.full(6, 0.01
 MESH = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
 def changed(arm: ArmModel, other: ArmModel) -> IdentifiedArm:
     """An arm that was identified as another, with losses."""
     links = (other.inertial_parameters - arm.inertial_parameters).reshape(-1, 10)

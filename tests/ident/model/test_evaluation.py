@@ -18,11 +18,6 @@ from tests.ident.made_up import exact_motion, made_motions
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
 def _runs(arm: ArmModel, seeds: Sequence[int], payload: Payload | None = None) -> list[Motion]:
     loaded = arm.with_payload(payload)
     return made_motions(

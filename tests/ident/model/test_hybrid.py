@@ -26,11 +26,6 @@ DATA = [{"session": "made_up", "file": "run_1.parquet", "sha256": "ab" * 32}]
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
 def motions(arm: ArmModel) -> list[Motion]:
     """Runs of an arm whose links are 10 % heavier, with a friction bump that only a net can follow."""
     heavy = arm.with_inertial_parameters(1.1 * arm.inertial_parameters)

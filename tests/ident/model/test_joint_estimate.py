@@ -318,18 +318,13 @@ def error(found: Identified, arm: ArmModel, test: list[Motion]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return two_joint_arm()
-
-
-def test_torque_at_the_link_has_no_losses(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torque_at_the_link_has_no_losses(nominal: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: they are exactly zero, that is told, and the torque is nearer to the truth than with friction sought."""
-    test, better = drawn(arm, (0.0, 0.0), [90]), []
+    test, better = drawn(nominal, (0.0, 0.0), [90]), []
     for seed in (1, 2, 3):
-        train = drawn(arm, (0.0, 0.0), [seed])
-        found = identify(train, arm, HowToIdentify("consistent"))
-        assert found.lossless == arm.joint_names
+        train = drawn(nominal, (0.0, 0.0), [seed])
+        found = identify(train, nominal, HowToIdentify("consistent"))
+        assert found.lossless == nominal.joint_names
         params = found.loss.params
         assert np.all(np.stack([params.motor_inertia, params.viscous, params.coulomb]) < 1e-9)
         assert "torque at the link" in "\n".join(describe(found))
@@ -337,13 +332,16 @@ def test_torque_at_the_link_has_no_losses(arm: ArmModel, monkeypatch: pytest.Mon
             patch.setattr(
                 "ident.model.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
             )
-            better.append(error(found, arm, test) / error(identify(train, arm, HowToIdentify("consistent")), arm, test))
+            better.append(
+                error(found, nominal, test)
+                / error(identify(train, nominal, HowToIdentify("consistent")), nominal, test)
+            )
     assert np.mean(better) < 0.8
 
 
 @pytest.mark.parametrize("coulomb", [(8.0, 0.0), (0.0, 4.0), (8.0, 4.0)])
-def test_where_one_joint_has_friction_none_is_without(arm: ArmModel, coulomb: tuple[float, float]) -> None:
+def test_where_one_joint_has_friction_none_is_without(nominal: ArmModel, coulomb: tuple[float, float]) -> None:
     """Law: effort is of one kind at all joints; then nothing changes."""
-    found = identify(drawn(arm, coulomb, [1]), arm, HowToIdentify("consistent"))
+    found = identify(drawn(nominal, coulomb, [1]), nominal, HowToIdentify("consistent"))
     assert found.lossless == ()
     assert found.loss.params.coulomb == pytest.approx(coulomb, abs=0.6)

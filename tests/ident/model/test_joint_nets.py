@@ -118,20 +118,22 @@ def _judged(predicted: Array, left: Array) -> list[bool]:
     return [one.kept for one in shrink_net(predicted, left, np.ones(left.shape, dtype=bool), travel, RUN)]
 
 
-def test_a_joint_keeps_what_helps_on_every_run() -> None:
-    """A net that halves the error in torque and energy stays; one that predicts noise goes; none is no help."""
-    rng = np.random.default_rng(1)
-    left = np.sin(np.arange(800) / 7.0)[:, None] * np.ones(3) + 0.1
-    predicted = np.stack([0.5 * left[:, 0], rng.standard_normal(800), np.zeros(800)], axis=1)
-    assert _judged(predicted, left) == [True, False, False]
+WAVE = np.sin(np.arange(800) / 7.0)[:, None]
+NOISE = np.random.default_rng(1).standard_normal((800, 1))
+# What a net predicts, what it should have, and which joints keep it.
+GATES = {
+    "half of it, noise, none": (np.hstack([0.5 * WAVE + 0.05, NOISE, 0.0 * WAVE]), WAVE + np.full(3, 0.1), [1, 0, 0]),
+    "more energy error": (0.5 * WAVE + np.array([0.0, 0.6]), WAVE + np.zeros(2), [1, 0]),
+    "help on one run alone": (np.where(RUN == 0, 0.9, -0.05)[:, None] * WAVE, WAVE, [0]),
+    # Two joints whose energy errors cancel: a net that takes away one of them alone is let go.
+    "energy of all": (np.hstack([0.9 * WAVE + 0.9, 0.0 * WAVE]), WAVE + np.array([1.0, -1.0]), [0, 0]),
+}
 
 
-def test_a_net_that_spoils_the_energy_goes() -> None:
-    """Less torque error does not excuse more energy error."""
-    left = np.sin(np.arange(800) / 7.0)[:, None] * np.ones(2)
-    predicted = 0.5 * left
-    predicted[:, 1] += 0.6
-    assert _judged(predicted, left) == [True, False]
+@pytest.mark.parametrize("case", GATES)
+def test_a_joint_keeps_what_helps_on_every_run_in_torque_and_energy(case: str) -> None:
+    predicted, left, kept = GATES[case]
+    assert _judged(predicted, left) == [bool(one) for one in kept]
 
 
 def test_what_says_twice_too_much_counts_by_half() -> None:
@@ -142,20 +144,6 @@ def test_what_says_twice_too_much_counts_by_half() -> None:
     (one,) = shrink_net(2.0 * law, left, np.ones(left.shape, dtype=bool), np.full(left.shape, 0.01), RUN)
     assert one.weight == 0.5
     assert one.rmse_with == pytest.approx(np.sqrt(np.mean((left - law) ** 2)))
-
-
-def test_help_on_one_run_alone_is_no_help() -> None:
-    """A gain within its standard error over the runs is chance."""
-    left = np.sin(np.arange(800) / 7.0)[:, None]
-    predicted = np.where(RUN == 0, 0.9, -0.05)[:, None] * left
-    assert _judged(predicted, left) == [False]
-
-
-def test_the_total_energy_is_no_worse_either() -> None:
-    """Two joints whose energy errors cancel: a net that takes away one of them alone is let go."""
-    left = np.sin(np.arange(800) / 7.0)[:, None] * np.ones(2) + np.array([1.0, -1.0])
-    predicted = np.stack([0.9 * left[:, 0], np.zeros(800)], axis=1)
-    assert _judged(predicted, left) == [False, False]
 
 
 def test_a_silent_joint_gives_nothing() -> None:

@@ -17,11 +17,6 @@ SET_R = dict(zip(NAMES, MASSES_LENGTHS + MOMENTS, strict=True))
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
 def figures(arm: ArmModel) -> LumpedParameters:
     return lumped_parameters(arm)
 

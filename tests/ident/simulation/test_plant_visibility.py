@@ -124,52 +124,32 @@ def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):
     return *find_size(shown, wanted, start, (small, large), tolerance), tried
 
 
-def test_what_shows_in_proportion_is_found_by_two_trials():
-    size, seen, tried = search(lambda s: 2.0 * s, wanted=0.3)
-    assert len(tried) == 2
-    assert (size, seen) == (0.15, 0.3)
+# What a size shows, what is wanted and where the search begins, and how many trials it may take.
+SEARCHES = {
+    "in proportion": (lambda s: 2.0 * s, {"wanted": 0.3}, 2),
+    **{f"power {p}": (lambda s, p=p: 0.2 * s**p, {"wanted": 3.0}, 4) for p in (0.5, 1.5, 2.0)},
+    "less shows more": (lambda s: 5.0 / s, {"wanted": 1.0, "small": 1e3, "large": 1e-3}, 2),
+    # Nothing below one, then ever more: no power law, and no information below.
+    **{f"threshold from {s}": (lambda s: max(s - 1.0, 0.0), {"wanted": 0.5, "start": s}, 10) for s in (0.02, 60.0)},
+    "stalled arm": (lambda s: 0.1 * s if s < 40.0 else np.inf, {"wanted": 3.5, "start": 100.0}, 40),
+    "four digits": (lambda s: s, {"wanted": np.pi}, 40),
+}
 
 
-@pytest.mark.parametrize("power", [0.5, 1.5, 2.0])
-def test_another_power_takes_a_few_trials(power):
-    _, seen, tried = search(lambda s: 0.2 * s**power, wanted=3.0)
-    assert seen == pytest.approx(3.0, rel=0.04)
-    assert len(tried) <= 4
+@pytest.mark.parametrize("case", SEARCHES)
+def test_a_size_is_found_in_a_few_trials(case):
+    law, asked, most = SEARCHES[case]
+    size, seen, tried = search(law, **asked)
+    assert seen == law(size) == pytest.approx(asked["wanted"], rel=0.04)
+    assert len(tried) <= most
+    assert all(float(f"{one:.4g}") == one for one in tried)
 
 
-def test_where_less_shows_more_the_search_goes_the_other_way():
-    size, seen, tried = search(lambda s: 5.0 / s, wanted=1.0, small=1e3, large=1e-3)
-    assert (size, seen) == (5.0, 1.0)
-    assert len(tried) == 2
-
-
-@pytest.mark.parametrize("start", [0.02, 60.0])
-def test_a_threshold_is_bracketed(start):
-    """Nothing below one, then ever more: no power law, and no information below."""
-    _, seen, tried = search(lambda s: max(s - 1.0, 0.0), wanted=0.5, start=start)
-    assert seen == pytest.approx(0.5, rel=0.04)
-    assert len(tried) <= 10
-
-
-def test_a_stalled_arm_shows_without_limit_and_bounds_the_search():
-    _, seen, _ = search(lambda s: 0.1 * s if s < 40.0 else np.inf, wanted=3.5, start=100.0)
-    assert seen == pytest.approx(3.5, rel=0.04)
-
-
-def test_out_of_reach_the_bound_is_tried_and_nothing_more():
+def test_a_bound_ends_the_search():
+    """Out of reach it is tried and nothing more; so it is where even the smallest size shows too much."""
     size, seen, tried = search(lambda s: 0.1 * s, wanted=3.0, large=20.0)
     assert tried == [1.0, 20.0]
     assert (size, seen) == (20.0, 2.0)
-
-
-def test_a_quiet_bound_ends_the_search():
-    """Even the smallest size shows too much."""
     size, _, tried = search(lambda s: 1.0 + s, wanted=0.5, small=0.1)
     assert size == 0.1
     assert len(tried) <= 4
-
-
-def test_sizes_have_four_digits():
-    size, _, tried = search(lambda s: s, wanted=np.pi)
-    assert size == 3.142
-    assert all(float(f"{one:.4g}") == one for one in tried)

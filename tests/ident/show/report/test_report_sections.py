@@ -186,22 +186,10 @@ def test_a_joint_s_name_is_no_formula() -> None:
     assert to_svg(figure, name).count(name) >= 5
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(-0.001, "0.00"), (-1.5, "−1.50"), (float("nan"), "–"), (None, "–"), (12.345, "12.35")]
-)
-def test_fixed_numbers(value: float | None, text: str) -> None:
-    """A true minus, none before zero, a dash for nothing."""
-    assert fixed(value) == text
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.08123, "0.081"), (12345.6, "12346"), (0.0, "0"), (1.2e-7, "1.2e−07"), (-0.5, "−0.50")]
-)
-def test_significant_numbers(value: float, text: str) -> None:
-    assert significant(value) == text
-
-
-def test_units_stay_with_their_numbers() -> None:
+def test_numbers_have_a_true_minus_a_dash_for_nothing_and_their_units() -> None:
+    assert [fixed(one) for one in (-0.001, -1.5, float("nan"), None, 12.345)] == ["0.00", "−1.50", "–", "–", "12.35"]
+    told = ["0.081", "12346", "0", "1.2e−07", "−0.50"]
+    assert [significant(one) for one in (0.08123, 12345.6, 0.0, 1.2e-7, -0.5)] == told
     assert glue("0.68 N m and 12 J, 5 kg") == "0.68\u00a0N\u00a0m and 12\u00a0J, 5\u00a0kg"
     assert (percent(0.5), percent(0.031), percent(1.0)) == ("50 %", "3.1 %", "100 %")
     assert [places_for([v]) for v in (2000.0, 150.0, 7.0, 0.1)] == [0, 1, 2, 3]
