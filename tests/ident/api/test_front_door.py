@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +15,7 @@ import pytest
 
 import ident
 import plan
+from ident import Effect, plant
 from ident.errors import InputError
 from ident.recordings.load import gather_sources, load_recording, read_frame
 from ident.robot.names import data_path
@@ -154,6 +154,89 @@ def test_results_tell_themselves(columns: dict[str, np.ndarray]) -> None:
     assert json.loads(json.dumps(found.to_dict()))["provenance"]["sessions"]
 
 
-def test_errors_survive_the_way_from_a_worker() -> None:
-    error = InputError("here", "wrong", "do this")
-    assert vars(pickle.loads(pickle.dumps(error))) == vars(error)
+SESSION = data_path("logs/tm5_900/E1")
+
+
+class Magnet(Effect):
+    """tau = A sin 3q: what nothing of the catalogue is at this joint."""
+
+    id = "magnet"
+    figures = ("amplitude_Nm",)
+    prior = ("2 coulomb",)
+
+    def columns(self, session: Any, joint: int, variant: Any) -> list[Any]:
+        return [np.sin(3 * run.motion.q[:, [joint]]) for run in session.runs]
+
+
+def test_what_is_planted_is_found_at_its_joint_and_as_large() -> None:
+    planted = plant(Magnet(), "joint_2", SESSION, coefficients=[6.0])
+    assert planted.found, planted
+    assert planted.joint == "joint_2"
+    (finding,) = (one for one in planted.diagnosis.findings if one.effect == "magnet")
+    assert finding.estimate.parameters["amplitude_Nm"].value == pytest.approx(6.0, rel=0.15)
+
+
+def test_nothing_planted_is_not_found() -> None:
+    assert not plant(Magnet(), "joint_2", SESSION, coefficients=[0.0]).found
+
+
+def test_a_joint_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(InputError, match="joint_2"):
+        plant(Magnet(), "elbow", SESSION)
+
+
+SEALED = data_path("logs/tm5_900/sealed_2")
+
+
+@pytest.fixture(scope="module")
+def found() -> ident.Diagnosis:
+    return ident.diagnose(SEALED, "tm5-900")
+
+
+def test_a_diagnosis_from_its_file_is_shown_as_it_was(found: ident.Diagnosis, tmp_path: Path) -> None:
+    found.save(tmp_path / "why.json")
+    loaded = ident.Diagnosis.load(tmp_path / "why.json")
+    assert loaded.verdict == found.verdict
+    assert loaded.summary() == found.summary()
+    assert loaded._repr_html_() == found._repr_html_()
+    heights = [[bar.get_height() for bar in one.plot().axes[0].patches] for one in (found, loaded)]
+    assert heights[0] == heights[1]
+
+
+def test_a_file_of_another_kind_is_no_diagnosis(found: ident.Diagnosis, tmp_path: Path) -> None:
+    ident.inspect(SEALED, "tm5-900").save(tmp_path / "inspect.json")
+    with pytest.raises(ident.InputError, match=r"its schema is 'ident\.telemetry"):
+        ident.Diagnosis.load(tmp_path / "inspect.json")
+
+
+def test_a_notebook_shows_the_page_and_the_page_alone(found: ident.Diagnosis) -> None:
+    html = found._repr_html_()
+    assert html.startswith("<iframe srcdoc=")
+    assert "&lt;section id=&quot;verdict&quot;" in html
+
+
+def test_what_python_echoes_is_no_longer_than_a_screen(found: ident.Diagnosis) -> None:
+    opened = ident.open_sessions(SEALED, "tm5-900")
+    session = ident.simulate(runs=1, duration=2.0)
+    for one in (
+        found,
+        ident.inspect(SEALED, "tm5-900"),
+        opened,
+        opened.arm,
+        opened.motions[0],
+        session,
+        session.runs[0],
+    ):
+        lines = repr(one).splitlines()
+        assert len(lines) <= 24
+        assert sum(-(-len(line) // 80) for line in lines) <= 50
+        assert type(one).__name__ in lines[0]
+        assert "array(" not in repr(one)
+
+
+def test_a_plot_has_the_colours_of_the_page(found: ident.Diagnosis) -> None:
+    page = found._repr_html_()
+    axes = found.plot().axes[0]
+    for bars in axes.containers:
+        red, green, blue, _ = np.round(255 * np.array(bars.patches[0].get_facecolor())).astype(int)
+        assert f"background:#{red:02x}{green:02x}{blue:02x}" in page
