@@ -47,12 +47,12 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-u
 @njit(cache=True, fastmath=True, nogil=True)
 def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of one body."""
-    f, rot, at = bodies.carrier[b], bodies.placed_rot, bodies.placed_at
+    f = bodies.carrier[b]
     for k in range(3):
-        at[b, k] = frame_at[f, k]
+        bodies.placed_at[b, k] = frame_at[f, k]
         for m in range(3):
-            at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
-            rot[b, k, m] = (
+            bodies.placed_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
+            bodies.placed_rot[b, k, m] = (
                 frame_rot[f, k, 0] * bodies.rot[b, 0, m]
                 + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
                 + frame_rot[f, k, 2] * bodies.rot[b, 2, m]

@@ -70,8 +70,8 @@ def prove_clearance(
     if not wanted.any():
         return Clearance(1.0, 1.0, 0.0, "nothing to hit", 0)
     seen, when, which = np.inf, 0.0, 0
-    for time in np.linspace(0.0, float(splines.total[0]), samples):
-        q = splines.at(np.array([time]))[0][0]
+    times = np.linspace(0.0, float(splines.total[0]), samples)
+    for time, q in zip(times, splines.at(times)[0], strict=True):
         # The start is looked at inside of meshes too.
         distances = np.where(wanted, scene.distances(q), np.inf) if time == 0.0 else _near(scene, q, wanted, seen, 0.0)
         if distances.min() < seen:

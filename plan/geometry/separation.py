@@ -51,7 +51,7 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@njit(cache=True, fastmath=True, nogil=True, inline="always")
 def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
     """Gap of the balls round two bodies [m]."""
     apart = 0.0

@@ -44,7 +44,7 @@ def _scaled(a, share):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
     """The farthest point of a body's core along a direction of the base frame."""
-    r, at = bodies.placed_rot[i], bodies.placed_at[i]
+    r = bodies.placed_rot[i]
     lx = r[0, 0] * d[0] + r[1, 0] * d[1] + r[2, 0] * d[2]
     ly = r[0, 1] * d[0] + r[1, 1] * d[1] + r[2, 1] * d[2]
     lz = r[0, 2] * d[0] + r[1, 2] * d[1] + r[2, 2] * d[2]
@@ -60,9 +60,9 @@ def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
                 best, chosen = along, m
         x, y, z = bodies.corners[chosen, 0], bodies.corners[chosen, 1], bodies.corners[chosen, 2]
     return (
-        at[0] + r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
-        at[1] + r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
-        at[2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
+        bodies.placed_at[i, 0] + r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
+        bodies.placed_at[i, 1] + r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
+        bodies.placed_at[i, 2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
     )
 
 

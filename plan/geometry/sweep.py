@@ -32,14 +32,7 @@ REMEMBERED = 256
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _place_links(world, q, first, last):  # type: ignore[no-untyped-def]
-    """Puts links into their places at a position."""
-    place_frames(world.chain, q, world.frame_rot, world.frame_at)
-    place_bodies(world.bodies, first, last, world.frame_rot, world.frame_at)
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def _world_gap(world, link, root, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
+def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 
     The body that was nearest last time, `hint`, is looked at first, and each from the direction in which it was seen
@@ -48,7 +41,6 @@ def _world_gap(world, link, root, most, hint, seen, band=BAND):  # type: ignore[
     """
     if root < 0:
         return most
-    tree, bodies = world.tree, world.bodies
     known, places = hint[0], seen.shape[0]
     low, high, anew = np.empty(3), np.empty(3), np.zeros(3)
     _extent(bodies, link, low, high)
@@ -72,7 +64,8 @@ def _world_gap(world, link, root, most, hint, seen, band=BAND):  # type: ignore[
                 best, hint[0] = gap, body
             continue
         a, b = tree.left[node], tree.right[node]
-        near_a, near_b = _node_gap(world, a, link, low, high, best), _node_gap(world, b, link, low, high, best)
+        near_a = _node_gap(tree, bodies, a, link, (low, high), best)
+        near_b = _node_gap(tree, bodies, b, link, (low, high), best)
         if near_a < near_b:  # the nearer child is put on top
             a, b, near_a, near_b = b, a, near_b, near_a
         if near_a < best:
@@ -85,13 +78,13 @@ def _world_gap(world, link, root, most, hint, seen, band=BAND):  # type: ignore[
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _node_gap(world, node, link, low, high, enough):  # type: ignore[no-untyped-def]
+def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped-def]
     """Lower bound of a link's signed separation from whatever a node holds [m].
 
     The boxes along the base's axes are looked at first; where these are nearer than `enough`, the node's box against
     the link's own, along the link's axes: a long link that lies askew fills little of its box along the base's axes.
     """
-    tree, rot, at = world.tree, world.bodies.placed_rot, world.bodies.placed_at
+    low, high = box
     deep, square = -1e300, 0.0
     for k in range(3):
         apart = max(tree.low[node, k] - high[k], low[k] - tree.high[node, k])
@@ -102,10 +95,10 @@ def _node_gap(world, node, link, low, high, enough):  # type: ignore[no-untyped-
         return bound
     deep, square = -1e300, 0.0
     for m in range(3):
-        middle, reach = 0.0, world.bodies.half[link, m]
+        middle, reach = 0.0, bodies.half[link, m]
         for k in range(3):
-            r = rot[link, k, m]
-            middle += r * (0.5 * (tree.low[node, k] + tree.high[node, k]) - at[link, k])
+            r = bodies.placed_rot[link, k, m]
+            middle += r * (0.5 * (tree.low[node, k] + tree.high[node, k]) - bodies.placed_at[link, k])
             reach += abs(r) * 0.5 * (tree.high[node, k] - tree.low[node, k])
         apart = abs(middle) - reach
         deep = max(deep, apart)
@@ -141,33 +134,34 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _ahead(world, link, low, spare, levers, section):  # type: ignore[no-untyped-def]
-    """Time in which no point of a link moves farther than `spare` against frame `low`; the section ends at most.
+def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[no-untyped-def]
+    """Time in which no point of a link moves farther than `spare` against a frame; the section ends at most.
 
     A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
 
     Args:
-        world, link, low, spare: Whose motion, and how far.
-        levers: Most that a gap can change for a unit of each joint.
+        chain, bodies, room: Parts of a world, which would cost more to take apart here.
+        link, spare: Whose motion, and how far.
+        levers: Most that a gap can change for a unit of each joint, nought for those below the frame.
         section: Top speeds of the joints in each of its parts, the time in it, and its duration.
     """
-    chain, bodies, reach, (peaks, t, duration) = world.chain, world.bodies, world.reach, section
+    (frame_rot, frame_at, reach), (peaks, t, duration) = room, section
     top = bodies.carrier[link]
-    for j in range(low, top):
-        if chain.sliding[j]:
-            reach[j] = 1.0
+    for j in range(top):
+        if chain.sliding[j] or levers[j] == 0.0:
+            reach[j] = levers[j]
             continue
-        axis = joint_axis(chain, world.frame_rot, j)
+        axis = joint_axis(chain, frame_rot, j)
         along, square = 0.0, 0.0
         for k in range(3):
-            away = bodies.placed_at[link, k] - world.frame_at[j + 1, k]
+            away = bodies.placed_at[link, k] - frame_at[j + 1, k]
             along += axis[k] * away
             square += away * away
         reach[j] = min(levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare)
     now, part = t, min(int(t / duration * PARTS), PARTS - 1)
     for i in range(part, PARTS):
         rate = 1e-9
-        for j in range(low, top):
+        for j in range(top):
             rate += peaks[i, j] * reach[j]
         end = duration * (i + 1.0) / PARTS
         if rate * (end - now) >= spare:
@@ -191,7 +185,8 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
         beyond: Gap from which on it does not matter how large it is [m].
         wanted: Which pairs are looked at, position by position, shape (T, P); all if it is empty.
     """
-    tree, bodies, links, root = world.tree, world.bodies, world.links, world.tree.root[-1]
+    chain, links, bodies, tree, frame_rot, frame_at, _ = world
+    root = tree.root[-1]
     out = np.full((q.shape[0], pairs.shape[0]), beyond)
     low, high = np.empty(3), np.empty(3)
     hints, warm, anew = np.full((pairs.shape[0], 1), -1), np.zeros(3), np.empty((0, 3))
@@ -201,7 +196,8 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
         if pairs[p, 0] >= links:
             column[pairs[p, 1], pairs[p, 0] - links] = p
     for t in range(q.shape[0]):
-        _place_links(world, q[t], 0, links)
+        place_frames(chain, q[t], frame_rot, frame_at)
+        place_bodies(bodies, 0, links, frame_rot, frame_at)
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0], pairs[p, 1]
             if a < links and (len(wanted) == 0 or wanted[t, p]):
@@ -216,7 +212,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
             while top > 0:
                 top -= 1
                 node = stack[top]
-                if _node_gap(world, node, b, low, high, beyond) > beyond:
+                if _node_gap(tree, bodies, node, b, (low, high), beyond) > beyond:
                     continue
                 if tree.left[node] >= 0:
                     stack[top], stack[top + 1] = tree.left[node], tree.right[node]
@@ -226,7 +222,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
                 p = column[b, shape]
                 if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
                     done[p] = t
-                    out[t, p] = _world_gap(world, b, tree.root[shape], 1e9, hints[p], anew)
+                    out[t, p] = _world_gap(tree, bodies, b, tree.root[shape], 1e9, hints[p], anew)
     return out
 
 
@@ -239,13 +235,15 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
         pairs: Shape of the world and link of each, shape (m, 2).
         q: Positions, shape (m, n) [rad].
     """
+    chain, bodies = world.chain, world.bodies
     out, hint, anew = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.empty((0, 3))
     for t in range(q.shape[0]):
         a, b = pairs[t, 0], pairs[t, 1]
-        _place_links(world, q[t], b, b + 1)
+        place_frames(chain, q[t], world.frame_rot, world.frame_at)
+        place_bodies(bodies, b, b + 1, world.frame_rot, world.frame_at)
         if t > 0 and a != pairs[t - 1, 0]:
             hint[0] = -1  # a body of another shape
-        _world_gap(world, b, world.tree.root[a - world.links], 1e9, hint, anew, 1e9)
+        _world_gap(world.tree, bodies, b, world.tree.root[a - world.links], 1e9, hint, anew, 1e9)
         out[t] = hint[0]
     return out
 
@@ -266,9 +264,11 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
         Smallest gap − margin seen [m] and the mean over time of the worst max(margin − gap, 0) [m], shape (B, 2).
     """
     points, slopes, h = splines
-    bodies, links, root = world.bodies, world.links, world.tree.root[-1]
+    chain, links, bodies, tree, frame_rot, frame_at, reach = world
+    root = tree.root[-1]
     batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
     between, count = pairs.shape[0], pairs.shape[0] + moving.shape[0]
+    room = frame_rot, frame_at, reach
     q, clear, hints, peaks = np.empty(n), np.empty(count), np.full((links + 1, 1), -1), np.empty((PARTS, n))
     seen = np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
     warm, out = np.zeros((between, 3)), np.empty((batch, 2))
@@ -288,20 +288,22 @@ def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-un
                     v0, v1 = slopes[b, k, j] * duration, slopes[b, k + 1, j] * duration
                     d = q1 - q0
                     q[j] = q0 + s * (v0 + s * (3.0 * d - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * d)))
-                _place_links(world, q, 0, links)
+                place_frames(chain, q, frame_rot, frame_at)
+                place_bodies(bodies, 0, links, frame_rot, frame_at)
                 worst, ahead = 1e9, duration
                 for p in range(count):
                     if clear[p] <= t:
                         if p < between:
-                            low, link = bodies.carrier[pairs[p, 0]], pairs[p, 1]
+                            link = pairs[p, 1]
                             gap = shape_gap(pairs[p, 0], link, bodies, warm[p], FAR)
                         else:
-                            low, link = 0, moving[p - between]
-                            gap = _world_gap(world, link, root, FAR, hints[link], seen[link])
+                            link = moving[p - between]
+                            gap = _world_gap(tree, bodies, link, root, FAR, hints[link], seen[link])
                         gap -= margins[p]
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.
-                        safe = _ahead(world, link, low, max(abs(gap), FINE), levers[p], (peaks, t, duration))
+                        spare = max(abs(gap), FINE)
+                        safe = _ahead(chain, bodies, room, link, spare, levers[p], (peaks, t, duration))
                         clear[p] = t + (safe if gap > 0.0 else min(max(safe, SHORTEST * coarse), coarse))
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)

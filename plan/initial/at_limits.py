@@ -27,7 +27,8 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
     long as the rates ask for.
     """
     shares = np.round(problem.durations / problem.durations.sum(), 12)
-    limits, unit = problem.limits, Splines(_points(problem)[None], shares[None])
+    points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
+    limits, unit = problem.limits, Splines(points[None], shares[None])
     needs = [unit.top_speed[0] / limits.speed]
     q, dq, ddq = unit.states(LOOKS)
     if limits.acceleration is not None:
@@ -54,10 +55,6 @@ def _tool_speed(problem: PlanningProblem, q: Float[Array, "T n"], dq: Float[Arra
         return 0.0
     rows = [row for row in problem.rules.rows(q, dq) if row.by_speed is not None]
     return max((float(np.sqrt(row.value.max() / row.aim)) for row in rows), default=0.0)
-
-
-def _points(problem: PlanningProblem) -> Float[Array, "K n"]:
-    return np.concatenate([[problem.start], problem.vias, [problem.goal]])
 
 
 def _torque_kept(problem: PlanningProblem, unit: tuple[Array, Array, Array], times: Float[Array, " m"]) -> Array:

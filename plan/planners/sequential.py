@@ -36,9 +36,9 @@ MANY = 12
 # Places of a section at which peaks are looked for: those of the ledger's evaluation among them, and close enough
 # together for the peak where a joint turns round and its friction changes sign.
 DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_nodes()[0]])))
-# Most times that limits are aimed lower because they were passed between the nodes, or at them by no more than a share:
-# a motion slowed down for a thousandth too much torque ends per cent above one that aims a thousandth lower.
-SETTLINGS, NEARLY = 2, 0.01
+# Limits passed between the nodes, and at them by no more than this share, are aimed lower: a motion slowed down for a
+# thousandth too much torque ends per cent above one that aims a thousandth lower.
+NEARLY = 0.01
 # Starts after which the best of them goes on at once, by so many grids for energy and for time: so a plan near the best
 # comes early, and the same steps are not taken again where it is still among the best when all have been tried.
 LEAD, LEADS = 3, (2, 1)
@@ -48,9 +48,9 @@ FAR = 1.25
 LOST = 0.2
 # Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
 FINEST = 96
-# Arms of no more joints try more starts for energy, and keep twice as many: there the first ones often miss the lowest
-# of many basins, by up to 4 % of the cost, and a start takes a thirtieth of a second. Of six joints, sixty starts have
-# found half a per cent at most.
+# Arms of no more joints try more starts for energy: there the first ones often miss the lowest of many basins, by up to
+# 4 % of the cost, and a start takes a thirtieth of a second. Of six joints, sixty starts have found half a per cent at
+# most.
 FEW = 3
 # Fewest via points that a motion without acceleration at its ends leaves free, and trajectories by which CMA-ES moves
 # time stamps that are named.
@@ -86,7 +86,7 @@ class Sequential(Planner):
     """
 
     starts: int = 10
-    more: int = 4
+    more: int = 2
     first: int = 36
     steps: int = 30
     kept: tuple[int, ...] = (4, 2, 1)
@@ -108,9 +108,9 @@ class Sequential(Planner):
             self._search_named(problems, ledger, rng)
             return
         ways = islice(self._initial(problems, ledger, rng), self.share[0], None, self.share[1])
-        courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, (), self.kept)
+        courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, ())
         if given.objective == "energy" and given.n <= FEW and ledger.remaining > 0:
-            self._round(islice(ways, self.more * self.starts), ledger, courses, tuple(2 * count for count in self.kept))
+            self._round(islice(ways, self.more * self.starts), ledger, courses)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
 
@@ -140,16 +140,13 @@ class Sequential(Planner):
             starts = problems if best is None else [best.problem.with_initial(best.splines)]
             Evolution(step=0.02 if best else 0.05, most=STAMPS).search(starts, ledger, rng)
 
-    def _round(
-        self, ways: Iterable[PlanningProblem], ledger: Ledger, earlier: Sequence[Course], kept: tuple[int, ...]
-    ) -> list[Course]:
+    def _round(self, ways: Iterable[PlanningProblem], ledger: Ledger, earlier: Sequence[Course]) -> list[Course]:
         """Tries some ways and takes the best of them to finer grids, as many on each as `kept` says.
 
         Args:
             ways: The ways.
             ledger: Counts what is evaluated.
             earlier: Courses of the round before; where there are none, the best of the first few leads.
-            kept: As the attribute.
 
         Returns:
             The courses of these ways on the coarse grid.
@@ -162,12 +159,10 @@ class Sequential(Planner):
                 return courses
             if not earlier and len(courses) == LEAD < self.starts:
                 best = min(courses, key=lambda course: course.rank)
-                self._finer([best], ledger, known, LEADS[best.local.timed], kept)
+                self._finer([best], ledger, known, LEADS[best.local.timed])
         if courses:
             courses.sort(key=lambda course: course.rank)
-            most = self.levels[courses[0].local.timed]
-            self._finer(courses[:1], ledger, known, most, kept)
-            self._finer(courses, ledger, known, most, kept)
+            self._finer(courses, ledger, known, self.levels[courses[0].local.timed])
         return courses
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
@@ -180,14 +175,12 @@ class Sequential(Planner):
         if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
             return course
         course = descend(course, ledger, self.first - self.first // 3, 0.1, 1e-4)
-        return self._settle(course, ledger, 1)[0]
+        return self._settle(course, ledger)[0]
 
-    def _settle(self, course: Course, ledger: Ledger, times: int = SETTLINGS) -> tuple[Course, float]:
+    def _settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
         """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
         cost = enter(course, ledger)
-        for _ in range(times):
-            if ledger.remaining == 0 or not nearly_kept(course) or not passes_between(course):
-                break
+        if ledger.remaining > 0 and nearly_kept(course) and passes_between(course):
             course = descend(tightened(course), ledger, self.steps // 4, 0.02, 1e-5)
             cost = min(cost, enter(course, ledger))
         return course, cost
@@ -217,9 +210,7 @@ class Sequential(Planner):
         solved, left = lambda: ledger.best is not None and ledger.best.feasible, lambda: ledger.seconds_left
         yield from iterate_ways(base, rng, solved, left)
 
-    def _finer(
-        self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int, kept: tuple[int, ...]
-    ) -> None:
+    def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
         """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
@@ -230,12 +221,11 @@ class Sequential(Planner):
             ledger: Counts what is evaluated.
             done: What became of courses on finer grids; filled.
             most: Most refinements.
-            kept: As the attribute.
         """
         timed, known = courses[0].local.timed, np.inf
         for level in range(most):
             finer = []
-            for course in courses[: kept[min(level, len(kept) - 1)]]:
+            for course in courses[: self.kept[min(level, len(self.kept) - 1)]]:
                 if course not in done and 2 * course.local.grid.sections > FINEST:
                     done[course] = (course.look.cost if course.kept else np.inf, course)
                 if course not in done:
@@ -334,8 +324,10 @@ def enter(course: Course, ledger: Ledger) -> float:
     splines, problem = course.local.splines(course.x), course.local.problem
     for factor in SLOWER if course.local.timed else (1.0,):
         slower = Splines(splines.points, splines.durations * factor)
-        if ledger.best is not None and ledger.best.feasible and _peak(problem, slower) > 1.0:
-            continue  # the ledger looks in fewer places: it would take for allowed what the certificate refuses
+        if ledger.best is not None and ledger.best.feasible:
+            torque = np.abs(problem.model.torque(*slower.states(DENSE))[0])
+            if np.any(torque > problem.limits.torque):
+                continue  # the ledger looks in fewer places: it would take for allowed what the certificate refuses
         carrier = problem.with_initial(slower)
         found = ledger.evaluate(carrier, carrier.initial[None])
         if found.feasible[0]:
@@ -343,11 +335,6 @@ def enter(course: Course, ledger: Ledger) -> float:
         if found.collision[0] > 0 or found.position[0] > 0:
             break
     return float("inf")
-
-
-def _peak(problem: PlanningProblem, splines: Splines) -> float:
-    """Largest torque between the nodes too, as a share of its limit."""
-    return float((np.abs(problem.model.torque(*splines.states(DENSE))[0]) / problem.limits.torque).max())
 
 
 def _give_vias(ledger: Ledger, count: int) -> None:

@@ -26,9 +26,9 @@ NEWTON = 5
 
 
 @njit(cache=True, nogil=True)
-def _settled(shares, joints, inside, knots, taylor, coefficients, duration):  # type: ignore[no-untyped-def]
+def _settled(shares, joints, inside, grid, coefficients, duration):  # type: ignore[no-untyped-def]
     """Shares of the duration at which each place's own joint stands still; places that are no turn stay."""
-    out = shares.copy()
+    (knots, taylor), out = grid, shares.copy()
     for i in range(shares.shape[0]):
         if not inside[i]:
             continue
@@ -73,10 +73,8 @@ class Turns:
 
     def settled(self, grid: Grid, coefficients: Float[Array, "C n"], duration: float) -> Turns:
         """The same turns where the speed is nought, by Newton's method on a trajectory's own speed."""
-        shares = _settled(
-            self.shares, self.joints, self.inside, grid.knots, grid.taylor, np.ascontiguousarray(coefficients), duration
-        )
-        return replace(self, shares=shares)
+        sections, numbers = (grid.knots, grid.taylor), np.ascontiguousarray(coefficients)
+        return replace(self, shares=_settled(self.shares, self.joints, self.inside, sections, numbers, duration))
 
     def on_their_side(self, model: ChainTorque, dq: Float[Array, "m n"]) -> Float[Array, "m n"]:
         """Speeds at the places, each place's own joint moving as fast as its friction takes to be there [rad/s]."""

@@ -131,6 +131,8 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     energy = power_integrals(tau, dq, weights)
     limits = problem.limits
     margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
+    # That of getting going within a controller's tick too.
+    jerk = np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK)
     law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)
     cuts, scene = find_cuts(problem.scene, problem.ends, limits.clearance), problem.scene
     return Certificate(
@@ -140,24 +142,21 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         position_margin=margin,
         clearance=prove_clearance(scene, splines, uncut(scene, cuts), asked=limits.clearance - SHORT),
         asked_clearance=limits.clearance,
-        cuts=tuple((cut, _prove_cut(problem, splines, cut)) for cut in cuts),
+        cuts=tuple(
+            (cut, prove_clearance(scene, splines, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT))
+            for cut in cuts
+        ),
         unchecked=scene.unchecked,
         shapes=scene.shapes,
         coarser=scene.coarser,
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
-        jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
+        jerk_share=None if limits.jerk is None else jerk / limits.jerk,
         time_law=law,
         extrapolation=beyond,
         reserve=limits.reserve,
         energy_half_width=None if beyond else _energy_half_width(problem, law),
         rules=() if problem.rules is None else problem.rules.check(splines),
     )
-
-
-def _prove_cut(problem: PlanningProblem, splines: Splines, cut: Cut) -> Clearance:
-    """Proven clearance of a pair that keeps less than was asked for."""
-    alone = np.arange(len(problem.scene.pairs)) == cut.pair
-    return prove_clearance(problem.scene, splines, alone, asked=cut.kept - SHORT)
 
 
 def _energy_half_width(problem: PlanningProblem, law: TimeLaw) -> float | None:
@@ -199,16 +198,13 @@ def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
     )
 
 
-def _jerk(splines: Splines) -> Float[Array, " n"]:
-    """Largest jerk of each joint, that of getting going within a controller's tick too [rad/s³]."""
-    return np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK)
-
-
 def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
-    """Peak torque of each joint as a share of its limit: densely everywhere, and closer where it comes near."""
+    """Peak torque of each joint as a share of its limit: densely everywhere, closer beside peaks near the limit."""
     s = np.linspace(0.0, 1.0, DENSE)
     share = np.abs(problem.model.torque(*splines.states(s))[0]) / problem.limits.torque
-    near = (share.max(axis=1) > NEAR_LIMIT).reshape(-1, DENSE)
+    padded = np.pad(share.reshape(-1, DENSE, problem.n), ((0, 0), (1, 1), (0, 0)))
+    peak = padded[:, 1:-1] >= np.maximum(padded[:, :-2], padded[:, 2:])
+    near = (peak & (padded[:, 1:-1] > NEAR_LIMIT)).any(axis=2)
     section, cell = np.nonzero(near[:, :-1] | near[:, 1:])
     if len(section) == 0:
         return share.max(axis=0)

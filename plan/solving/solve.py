@@ -315,11 +315,6 @@ def _gap(result: PlanResult, method: str, starts: Starts) -> float | None:
     Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed))
     if ledger.best is None or not ledger.best.feasible:
         return None
-    known = _cost(ledger.best, ledger.best.splines)
+    timed, problem = result.objective == "time", ledger.best.problem
+    known = ledger.best.cost if timed else certify(problem, ledger.best.splines).energy[problem.metric]
     return result.cost / known - 1.0
-
-
-def _cost(best: Candidate, splines: Splines) -> float:
-    if best.problem.objective == "time":
-        return float(splines.total[0])
-    return certify(best.problem, splines).energy[best.problem.metric]

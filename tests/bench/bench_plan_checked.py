@@ -201,7 +201,7 @@ def main() -> None:
 def tell(name: str, rows: list[Row]) -> None:
     """What became of some tasks, how many are broken, and their seconds."""
     planned = [row for row in rows if row.told > 0.0]
-    first = np.array([row.first for row in rows if row.status == "solved"])
+    first = np.array([row.first for row in rows if np.isfinite(row.first)])
     share = np.array([row.told / row.planned for row in planned]) if planned else np.ones(1)
     seconds = f"first plan {np.median(first):.2f} s median, {first.max():.2f} s worst" if len(first) else "no plan"
     broken, cut = sum(bool(row.broken) for row in rows), sum(row.cuts > 0 for row in rows)
