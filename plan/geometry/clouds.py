@@ -42,9 +42,7 @@ def read_cloud(path: Path, radius: float, scale: Float[Array, " 3"]) -> tuple[So
     if not size < WIDEST:
         raise SceneError(path, f"the cloud is {size:.3g} m wide", "give scale = 0.001 if it is in millimetres")
     kept, lost = thin_points(points, MOST_POINTS)
-    note = ""
-    if lost > 0.0:
-        note = f"{len(points)} points as {len(kept)}, each ball {1000 * lost:.2g} mm larger"
+    note = f"{len(points)} points as {len(kept)}, each ball {1000 * lost:.2g} mm larger" if lost > 0.0 else ""
     middle = (kept.min(axis=0) + kept.max(axis=0)) / 2
     return Solid.cloud(kept - middle, radius + lost, note), middle
 
@@ -136,8 +134,9 @@ def _announced(path: Path) -> int:
             word, *rest = line.split() or [b""]
             if word == b"element":
                 rows = int(rest[1])
-            elif word in (b"property", b"POINTS", b"WIDTH"):
-                total += 8 * abs(rows if word == b"property" else int(rest[0]))
+            elif word in (b"property", b"POINTS", b"WIDTH", b"COUNT"):
+                each = 512 if word == b"COUNT" else 8  # a column takes a name of its own
+                total += each * sum(map(abs, [rows] if word == b"property" else map(int, rest)))
             elif word == last:
                 packed = struct.unpack("<II", file.read(8)) if rest == [b"binary_compressed"] else (0, 0)
                 return total + packed[1]

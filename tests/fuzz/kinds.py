@@ -101,7 +101,7 @@ def check_report(report: TelemetryReport) -> None:
             rated = report.arm.model.effortLimit
             for run in report.session.runs:
                 must((np.median(np.abs(run.effort), axis=0) < MOST_RATED * rated).all(), "torque beyond any drive's")
-                must((np.ptp(run.effort, axis=0) > 0.0).any(), "no torque at all")
+                must(len(run) < 2 or (np.ptp(run.effort, axis=0) > 0.0).any(), "no torque at all")
 
 
 def check_session(session: Session) -> None:

@@ -71,7 +71,13 @@ def pcd(path: Path) -> Path:
     return path / "scan.pcd"
 
 
-@pytest.mark.parametrize("write", [parquet, commands, data_set, matlab, archive, ply, pcd])
+def columns(path: Path) -> Path:
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 9999999\nWIDTH 1\nHEIGHT 1\nPOINTS 1\n"
+    (path / "scan.pcd").write_text(f"{head}DATA ascii\n0 0 0\n")
+    return path / "scan.pcd"
+
+
+@pytest.mark.parametrize("write", [parquet, commands, data_set, matlab, archive, ply, pcd, columns])
 def test_what_unpacks_out_of_proportion_is_refused(
     write: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
