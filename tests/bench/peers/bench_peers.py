@@ -2,7 +2,7 @@
 
     pip install -e .[bench]     # or, kept apart: V/bin/pip install figaroh==1.0.2 mujoco[sysid]==4.0.0 filterpy
     python -m tests.bench.peers.bench_peers [--peer-python V/bin/python] [--only UR10,TM5] [--without sysid] [--seeds 1]
-        [--patience 300]
+        [--patience 900]
 
 Every peer is a program of its own (`run_*.py`) that is given positions and torque of the training runs and tells the
 torque of the test runs from their positions. Torque is scored through one zero-phase filter of 10 Hz, borders of 0.7 s
@@ -37,7 +37,7 @@ from tests.bench.peers.sets import Recorded, fixture_sets, real_sets, shipped_se
 HERE = Path(__file__).parent
 BORDER_S, REST_RAD_S = 0.7, 0.02
 # Processor time after which a program is stopped, unless another is asked for [s].
-PATIENCE_S = 300
+PATIENCE_S = 900
 # A pseudo-inertia's eigenvalue this far below zero is rounding [kg m²].
 ROUNDING = -1e-7
 
@@ -50,6 +50,7 @@ class Peer:
     script: str
     own_python: bool = False
     net: str = "none"
+    physical: bool = True
 
     @property
     def lines(self) -> int:
@@ -64,6 +65,7 @@ PEERS = (
     Peer("armgap", "run_armgap.py"),
     Peer("armgap + net", "run_armgap.py", net="default"),
     Peer("figaroh", "run_figaroh.py", own_python=True),
+    Peer("figaroh, free", "run_figaroh.py", own_python=True, physical=False),
     Peer("sysid", "run_sysid.py", own_python=True),
     Peer("filterpy", "run_filterpy.py", own_python=True),
 )
@@ -92,6 +94,7 @@ def run_peer(peer: Peer, recorded: Recorded, mjcf: Path, place: Path, python: st
         "friction": recorded.friction,
         "corner": recorded.corner,
         "net": peer.net,
+        "physical": peer.physical,
     }
     folder = place / peer.name.replace(" ", "")
     write_job(folder, facts, {"train": recorded.train, "test": recorded.test})
@@ -166,7 +169,6 @@ def main() -> None:
     only, without = ([part for part in text.split(",") if part] for text in (asked.only, asked.without))
     peers = [peer for peer in PEERS if peer.name not in without]
     print(f"{'':<20}{'':<14}{'RMSE':>8}{'worst':>8}{'worst R²':>10}{'cpu s':>8}{'MB':>7}{'lines':>7}  consistent")
-    table: dict[str, list[Row]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for recorded in sets_of(Path(folder), asked.seeds):
             if only and not any(part in recorded.name for part in only):
@@ -174,15 +176,12 @@ def main() -> None:
             place = Path(folder) / recorded.name.replace(" ", "_")
             place.mkdir()
             mjcf = _mjcf(recorded, place)
-            rows = table[recorded.name] = []
             for peer in peers:
                 row = run_peer(peer, recorded, mjcf, place, asked.peer_python, asked.patience)
                 told = f"{row.rmse:8.4f}{row.worst_joint:8.4f}{row.worst_r2:10.4f}{row.cpu_s:8.1f}{row.memory_mb:7.0f}"
                 print(
                     f"{recorded.name:<20}{row.peer:<14}{told}{peer.lines:>7}  {row.consistent}{row.failed}", flush=True
                 )
-                rows.append(row)
-    _tell_winners(table)
     print(f"peak memory of this program itself: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
@@ -194,18 +193,6 @@ def _mjcf(recorded: Recorded, place: Path) -> Path:
     losses = Losses(*np.zeros((3, arm.n)), np.full(arm.n, 1e-6), np.zeros(arm.n))
     path.write_text(write_mjcf(IdentifiedArm.with_losses(arm, losses)))
     return path
-
-
-def _tell_winners(table: dict[str, list[Row]]) -> None:
-    """Who comes first, figure by figure; also where that is not us."""
-    for figure, best in (("rmse", min), ("worst_joint", min), ("worst_r2", max), ("cpu_s", min), ("memory_mb", min)):
-        first = []
-        for name, rows in table.items():
-            valid = [row for row in rows if np.isfinite(getattr(row, figure)) and not row.failed]
-            if valid:
-                winner = best(valid, key=lambda row, figure=figure: getattr(row, figure))
-                first.append(f"{name}: {winner.peer}")
-        print(f"first by {figure}: {'; '.join(first)}")
 
 
 if __name__ == "__main__":

@@ -10,9 +10,10 @@ from figaroh.identification.parameter import get_standard_parameters
 from figaroh.identification.physical_fit import FixedExtras, build_problem, solve_direct_effort_fit
 from figaroh.tools.regressor import build_regressor_basic
 from job import CORNER_HZ, Job, least_eigenvalue, lowpass
+from scipy.signal import decimate
 
-# Rows that the fit is given a second: figaroh's own examples decimate likewise.
-ROWS_HZ = 50.0
+# Rows that the fit is given a second: figaroh's own examples decimate tenfold.
+ROWS_HZ = 10.0
 BORDER_S = 0.25  # what figaroh's own filter cuts off at 100 Hz
 
 
@@ -39,13 +40,19 @@ def states(model, run, corner):
     # Its speeds and accelerations stand half a step late.
     dq, ddq = (0.5 * (part + np.vstack([part[:1], part[:-1]])) for part in (dq, ddq))
     border = round(BORDER_S / step)
-    rows = slice(border, -border, max(1, round(1.0 / step / ROWS_HZ)))
+    rows = slice(border, -border)
     tau = lowpass(tau[: len(q)], 1.0 / step, corner)
     return time[: len(q)][rows], q[rows], dq[rows], lowpass(ddq, 1.0 / step, corner)[rows], tau[rows]
 
 
 def columns(robot, run, config):
     return build_regressor_basic(robot, *run[1:4], config)
+
+
+def decimated(values, run):
+    """Rows and torque through one filter, a part of them kept: what figaroh's own examples do."""
+    factor = max(1, round(1.0 / (run[0][1] - run[0][0]) / ROWS_HZ))
+    return values if factor == 1 else decimate(values, factor, axis=-2, zero_phase=True)
 
 
 def main():
@@ -59,10 +66,10 @@ def main():
     corner = job.facts.get("corner", CORNER_HZ)
     train = [states(model, run, corner) for run in job.even_runs("train")]
     parts = [columns(robot, run, config) for run in train]
+    parts = [decimated(part.reshape(n, len(run[0]), -1), run) for part, run in zip(parts, train, strict=True)]
     # Stacked joint by joint, as figaroh has it, over all runs.
-    width = parts[0].shape[1]
-    y = np.concatenate([part.reshape(n, -1, width) for part in parts], axis=1).reshape(-1, width)
-    tau = np.concatenate([run[4] for run in train]).T.ravel()
+    y = np.concatenate(parts, axis=1).reshape(-1, parts[0].shape[2])
+    tau = np.concatenate([decimated(run[4], run) for run in train]).T.ravel()
     prior = np.array(list(get_standard_parameters(model, config).values()))
     weight = np.ones_like(tau)
     for _ in range(2):  # once plain, once weighted by what each joint leaves
@@ -77,7 +84,7 @@ def main():
     theta = found[: 10 * n]
     # Its solver gives up on some weights: first those of what is left, then those of its own benchmark.
     by_effort = np.repeat(1.0 / tau.reshape(n, -1).std(axis=1), len(tau) // n)
-    for rows in (weight / weight.max(), by_effort, np.ones_like(tau)):
+    for rows in (weight / weight.max(), by_effort, np.ones_like(tau)) if job.facts["physical"] else ():
         problem = build_problem(y, tau, standard + extras, names, prior=start, extras=fixed, row_weight=rows)
         solved = solve_direct_effort_fit(problem)
         if solved.theta is not None:

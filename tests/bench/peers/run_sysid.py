@@ -85,7 +85,7 @@ def main():
         return [((predict(found, run) - run[4]) * weight).ravel()], None, None
 
     for _ in range(2):
-        unknown, _ = sysid.optimize(unknown, residual, optimizer="scipy", verbose=False, max_iters=12)
+        unknown, _ = sysid.optimize(unknown, residual, optimizer="scipy", verbose=False, max_iters=60)
         weight = 1.0 / (predict(unknown, run) - run[4]).std(axis=0)
     tests = [states(one, 1e9) for one in job.even_runs("test")]
     # Its log-Cholesky numbers can be nothing but consistent.
