@@ -58,13 +58,12 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     for name in ("before", "after"):
         side = record[name]
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
-        sessions = f"{', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}"
-        console.print(f"{name}: {sessions}; {size}")
+        console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
     print_serious(console, record["telemetry"])
     console.print(styled((record["verdict"], "bold"), f": {headline(record)}"), soft_wrap=True)
     for change in record["changes"]:
-        console.print(f"  {describe_change(change)}", soft_wrap=True, highlight=False)
-        console.print(f"    do: {change['action']}", soft_wrap=True, highlight=False)
+        told = f"  {describe_change(change)}\n    do: {change['action']}"
+        console.print(told, soft_wrap=True, highlight=False, markup=False)
     lines = [
         f"not reported: {effect_name(one['effect'])} in {join_words(one['joints'])}: {one['reason']}"
         for one in record["reservations"]
@@ -72,7 +71,7 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     lines += [describe_spread(record["friction_run_spread"]), describe_lone_runs(record)]
     lines += [*describe_used(record), *describe_still(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
+        console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
 
 
 def describe_still(record: Mapping[str, Any]) -> list[str]:

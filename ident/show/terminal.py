@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -122,19 +123,19 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
     console.print(styled((verdict, "bold"), f": {diagnosis_headline(record)}"), soft_wrap=True)
+    say = partial(console.print, soft_wrap=True, highlight=False, markup=False)  # "[open]" is no markup
     if action := first_action(record):
-        console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)
+        say(f"  first: {action}")
     for one in findings:
-        console.print(describe(one, runs), soft_wrap=True, highlight=False)
-        console.print(f"    do: {order_of(one, record)}", soft_wrap=True, highlight=False, markup=False)
+        say(f"{describe(one, runs)}\n    do: {order_of(one, record)}")
     lines = [*describe_reservations(record), describe_unnamed(record), *map(describe_gap, record["gap"].items())]
     lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]
     for line in filter(None, lines):
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
+        say(f"  {line}")
     if until := record.get("until"):
-        console.print(describe_looks(until), soft_wrap=True, highlight=False)
+        say(describe_looks(until))
         if not until["enough"] and record["next_experiment"] is not None:
-            console.print(f"  record next: {record['next_experiment']['motion']}", soft_wrap=True, highlight=False)
+            say(f"  record next: {record['next_experiment']['motion']}")
 
 
 def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:

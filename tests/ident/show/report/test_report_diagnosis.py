@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from ident.show.report import ReportInput, write_diagnosis_report
 from ident.show.report.diagnosis_pages import describe_place
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
 from ident.show.report.sections import confusion_section
 from ident.show.report.words import parameter_name, shade, with_units
+from ident.show.terminal import print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -28,12 +30,10 @@ RECORD: dict[str, Any] = {
     ],
     "verdict": "named",
     "gap": {
-        "joint_1": {
-            "rms_Nm": 0.5, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.41, "energy_error_J": {"mean": -0.2, "std": 0.1},
-        },
-        "joint_2": {
-            "rms_Nm": 1.1, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.45, "energy_error_J": {"mean": -1.2, "std": 0.4},
-        },
+        "joint_1": {"rms_Nm": 0.5, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.41,
+            "energy_error_J": {"mean": -0.2, "std": 0.1}},
+        "joint_2": {"rms_Nm": 1.1, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.45,
+            "energy_error_J": {"mean": -1.2, "std": 0.4}},
     },
     "where": [
         {"joint": "joint_2", "axis": "speed", "low": 0.0, "high": 0.2, "share_of_gap": 0.71, "p_value": 0.001},
@@ -41,9 +41,7 @@ RECORD: dict[str, Any] = {
     ],
     "findings": [
         {
-            "effect": "stribeck_friction",
-            "joints": ["joint_2"],
-            "probability": 0.97,
+            "effect": "stribeck_friction", "joints": ["joint_2"], "probability": 0.97,
             "class": ["stribeck_friction", "nonlinear_viscous_friction"],
             "parameters": {"stribeck_velocity_rad_s": {"value": 0.08, "low": 0.06, "high": 0.11}},
             "heldout": {
@@ -83,11 +81,7 @@ def test_page_tells_the_whole_record(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("verdict", "words"),
-    [
-        ("no_gap", "No gap"),
-        ("none_of_catalogue", "no effect of the catalogue explains it"),
-        ("not_testable", "can't tell"),
-    ],
+    [("no_gap", "No gap"), ("none_of_catalogue", "no effect of the catalogue"), ("not_testable", "can't tell")],
 )
 def test_page_without_findings(tmp_path: Path, verdict: str, words: str) -> None:
     """Every verdict has a page, with or without findings; keys that are empty are no error."""
@@ -133,6 +127,12 @@ def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
     text = written(tmp_path, record).replace("\xa0", " ")
     assert "further off on the rest than as it was given (joint_2: " in text
     assert "(ident fit)" in text
+
+
+def test_brackets_are_no_markup_on_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    doubt = {"effect": "", "joints": [], "reason": "knee 0.6 rad/s [open]"}
+    print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": {}, "reservations": [doubt]})
+    assert "[open]" in capsys.readouterr().out
 
 
 def test_one_run_has_no_spread(tmp_path: Path) -> None:
