@@ -6,6 +6,7 @@ MuJoCo's step is a C call from the compiled loop: a Python call a step would cos
 from __future__ import annotations
 
 import ctypes
+from collections import namedtuple
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,21 +62,8 @@ def call_step(_context: Any, function: Any, model: Any, data: Any) -> Any:
     return signature, generate
 
 
-class Engine(NamedTuple):
-    """MuJoCo's model and data, as addresses and views."""
-
-    function: int
-    model: int
-    data: int
-    dt: float
-    qpos: Array
-    qvel: Array
-    qacc: Array
-    qfrc: Array
-    xfrc: Array
-    xpos: Array
-    xmat: Array
-    xipos: Array
+Engine = namedtuple("Engine", "function model data dt qpos qvel qacc qfrc_applied xfrc_applied xpos xmat xipos")
+"""MuJoCo's model and data, as addresses and views."""
 
 
 class Laws(NamedTuple):
@@ -105,20 +93,8 @@ class Log(NamedTuple):
 
 def engine(model: Any, data: Any) -> Engine:
     """Addresses and views of a MuJoCo model and its data, which must outlive it."""
-    return Engine(
-        step_address(),
-        model._address,
-        data._address,
-        float(model.opt.timestep),
-        data.qpos,
-        data.qvel,
-        data.qacc,
-        data.qfrc_applied,
-        data.xfrc_applied,
-        data.xpos,
-        data.xmat,
-        data.xipos,
-    )
+    addresses = step_address(), model._address, data._address
+    return Engine(*addresses, float(model.opt.timestep), *(getattr(data, name) for name in Engine._fields[4:]))
 
 
 def fresh_state(n: int) -> Array:
@@ -186,9 +162,9 @@ def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> N
         if drive.elastic:
             twist = own.motor_angle - engine.qpos[j]
             own.spring = spring_torque(drive, twist, own.motor_speed - engine.qvel[j])
-            engine.qfrc[j] = own.spring + own.link
+            engine.qfrc_applied[j] = own.spring + own.link
         else:
-            engine.qfrc[j] = own.net + own.link
+            engine.qfrc_applied[j] = own.net + own.link
 
 
 @njit(cache=True)
@@ -215,7 +191,7 @@ def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
     motor_motion(engine, laws.drive, state)
     apply_torques(engine, laws, state, elapsed)
     if laws.contact.body > 0:
-        push(laws.contact, elapsed, engine.xpos, engine.xmat, engine.xipos, engine.xfrc)
+        push(laws.contact, elapsed, engine.xpos, engine.xmat, engine.xipos, engine.xfrc_applied)
     call_step(engine.function, engine.model, engine.data)  # type: ignore[call-arg]
     turn_motors(engine, laws.drive, state)
 

@@ -113,9 +113,6 @@ def _cipher(text: bytes, key: bytes) -> bytes:
     return bytes(a ^ b for a, b in zip(text, stream, strict=False))
 
 
-# What the user asks of the simulated arm, checked before anything runs.
-
-
 WHOLE_ARM = ("", "arm", "all", "-")
 _SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")
 

@@ -150,17 +150,13 @@ def simulate(
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
     session = Session(name, tuple(runs), payload=options.payload, robot=options.robot, metadata=dict(ORIGIN))
     floor = dict(zip(arm.joint_names, map(float, floors), strict=True))
-    of_world = (world.to_dict(), _true_losses(healthy)) if world else ()
-    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, *of_world)
+    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor)
+    if world:
+        keys, law = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm"), healthy.friction
+        rows = zip(arm.joint_names, healthy.drive.rotor_inertia, law.viscous, law.coulomb, strict=True)
+        losses = {joint: dict(zip(keys, map(float, values), strict=True)) for joint, *values in rows}
+        answer = replace(answer, world=world.to_dict(), losses=losses)
     return Simulation(session, answer, hardware, plans, options, meter, seeds)
-
-
-def _true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
-    """Rotor inertia, viscous and dry friction of each joint, as a diagnosis reports them."""
-    law = hardware.friction
-    rows = zip(hardware.arm.joint_names, hardware.drive.rotor_inertia, law.viscous, law.coulomb, strict=True)
-    keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
-    return {joint: dict(zip(keys, map(float, values), strict=True)) for joint, *values in rows}
 
 
 def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Generator) -> Hardware:

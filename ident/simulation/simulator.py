@@ -71,8 +71,14 @@ class Simulator:
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
         stiffness, damping = controller_gains(hardware)
-        filter_rad_s, resolution, self._loop_noise = _feedback(hardware, damping)
-        own = {"limit": drive.effort_limit, "offset": hardware.sensing.encoder_offset, "resolution": resolution}
+        sensing, filter_rad_s = hardware.sensing, FILTER_RAD_S
+        resolution, self._loop_noise = np.array(sensing.count), sensing.count_noise
+        if hardware.loop_noise is not None:
+            filter_rad_s = min(FILTER_RAD_S, FILTER_PER_BANDWIDTH * hardware.bandwidth)
+            most = hardware.loop_noise * drive.effort_limit / (damping * filter_rad_s)
+            resolution = np.minimum(sensing.count, np.sqrt(12.0) * most)
+            self._loop_noise = np.minimum(sensing.count_noise * sensing.count, most) / resolution
+        own = {"limit": drive.effort_limit, "offset": sensing.encoder_offset, "resolution": resolution}
         smoothing = -np.expm1(-filter_rad_s * TICK_S)
         self.control = make_law("control", arm.n, stiffness=stiffness, damping=damping, smoothing=smoothing, **own)
 
@@ -172,18 +178,6 @@ def feed_forward(hardware: Hardware, motion: ReferenceMotion) -> Float[Array, "K
     return torque
 
 
-def _feedback(hardware: Hardware, damping: Float[Array, " n"]) -> tuple[float, Array, float | Array]:
-    """Velocity filter [rad/s], resolution [rad] and noise [counts] of the encoders as the loop sees them."""
-    sensing = hardware.sensing
-    count = np.array(sensing.count)
-    if hardware.loop_noise is None:
-        return FILTER_RAD_S, count, sensing.count_noise
-    filter_rad_s = min(FILTER_RAD_S, FILTER_PER_BANDWIDTH * hardware.bandwidth)
-    most = hardware.loop_noise * hardware.drive.effort_limit / (damping * filter_rad_s)
-    resolution = np.minimum(count, np.sqrt(12.0) * most)
-    return filter_rad_s, resolution, np.minimum(sensing.count_noise * count, most) / resolution
-
-
 def choose_step(hardware: Hardware, coarse: bool = False) -> float:
     """Step of the simulation [s]: half a tick (a tick if coarse), or a power of two less that resolves the springs."""
     longer = COARSER if coarse else 1.0
@@ -209,6 +203,12 @@ def least_link_inertia(hardware: Hardware) -> Float[Array, " n"]:
     return np.asarray(np.min(free, axis=0))
 
 
+def middling_inertia(hardware: Hardware) -> Float[Array, " n"]:
+    """Inertia that each joint moves at a middling pose, its rotor included [kg m²]."""
+    pose = np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)
+    return np.asarray(np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia)
+
+
 def mass_matrix(hardware: Hardware, q: Float[Array, " n"]) -> Float[Array, "n n"]:
     """Joint-space inertia of the nominal links at a pose, without rotors [kg m²]."""
     arm, unit = hardware.arm, np.eye(hardware.n)
@@ -223,10 +223,7 @@ def controller_gains(hardware: Hardware) -> tuple[Float[Array, " n"], Float[Arra
     Softer where the lightest that the motor ever feels (its rotor alone behind a spring, the link with all others free
     else) would be driven faster than the loop's filter and ticks can follow.
     """
-    arm = hardware.arm
-    pose = np.clip(np.full(arm.n, 0.6), arm.lower, arm.upper)
-    inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
-    w, drive = hardware.bandwidth, hardware.drive
+    inertia, w, drive = middling_inertia(hardware), hardware.bandwidth, hardware.drive
     damping = 2.0 * hardware.damping_ratio * w * inertia
     lightest = np.where(drive.elastic, drive.rotor_inertia, least_link_inertia(hardware))
     softer = np.minimum(1.0, LARGEST_LOOP_RAD_S * lightest / damping)

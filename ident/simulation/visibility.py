@@ -21,9 +21,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
-from ident.simulation.causes.base import Cause, Circumstances, View
+from ident.simulation.causes import Cause, Circumstances
+from ident.simulation.causes.base import View
 from ident.simulation.hardware import Hardware
-from ident.simulation.laws import Contact
 from ident.simulation.sensing import read_torque, sample
 from ident.simulation.simulator import Simulator, Trace, choose_step, feed_forward
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -79,20 +79,17 @@ def find_size(
             share = below[1] / (below[1] - above[1]) if finite else 0.5
             guess = below[0] + share * (above[0] - below[0])
         else:
-            guess = float(np.clip(trial[0] + _step(trial, last, ends), *sorted(np.log(ends))))
+            # One side only is known: a step along the power law of the last two trials.
+            power = 1.0
+            if last and np.isfinite(last[1]) and np.isfinite(trial[1]):
+                power = np.clip(abs((trial[1] - last[1]) / (trial[0] - last[0])), LEAST_POWER, GREATEST_POWER)
+            longest = np.log(LONGEST_STEP)
+            step = float(np.clip(-trial[1], -longest, longest) / (power if ends[0] <= ends[1] else -power))
+            guess = float(np.clip(trial[0] + step, *sorted(np.log(ends))))
         last, size = trial, float(np.exp(guess))
         if abs(guess - trial[0]) <= SAME:
             break
     return best
-
-
-def _step(trial: Trial, last: Trial | None, ends: tuple[float, float]) -> float:
-    """Step of a search that has seen one side only, along the power law of the last two trials."""
-    power = 1.0
-    if last and np.isfinite(last[1]) and np.isfinite(trial[1]):
-        power = np.clip(abs((trial[1] - last[1]) / (trial[0] - last[0])), LEAST_POWER, GREATEST_POWER)
-    longest = np.log(LONGEST_STEP)
-    return float(np.clip(-trial[1], -longest, longest) / (power if ends[0] <= ends[1] else -power))
 
 
 STRIDE_S = 0.02
@@ -124,26 +121,22 @@ class VisibleRows(NamedTuple):
 
 def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
     """Samples of all runs with the columns of a view."""
-    parts = (_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces))
+    parts, arm = [], hardware.arm
+    for number, trace in enumerate(traces):
+        ticks, times, log = trace.times, _sample_times(trace), trace.log
+        speed = _slow(log.speed)
+        q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
+        dq = sample(ticks, speed, times)
+        ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
+        direction = sample(ticks, _slow(np.sign(log.speed)), times)  # filtered like the torque that turns with it
+        own = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
+        columns = [value[:, :, None] * np.eye(arm.n) for value in own]
+        if view == "refit":
+            columns.insert(0, arm.regressor(q, dq, ddq))
+        known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
+        where = np.abs(dq) > STILL_RAD_S, dq, np.full(len(times), number), times
+        parts.append((np.concatenate(columns, axis=2), _reading(hardware, trace), known, *where))
     return VisibleRows(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> tuple[Array, ...]:
-    """Of one run, in the order of the fields."""
-    ticks, times = trace.times, _sample_times(trace)
-    log, arm = trace.log, hardware.arm
-    speed = _slow(log.speed)
-    q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
-    dq = sample(ticks, speed, times)
-    ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
-    direction = sample(ticks, _slow(np.sign(log.speed)), times)  # filtered like the torque that turns round with it
-    own = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
-    columns = [value[:, :, None] * np.eye(arm.n) for value in own]
-    if view == "refit":
-        columns.insert(0, arm.regressor(q, dq, ddq))
-    known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
-    where = np.abs(dq) > STILL_RAD_S, dq, np.full(len(times), number), times
-    return np.concatenate(columns, axis=2), _reading(hardware, trace), known, *where
 
 
 def _sample_times(trace: Trace) -> Float[Array, " T"]:
@@ -275,7 +268,10 @@ class VisibilityMeter:
             way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
             before = self._without(cause, scene, way, cause.view)
             after = self._with(hardware, way, cause.view)
-            shown = compare(after, before, _window(hardware.contact, hardware.contact_run, after))
+            push, window = hardware.contact, None
+            if push.body:  # a burst would drown in the mean over the session: the samples during it alone
+                window = (after.run == hardware.contact_run) & (after.time > push.start) & (after.time < push.end)
+            shown = compare(after, before, window)
             if self.band is not None:
                 shown = replace(shown, torque=in_band(shown.torque, after.run, self.band))
             self._seen[key] = freeze(shown.rms)
@@ -356,10 +352,3 @@ class VisibilityMeter:
                 "choose another amplitude, joint or motion",
             )
         return size
-
-
-def _window(contact: Contact, run: int, rows: VisibleRows) -> Array | None:
-    """Samples during a push, if there is one: a burst would drown in the mean over the session."""
-    if contact.body == 0:
-        return None
-    return (rows.run == run) & (rows.time > contact.start) & (rows.time < contact.end)

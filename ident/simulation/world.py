@@ -24,7 +24,7 @@ from ident.simulation.hardware import Hardware, draw_hardware
 from ident.simulation.laws import change_law, heat_law, plain_friction
 from ident.simulation.record import Channels
 from ident.simulation.sensing import Sensing
-from ident.simulation.simulator import mass_matrix
+from ident.simulation.simulator import middling_inertia
 from ident.trajectories.reference import ReferenceMotion
 
 EncoderSide = Literal["motor", "link"]
@@ -145,46 +145,34 @@ def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
     return pair
 
 
-def _preset(name: str, about: str, sound: bool = False, **own: list[Any]) -> WorldRange:
-    """A row of the presets; it changes what it starts from."""
-    values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
-    return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
-
-
-PRESETS: dict[str, WorldRange] = {name: _preset(name, **own) for name, own in _TABLES["presets"].items()}
+PRESETS: dict[str, WorldRange] = {}
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
+for _name, _own in _TABLES["presets"].items():
+    _from = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if _own.pop("sound", False) else {})}
+    _about = _own.pop("about")
+    PRESETS[_name] = WorldRange(_name, _about, {key: tuple(one) for key, one in {**_from, **_own}.items()})
 GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
 """Lists by name; a check takes the worlds of a list in turn."""
 
 
-def read_world_file(path: Path) -> WorldRange:
-    """A range of worlds from a TOML file: fields of `World`, and `preset`, the range that it starts from.
+def find_world(name: str | Path) -> WorldRange:
+    """A range by its preset's name, or from a TOML file: fields of `World`, and `preset`, which it starts from.
 
-    A list of two numbers is a pair of bounds; a list of words is a choice.
+    In a file a list of two numbers is a pair of bounds; a list of words is a choice.
 
     Raises:
-        InputError: Not a readable TOML file, an unknown preset or field, or a value out of bounds.
+        InputError: Neither, not a readable TOML file, an unknown preset or field, or a value out of bounds.
     """
+    path, listed = Path(name), ", ".join(PRESETS)
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
+    if path.suffix != ".toml" and not path.is_file():
+        raise InputError("--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}")
     values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
     if not isinstance(preset, str) or preset not in PRESETS:
-        raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(PRESETS)}")
+        raise InputError(path, f"unknown preset {preset!r}", f"choose from: {listed}")
     return PRESETS[preset].with_values(path.stem, values, path)
-
-
-def find_world(name: str | Path) -> WorldRange:
-    """A range by its preset's name or from a TOML file.
-
-    Raises:
-        InputError: Neither.
-    """
-    if str(name) in PRESETS:
-        return PRESETS[str(name)]
-    path = Path(name)
-    if path.suffix == ".toml" or path.is_file():
-        return read_world_file(path)
-    listed = ", ".join(PRESETS)
-    raise InputError("--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}")
 
 
 def find_worlds(text: str) -> tuple[WorldRange, ...]:
@@ -315,10 +303,9 @@ def noise_floor(hardware: Hardware, world: World, motions: Sequence[ReferenceMot
 
 def _disturbance(hardware: Hardware) -> Float[Array, " n"]:
     """Inertia of each joint at a middling pose times the deviation of its encoder's reading, rounded [N m s²]."""
-    pose = np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)
-    inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
     count = hardware.sensing.count
-    return np.asarray(inertia * np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0)))
+    noise = np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0))
+    return np.asarray(middling_inertia(hardware) * noise)
 
 
 def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:

@@ -3,13 +3,84 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ident.errors import InputError
+from ident.simulation.causes import actions
+from ident.simulation.causes.base import Circumstances, Parameters, Size, View
+from ident.simulation.hardware import Hardware
 
-# The modules of causes enter what they do into one table.
-from ident.simulation.causes import arm, joints, unlisted  # noqa: F401
-from ident.simulation.causes.base import Cause, Circumstances
+
+@dataclass(frozen=True)
+class Cause:
+    """One thing that may be wrong: a row of `causes.toml`, where each field is explained."""
+
+    id: str
+    parameter: str
+    typical_size: Size
+    least: Size
+    most: tuple[Size, ...]
+    law: str = ""
+    column: str = ""
+    healthy: float = 0.0
+    drawn: Mapping[str, tuple[str, str, float, float]] = field(default_factory=dict)
+    whole_arm: bool = False
+    view: View = "refit"
+    inverse: bool = False
+    needs_all: bool = False
+    beside: float | None = None
+
+    @classmethod
+    def of_row(cls, name: str, typical: Size, bounds: Sequence[Size], **own: Any) -> Cause:
+        """The cause of a row of the table."""
+        return cls(name, own.pop("parameter"), typical, bounds[0], tuple(bounds[1:]), **own)
+
+    def typical(self, scene: Circumstances) -> float:
+        """A typical size."""
+        return scene.size_of(self.typical_size)
+
+    def bounds(self, scene: Circumstances) -> tuple[float, float]:
+        """Smallest and largest size that physics or the motions allow."""
+        return scene.size_of(self.least), min(map(scene.size_of, self.most))
+
+    def apply(self, scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+        """The hardware with the cause, and what is true."""
+        if not self.law:
+            return getattr(actions, self.id)(scene, size)
+        if self.law == "sensing":
+            sensing = scene.hardware.sensing.set(scene.joint, **{self.column: self.healthy + size})
+            return scene.hardware.replace(sensing=sensing), {self.parameter: size}
+        values = {column: _draw(scene.rng, how, low, high) for column, (_, how, low, high) in self.drawn.items()}
+        true = {self.drawn[column][0]: value for column, value in values.items()}
+        return scene.with_laws(self.law, **{self.column: size}, **values), {self.parameter: size, **true}
+
+    def checked(self, scene: Circumstances, size: float) -> float:
+        """The size, if it is physical.
+
+        Raises:
+            InputError: It is not; the message tells the bounds.
+        """
+        low, high = self.bounds(scene)
+        if not low <= size <= high:
+            raise InputError(
+                f"--effect {self.id}",
+                f"{self.parameter} = {size:g} is outside physics",
+                f"choose between {low:.4g} and {high:.4g}",
+            )
+        return size
+
+
+def _draw(rng: np.random.Generator, how: str, low: float, high: float) -> float:
+    """A number between two: `even`ly, `whole`, or evenly in the `log`arithm."""
+    if how == "log":
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return float(rng.integers(int(low), int(high)) if how == "whole" else rng.uniform(low, high))
+
 
 _ROWS = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
 

@@ -24,7 +24,6 @@ from ident.simulation.world import (
     find_worlds,
     friction_path,
     noise_floor,
-    read_world_file,
     settle,
     usable_band,
 )
@@ -72,7 +71,7 @@ def test_worlds_to_tune_on_and_worlds_to_quote_have_none_in_common() -> None:
 def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('preset = "fine-encoder"\nrate_hz = 125\ntorque_noise = [0.01, 0.02]\nvelocity = "none"\n')
-    world = read_world_file(path).draw(np.random.default_rng(0))
+    world = find_world(path).draw(np.random.default_rng(0))
     assert (world.name, world.rate_hz, world.velocity) == ("mine", 125, "none")
     assert 0.01 <= world.torque_noise <= 0.02
     assert world.encoder_noise_rad <= 5e-6

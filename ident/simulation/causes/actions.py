@@ -1,0 +1,213 @@
+"""What the causes do that are not one column of a law: each function has the name of its cause.
+
+Friction, teeth and springs of one joint; bodies, gravity and pushes; sensors; and what no catalogue lists, of which a
+diagnosis must say *none of these*, not name the nearest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.simulation.causes.base import Circumstances, Parameters
+from ident.simulation.hardware import AddedBody, Hardware, Slosh
+from ident.simulation.laws import Contact, heat_law
+
+# Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad]: that of strain-wave gears under
+# load. Source: K3 and rated torques of the CSG series, Harmonic Drive SE, engineering data.
+MESH_STIFFNESS = 600.0
+# Share of critical damping of the drive's own oscillation.
+DRIVE_DAMPING = 0.05
+# Rise of the lubricant at steady rated work, to which thermal changes refer [K].
+RATED_RISE_K = 25.0
+
+
+def _sprung(scene: Circumstances, stiffness: float, ratio: float, **more: float) -> tuple[Hardware, float]:
+    """The hardware with motor and link as two bodies, and the spring's damping [N m s/rad]."""
+    damping = float(2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint]))
+    return scene.with_laws("drive", elastic=True, stiffness=stiffness, damping=damping, **more), damping
+
+
+def joint_elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    hardware, damping = _sprung(scene, size, DRIVE_DAMPING)
+    return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
+
+
+def backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    stiffness = MESH_STIFFNESS * scene.rated
+    hardware, _ = _sprung(scene, stiffness, 2.0 * DRIVE_DAMPING, gap=size)
+    return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
+
+
+def torque_ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    phase = float(scene.rng.uniform(-np.pi, np.pi))
+    order = float(scene.hardware.drive.ripple_order[scene.joint])
+    hardware = scene.with_laws("drive", ripple=size, ripple_phase=phase, ripple_load=0.5)
+    return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+
+
+def nonlinear_viscous_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    velocity = float(scene.rng.uniform(0.05, 0.3))
+    # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
+    v = np.geomspace(0.1, 2.0, 60)
+    exponent, log_coefficient = np.polyfit(np.log(v), np.log(np.arcsinh(v / velocity)), 1)
+    nearest = {"coefficient": float(size * np.exp(log_coefficient)), "exponent": float(exponent)}
+    hardware = scene.with_laws("friction", eyring=size, eyring_velocity=velocity)
+    return hardware, {"eyring_Nm": size, "eyring_velocity_rad_s": velocity, **nearest}
+
+
+def thermal_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """The joint's own heat network; its lubricant loses a share of its viscosity at the rated rise."""
+    h, j = scene.hardware, scene.joint
+    time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
+    loss = h.friction.coulomb * 0.6 + h.friction.viscous * 0.36
+    network = heat_law(loss, RATED_RISE_K, time_constant)
+    heat = {name: network[name][j] for name in ("lubricant", "housing", "inner", "outer")}
+    decay = -np.log1p(-size) / RATED_RISE_K
+    dry = 0.25 * decay  # dry friction depends far less on temperature
+    hardware = h.with_laws("heat", j, **heat).with_laws("friction", j, thermal_viscous=decay, thermal_coulomb=dry)
+    changes = {"viscous_change": -size, "coulomb_change": float(np.expm1(-dry * RATED_RISE_K))}
+    return hardware, {**changes, "time_constant_s": time_constant}
+
+
+def presliding_hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    displacement = float(np.exp(scene.rng.uniform(np.log(2e-3), np.log(3e-2))))
+    hardware = scene.with_laws("friction", soft=size, soft_stiffness=size / displacement)
+    return hardware, {"amplitude_Nm": size, "displacement_rad": displacement}
+
+
+def position_dependent_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    order, phase = int(scene.rng.integers(1, 3)), float(scene.rng.uniform(-np.pi, np.pi))
+    hardware = scene.with_laws("friction", seat=size / scene.coulomb, seat_order=order, seat_phase=phase)
+    return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+
+
+def asymmetric_friction(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    viscous = float(scene.rng.uniform(0.3, 0.8) * size / scene.coulomb * scene.hardware.friction.viscous[scene.joint])
+    hardware = scene.with_laws("friction", coulomb_skew=size, viscous_skew=viscous)
+    return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
+
+
+def joint_coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """The joint's motor is also turned by its neighbour: friction and rotor of the combined motion."""
+    h, j, other = scene.hardware, scene.joint, scene.neighbour
+    ratio = float(scene.rng.choice([-1.0, 1.0]))
+    viscous = float(0.4 * size * h.friction.viscous[j] / h.friction.coulomb[j])
+    inertia = float(0.1 * size * h.drive.rotor_inertia[j] / h.friction.coulomb[j])
+    rubbing = {"couple_ratio": ratio, "couple_coulomb": size, "couple_viscous": viscous}
+    names = h.arm.joint_names
+    bodies = h.bodies.replace(tied=(*h.bodies.tied, (names[j], names[other], ratio, inertia)))
+    truth = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "inertia_kgm2": inertia}
+    hardware = scene.with_laws("friction", couple_to=other, **rubbing).replace(bodies=bodies)
+    return hardware, {**truth, "ratio": ratio, "other_joint": names[other]}
+
+
+def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
+    """A parameter for each axis."""
+    return {f"{name}_{axis}_{unit}": float(value) for axis, value in zip("xyz", values, strict=True)}
+
+
+def tilted(gravity: Float[Array, " 3"], axis: Float[Array, " 3"], angle: float) -> Float[Array, " 3"]:
+    """Gravity, turned about an axis of the base (Rodrigues)."""
+    turned = gravity * np.cos(angle) + np.cross(axis, gravity) * np.sin(angle)
+    return turned + axis * (axis @ gravity) * (1.0 - np.cos(angle))
+
+
+def _carrying(hardware: Hardware, joint: int, mass: float, place: Array, radius: float) -> Hardware:
+    """The hardware with a body at the link that a joint moves."""
+    body = AddedBody(hardware.arm.links[joint], mass, place, radius)
+    return hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
+
+
+def payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """A box at the flange that nobody mentioned."""
+    com = 0.06 * scene.reach * scene.rng.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
+    hardware = _carrying(scene.hardware, -1, size, com, 0.03 * scene.reach)
+    return hardware, {"mass_kg": size, **vector("com", com, "m")}
+
+
+def link_inertial_error(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Something is mounted on the link, or missing from it: mass, first and second moments change together."""
+    nominal = scene.hardware.arm.model.inertias[scene.joint + 1]
+    mass = float(size * nominal.mass)
+    place = np.array(nominal.lever) + 0.08 * scene.reach * scene.rng.uniform(-1.0, 1.0, 3)
+    # Taken away where it is: off-centre gaps could leave a link that no body can have.
+    place = place if size > 0.0 else np.array(nominal.lever) * scene.rng.uniform(0.9, 1.1)
+    hardware = _carrying(scene.hardware, scene.joint, mass, place, 0.02 * scene.reach * (size > 0.0))
+    return hardware, {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
+
+
+def gravity_misalignment(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """The base stands askew: gravity turns about a horizontal axis of the base."""
+    bodies = scene.hardware.bodies
+    heading = float(scene.rng.uniform(-np.pi, np.pi))
+    tilt = size * np.array([np.cos(heading), np.sin(heading)])
+    axis = np.array([tilt[0], tilt[1], 0.0]) / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
+    bodies = bodies.replace(gravity=tilted(np.array(bodies.gravity), axis, size))
+    true: Parameters = {"tilt_x_rad": float(tilt[0]), "tilt_y_rad": float(tilt[1]), "tilt_rad": size}
+    return scene.hardware.replace(bodies=bodies), true
+
+
+def external_contact(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """Somebody pushes against a link for a while, in one run."""
+    h, rng = scene.hardware, scene.rng
+    run = int(rng.integers(len(scene.motions)))
+    duration = scene.motions[run].duration
+    length = min(float(rng.uniform(0.5, 1.5)), 0.4 * duration)
+    start = float(rng.uniform(0.2 * duration, 0.75 * duration - length))
+    direction = rng.standard_normal(3)
+    force = size * direction / np.linalg.norm(direction)
+    point = 1.5 * np.array(h.arm.model.inertias[scene.joint + 1].lever)
+    push = Contact(scene.joint + 1, start, start + length, force, point)
+    truth = {"run": run + 1, "start_s": start, "end_s": start + length, "force_N": size}
+    return h.replace(contact=push, contact_run=run), {**truth, "link": h.arm.links[scene.joint]}
+
+
+def torque_offset(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """An offset that drifts by about a tenth of itself in a minute, and wanders a little."""
+    drift = float(size * scene.rng.uniform(-0.1, 0.1) / 60.0)
+    sensing = scene.hardware.sensing.set(scene.joint, offset=size, drift=drift, wander=0.03 * abs(size))
+    return scene.hardware.replace(sensing=sensing), {"offset_Nm": size, "drift_Nm_s": drift}
+
+
+def torque_delay(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {"delay_s": size}
+
+
+def cable_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    centre, width = float(scene.rng.uniform(-0.5, 0.5)), float(scene.rng.uniform(0.3, 0.7))
+    share = float(scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.5, 1.0))
+    band = {"cable_share": share, "cable_centre": centre, "cable_width": width}
+    hardware = scene.with_laws("outside", cable=size, cable_other=scene.neighbour, **band)
+    truth = {"drag_Nm": size, "centre_rad": centre, "half_width_rad": width, "share": share}
+    return hardware, {**truth, "other_joint": scene.hardware.arm.joint_names[scene.neighbour]}
+
+
+def velocity_product_drag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    other = scene.neighbour
+    hardware = scene.with_laws("outside", product=size, product_other=other)
+    return hardware, {"drag_Nms2_rad2": size, "other_joint": scene.hardware.arm.joint_names[other]}
+
+
+def sloshing_load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    frequency = float(scene.rng.uniform(1.2, 3.0))
+    slosh = Slosh(size, (0.0, 0.0, 0.06 * scene.reach), frequency)
+    hardware = scene.hardware.replace(bodies=scene.hardware.bodies.replace(slosh=slosh))
+    return hardware, {"moving_mass_kg": size, "frequency_Hz": frequency}
+
+
+def supply_sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    h = scene.hardware
+    speed = np.minimum(0.3 * np.array(h.arm.velocity_limit), 1.0)
+    power = float((h.friction.coulomb * speed).sum() + 0.2 * (h.drive.effort_limit * speed).sum())
+    sensing = h.sensing.set(scene.joint, sag=size).replace(sag_power=power)
+    return h.replace(sensing=sensing), {"relative_rise": size, "at_power_W": power}
+
+
+def kinematic_error(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """A strain-wave gear's kinematic error shakes the link, hardest where it meets the drive's resonance."""
+    drive, j = scene.hardware.drive, scene.joint
+    order, resonance = float(drive.ripple_order[j]), float(2.0 * np.pi * scene.rng.uniform(6.0, 14.0))
+    shaken = {"wobble_order": order, "wobble_inertia": drive.rotor_inertia[j], "wobble_resonance": resonance}
+    hardware = scene.with_laws("outside", wobble=size, **shaken)
+    return hardware, {"error_rad": size, "order": order, "resonance_Hz": resonance / (2.0 * np.pi)}
