@@ -153,23 +153,15 @@ def judged(cases: Iterable[Outcome]) -> tuple[list[float], list[bool]]:
 
 @dataclass(frozen=True, eq=False)
 class BlindReport(Result):
-    """The outcome of a check.
-
-    Attributes:
-        robot: Name of the robot.
-        seed: Of the check.
-        seals: SHA-256 of each case's envelope.
-        outcomes: All cases.
-        run: How it was run: command options, versions.
-    """
+    """The outcome of a check."""
 
     SHOWN_BY = "ident.benchmark.pages"
 
-    robot: str
-    seed: int
-    seals: dict[str, str]
-    outcomes: tuple[Outcome, ...]
-    run: dict[str, Any] = field(default_factory=dict)
+    robot: str  # name of the robot
+    seed: int  # of the check
+    seals: dict[str, str]  # SHA-256 of each case's envelope
+    outcomes: tuple[Outcome, ...]  # all cases
+    run: dict[str, Any] = field(default_factory=dict)  # how it was run: command options, versions
 
     @cached_property
     def scores(self) -> dict[str, Score]:

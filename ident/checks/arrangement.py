@@ -35,15 +35,10 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What one joint's torque tells of gravity's direction u: its residual's share is 1 - 2 s b·u + s² u·W·u.
+    """What one joint's torque tells of gravity's direction u: its residual's share is 1 - 2 s b·u + s² u·W·u."""
 
-    Attributes:
-        b: Inner products of the torque with what each axis of gravity would ask for, shape (3,).
-        w: Inner products of these with each other, shape (3, 3); both per variance of the torque.
-    """
-
-    b: Float[Array, " 3"]
-    w: Float[Array, "3 3"]
+    b: Float[Array, " 3"]  # inner products of the torque with what each axis of gravity would ask for, shape (3,)
+    w: Float[Array, "3 3"]  # inner products of these with each other, shape (3, 3); both per variance of the torque
 
     def left(self, directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
         """Share of the torque's variance that each direction leaves."""
@@ -126,17 +121,11 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """One order of the columns.
+    """One order of the columns."""
 
-    Attributes:
-        positions: Column of the file that is each joint's position.
-        torques: Column of the file that is each joint's torque.
-        left: Share of each joint's torque that the model leaves in this order.
-    """
-
-    positions: tuple[int, ...]
-    torques: tuple[int, ...]
-    left: Float[Array, " n"]
+    positions: tuple[int, ...]  # column of the file that is each joint's position
+    torques: tuple[int, ...]  # column of the file that is each joint's torque
+    left: Float[Array, " n"]  # share of each joint's torque that the model leaves in this order
 
     @property
     def cost(self) -> float:

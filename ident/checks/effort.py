@@ -70,17 +70,11 @@ class States:
 
 @dataclass(frozen=True)
 class SignedFit:
-    """The fit of one joint's torque, all physical coefficients non-negative.
+    """The fit of one joint's torque, all physical coefficients non-negative."""
 
-    Attributes:
-        explained: Share of the torque's variance that is explained.
-        gravity: a_g.
-        inertia: a_i.
-    """
-
-    explained: float
-    gravity: float
-    inertia: float
+    explained: float  # share of the torque's variance that is explained
+    gravity: float  # a_g
+    inertia: float  # a_i
 
 
 def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> States | None:

@@ -29,21 +29,13 @@ from ident.robot.traits import rated_torque
 
 @dataclass(frozen=True)
 class GravityFit:
-    """How a joint's torque follows gravity and inertia, by least squares without bounds.
+    """How a joint's torque follows gravity and inertia, by least squares without bounds."""
 
-    Attributes:
-        gravity: a_g.
-        gravity_error: Its standard error over pieces of the recordings.
-        inertia: a_i.
-        inertia_error: Its standard error.
-        friction: Friction's share of the torque's standard deviation.
-    """
-
-    gravity: float
-    gravity_error: float
-    inertia: float
-    inertia_error: float
-    friction: float
+    gravity: float  # a_g
+    gravity_error: float  # its standard error over pieces of the recordings
+    inertia: float  # a_i
+    inertia_error: float  # its standard error
+    friction: float  # friction's share of the torque's standard deviation
 
     @property
     def is_sure(self) -> bool:

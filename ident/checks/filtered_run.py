@@ -52,15 +52,10 @@ USUAL_EXCITATION = ExcitationSettings()
 
 @dataclass(frozen=True)
 class TelemetrySettings(Settings):
-    """What recordings are refused by.
+    """What recordings are refused by."""
 
-    Attributes:
-        effort: Sign, scale and origin of the torque.
-        excitation: Whether there is motion enough.
-    """
-
-    effort: EffortSettings = USUAL_EFFORT
-    excitation: ExcitationSettings = USUAL_EXCITATION
+    effort: EffortSettings = USUAL_EFFORT  # sign, scale and origin of the torque
+    excitation: ExcitationSettings = USUAL_EXCITATION  # whether there is motion enough
 
 
 USUAL_TELEMETRY = TelemetrySettings()
@@ -95,23 +90,15 @@ _KEPT: WeakKeyDictionary[Recording, dict[float, FilteredRun | None]] = WeakKeyDi
 
 @dataclass(frozen=True, eq=False)
 class FilteredRun:
-    """Low-passed motion of a run on an even grid, shapes (T, n).
+    """Low-passed motion of a run on an even grid, shapes (T, n)."""
 
-    Attributes:
-        run: Name of the run.
-        time: Session clock [s].
-        q, dq, ddq: Position and its derivatives [rad, rad/s, rad/s²].
-        tau: Measured torque through the same filter [N m].
-        dq_measured: Measured velocity through the same filter [rad/s], or None.
-    """
-
-    run: str
-    time: Float[Array, " T"]
-    q: Float[Array, "T n"]
+    run: str  # name of the run
+    time: Float[Array, " T"]  # session clock [s]
+    q: Float[Array, "T n"]  # position and its derivatives [rad, rad/s, rad/s²]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
-    tau: Float[Array, "T n"]
-    dq_measured: Float[Array, "T n"] | None
+    tau: Float[Array, "T n"]  # measured torque through the same filter [N m]
+    dq_measured: Float[Array, "T n"] | None  # measured velocity through the same filter [rad/s], or None
 
 
 def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:

@@ -27,19 +27,14 @@ TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 @dataclass(frozen=True)
 class JointEffort(Record):
-    """What one joint's effort is.
+    """What one joint's effort is."""
 
-    Attributes:
-        joint: Its name.
-        kind: ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any friction),
-            ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``, ``commanded``,
-            ``model_output`` or ``unknown``.
-        evidence: What was seen, with figures.
-    """
-
-    joint: str
+    joint: str  # its name
+    # ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any friction),
+    # ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``, ``commanded``, ``model_output``
+    # or ``unknown``.
     kind: str
-    evidence: str
+    evidence: str  # what was seen, with figures
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,24 +51,16 @@ HIDES = {
 
 @dataclass(frozen=True, eq=False)
 class SizeLimit:
-    """The least size of an effect at a joint that would have been named, nine times in ten.
+    """The least size of an effect at a joint that would have been named, nine times in ten."""
 
-    Attributes:
-        effect: The effect.
-        joint: Its joint.
-        figure: The reported figure that tells its size.
-        value: The limit, in the figure's unit; of an inverse figure (a stiffness) the largest. None where the effect
-            would show nothing at all.
-        hidden: Whether no plausible effect is so large, so that none would have been named.
-        bound_by: What hides smaller ones: one of `HIDES`; or `size`, where smaller ones would be seen and are too small
-            to matter.
-    """
-
-    effect: Effect
-    joint: int
-    figure: str
+    effect: Effect  # the effect
+    joint: int  # its joint
+    figure: str  # the reported figure that tells its size
+    # The limit, in the figure's unit; of an inverse figure (a stiffness) the largest. None where the effect would show
+    # nothing at all.
     value: float | None
-    hidden: bool
+    hidden: bool  # whether no plausible effect is so large, so that none would have been named
+    # What hides smaller ones: one of `HIDES`; or `size`, where smaller ones would be seen and are too small to matter.
     bound_by: str
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
@@ -93,21 +85,13 @@ class SizeLimit:
 
 @dataclass(frozen=True, eq=False)
 class _Typical:
-    """A typical effect at a joint: its point of the grid, its coefficients, and by how much it must grow to be named.
+    """A typical effect at a joint: its point of the grid, coefficients, and by how much it must grow to be named."""
 
-    Attributes:
-        group: The point.
-        beta: Its coefficients.
-        figure: Its figure, as large as is typical.
-        by_noise: Least multiple that stands out of the noise.
-        by_size: Least multiple that matters.
-    """
-
-    group: Group
-    beta: Float[Array, " k"]
-    figure: float
-    by_noise: float
-    by_size: float
+    group: Group  # the point
+    beta: Float[Array, " k"]  # its coefficients
+    figure: float  # its figure, as large as is typical
+    by_noise: float  # least multiple that stands out of the noise
+    by_size: float  # least multiple that matters
 
     @property
     def multiple(self) -> float:

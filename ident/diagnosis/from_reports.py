@@ -92,24 +92,17 @@ def _with_caveats(diagnosis: Diagnosis) -> Diagnosis:
 
 @dataclass(eq=False)
 class _Heard:
-    """What the reports say together, once all have come.
+    """What the reports say together, once all have come."""
 
-    Attributes:
-        joints: The joints.
-        issues: All that the telemetry checks found.
-        facts: Runs, samples, duration.
-        common_clock: Whether time goes on from run to run of a single session.
-        session: Path or name of the session heard last.
-        gravity: Under which the first session was recorded; None for the URDF's [m/s²].
-        told: What of each session is among the issues: parts of one that share a fault tell it once.
-    """
-
-    joints: tuple[str, ...] = ()
-    issues: list[TelemetryIssue] = field(default_factory=list)
+    joints: tuple[str, ...] = ()  # the joints
+    issues: list[TelemetryIssue] = field(default_factory=list)  # all that the telemetry checks found
+    # Runs, samples, duration.
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
-    common_clock: bool = True
-    session: Path | str = ""
+    common_clock: bool = True  # whether time goes on from run to run of a single session
+    session: Path | str = ""  # path or name of the session heard last
+    # Under which the first session was recorded; None for the URDF's [m/s²].
     gravity: tuple[float, float, float] | None = None
+    # What of each session is among the issues: parts of one that share a fault tell it once.
     told: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:

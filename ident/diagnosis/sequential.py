@@ -29,21 +29,13 @@ NOISES = ("encoder", "torque")
 
 @dataclass(frozen=True)
 class RepeatedLook:
-    """One look at the first runs.
+    """One look at the first runs."""
 
-    Attributes:
-        runs: How many.
-        seconds: Their duration together [s].
-        verdict: Of the diagnosis.
-        family_error: Chance of a false name that was spent.
-        missing: What keeps it from being sure; empty where it is.
-    """
-
-    runs: int
-    seconds: float
-    verdict: str
-    family_error: float
-    missing: tuple[str, ...]
+    runs: int  # how many
+    seconds: float  # their duration together [s]
+    verdict: str  # of the diagnosis
+    family_error: float  # chance of a false name that was spent
+    missing: tuple[str, ...]  # what keeps it from being sure; empty where it is
 
     def to_dict(self) -> dict[str, Any]:
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
@@ -53,17 +45,11 @@ class RepeatedLook:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedLooks:
-    """All looks until the diagnosis was sure, or the runs were at their end.
+    """All looks until the diagnosis was sure, or the runs were at their end."""
 
-    Attributes:
-        sure: How sure it was to be.
-        looks: In order.
-        diagnosis: That of the last look.
-    """
-
-    sure: float
-    looks: tuple[RepeatedLook, ...]
-    diagnosis: Diagnosis
+    sure: float  # how sure it was to be
+    looks: tuple[RepeatedLook, ...]  # in order
+    diagnosis: Diagnosis  # that of the last look
 
     @property
     def enough(self) -> bool:

@@ -38,20 +38,13 @@ AROUND = 0.5
 
 @dataclass(frozen=True)
 class Push:
-    """Where and when a push may have been.
+    """Where and when a push may have been."""
 
-    Attributes:
-        run: Name of the run.
-        start, end: On the session's clock [s].
-        link: Number of the link, from 1; 0 is the last one.
-        outward: Where on the link: 0 at its centre of mass, 1 at the next joint.
-    """
-
-    run: str
-    start: float
+    run: str  # name of the run
+    start: float  # on the session's clock [s]
     end: float
-    link: int = 0
-    outward: float = 0.0
+    link: int = 0  # number of the link, from 1; 0 is the last one
+    outward: float = 0.0  # where on the link: 0 at its centre of mass, 1 at the next joint
 
 
 @dataclass(frozen=True)
@@ -59,14 +52,10 @@ class ExternalContact(Effect):
     """A force f, constant in the base frame, at a point of a link during a window: τ = −Jᵀ f.
 
     The plain effect has no windows; `screened` finds them where something is left to explain.
-
-    Attributes:
-        pushes: Windows to be asked for.
-        screens: Number of windows and points that were looked at to find them.
     """
 
-    pushes: tuple[Push, ...] = ()
-    screens: int = 1
+    pushes: tuple[Push, ...] = ()  # windows to be asked for
+    screens: int = 1  # number of windows and points that were looked at to find them
 
     id = "external_contact"
 

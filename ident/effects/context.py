@@ -21,29 +21,21 @@ T = TypeVar("T")
 class RunContext:
     """One run as the effects see it; T samples of n joints, before the common filter.
 
-    Attributes:
-        motion: The run (q, dq, ddq smoothed, time on the session clock, filter).
-        arm: The rigid arm with its payload.
-        rigid: Rigid torque of the motion [N m].
-        link: Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
-        friction: Modelled friction torque of the baseline (viscous + Coulomb) [N m].
-        direction: Direction of sliding in [-1, 1]; each joint turns round over its own displacement or speed.
-        temperature: Measured joint temperature [degC], or None.
-        position_command: Commanded position [rad], or None.
-        rotor: Modelled torque of the rotors' inertia [N m], or None where it isn't modelled.
-
     The regressor and the derivatives are computed once, when first asked for, and live as long as the run does: a long
     session is gone through with fresh copies of its runs (`dataclasses.replace`), a few at a time.
     """
 
-    motion: Motion
-    arm: ArmModel
-    rigid: Float[Array, "T n"]
+    motion: Motion  # the run (q, dq, ddq smoothed, time on the session clock, filter)
+    arm: ArmModel  # the rigid arm with its payload
+    rigid: Float[Array, "T n"]  # rigid torque of the motion [N m]
+    # Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
     link: Float[Array, "T n"]
-    friction: Float[Array, "T n"]
+    friction: Float[Array, "T n"]  # modelled friction torque of the baseline (viscous + Coulomb) [N m]
+    # Direction of sliding in [-1, 1]; each joint turns round over its own displacement or speed.
     direction: Float[Array, "T n"]
-    temperature: Float[Array, "T n"] | None = None
-    position_command: Float[Array, "T n"] | None = None
+    temperature: Float[Array, "T n"] | None = None  # measured joint temperature [degC], or None
+    position_command: Float[Array, "T n"] | None = None  # commanded position [rad], or None
+    # Modelled torque of the rotors' inertia [N m], or None where it isn't modelled.
     rotor: Float[Array, "T n"] | None = None
 
     @property
@@ -91,25 +83,16 @@ class RunContext:
 
 @dataclass(frozen=True, eq=False)
 class SessionContext:
-    """All runs, in order, and what holds for all of them.
+    """All runs, in order, and what holds for all of them."""
 
-    Attributes:
-        runs: The runs.
-        common_clock: Whether time goes on from run to run.
-        joint_names: The joints.
-        gear_ratios: Reduction of each joint, or None where it is not known.
-        rated_torque: Effort limits [N m].
-        tuned: Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
-        every: One of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk.
-    """
-
-    runs: Sequence[RunContext]
-    common_clock: bool
-    joint_names: tuple[str, ...]
-    gear_ratios: Float[Array, " n"] | None
-    rated_torque: Float[Array, " n"]
+    runs: Sequence[RunContext]  # the runs
+    common_clock: bool  # whether time goes on from run to run
+    joint_names: tuple[str, ...]  # the joints
+    gear_ratios: Float[Array, " n"] | None  # reduction of each joint, or None where it is not known
+    rated_torque: Float[Array, " n"]  # effort limits [N m]
+    # Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
     tuned: Float[Array, " 10n"] | None = None
-    every: int = 1
+    every: int = 1  # one of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk
 
     @property
     def n(self) -> int:
@@ -127,16 +110,12 @@ class SessionContext:
 
 @dataclass(frozen=True)
 class Variant:
-    """One point of an effect's inner grid: the figures in which its torque is not linear.
+    """One point of an effect's inner grid: the figures in which its torque is not linear."""
 
-    Attributes:
-        inner: Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names
-            in all variants of an effect. They are reported, with intervals from their likelihood over the grid.
-        other: Another joint that takes part (coupling), or None.
-        shape: Further figures that the columns need and nobody asks for: centres and scales of the whole session,
-            points about which a law is linearised. Columns of a part of a session then match those of the whole.
-    """
-
+    # Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names in all
+    # variants of an effect. They are reported, with intervals from their likelihood over the grid.
     inner: Mapping[str, float] = field(default_factory=dict)
-    other: int | None = None
+    other: int | None = None  # another joint that takes part (coupling), or None
+    # Further figures that the columns need and nobody asks for: centres and scales of the whole session, points about
+    # which a law is linearised. Columns of a part of a session then match those of the whole.
     shape: Mapping[str, float] = field(default_factory=dict)

@@ -32,17 +32,11 @@ UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
 
 @dataclass(frozen=True)
 class Expression:
-    """How a format expresses an effect.
+    """How a format expresses an effect."""
 
-    Attributes:
-        answer: `yes`: it states the same law; `approximate`: something near; `no`: it has no words for it.
-        words: The place in the format, or the reason.
-        part: Which part of the file carries it, as its writer calls it; "" for none.
-    """
-
-    answer: Answer
-    words: str
-    part: str = ""
+    answer: Answer  # `yes`: it states the same law; `approximate`: something near; `no`: it has no words for it
+    words: str  # the place in the format, or the reason
+    part: str = ""  # which part of the file carries it, as its writer calls it; "" for none
 
     def to_dict(self) -> dict[str, str]:
         return {"expressed": self.answer, "how": self.words}
@@ -50,38 +44,26 @@ class Expression:
 
 @dataclass(frozen=True)
 class Typical:
-    """How large an effect is taken to be where nobody has found it yet.
+    """How large an effect is taken to be where nobody has found it yet."""
 
-    Attributes:
-        figure: The reported figure that scales it; "" where none does.
-        share: Typical size as a share of the largest plausible one (`Effect.prior_scale`), from the catalogue's sizes.
-        inner: Typical inner figures, where the first point of the grid is none.
-        absent: Coefficients that a typical effect has not.
-        inverse: Whether it shows less as the figure grows: a stiffer spring.
-    """
-
-    figure: str = ""
+    figure: str = ""  # the reported figure that scales it; "" where none does
+    # Typical size as a share of the largest plausible one (`Effect.prior_scale`), from the catalogue's sizes.
     share: float = 0.2
+    # Typical inner figures, where the first point of the grid is none.
     inner: Mapping[str, float] = field(default_factory=dict)
-    absent: tuple[int, ...] = ()
-    inverse: bool = False
+    absent: tuple[int, ...] = ()  # coefficients that a typical effect has not
+    inverse: bool = False  # whether it shows less as the figure grows: a stiffer spring
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """How far an arm's own law may differ from an effect's, beside what the recordings leave open (95 %).
+    """How far an arm's own law may differ from an effect's, beside what the recordings leave open (95 %)."""
 
-    Attributes:
-        share: Of each figure's size.
-        shares: Of figures for which it is another.
-        places: Of figures of place, which have no size of their own, in the figure's unit.
-        exact: Figures of which there is no doubt.
-    """
-
-    share: float = LAW_SHARE
-    shares: Mapping[str, float] = field(default_factory=dict)
+    share: float = LAW_SHARE  # of each figure's size
+    shares: Mapping[str, float] = field(default_factory=dict)  # of figures for which it is another
+    # Of figures of place, which have no size of their own, in the figure's unit.
     places: Mapping[str, float] = field(default_factory=dict)
-    exact: frozenset[str] = frozenset()
+    exact: frozenset[str] = frozenset()  # figures of which there is no doubt
 
     def of(self, name: str, value: float) -> float:
         """Half the width that the doubt alone gives a figure, in its unit; none at a named state (`STATE`)."""
@@ -92,27 +74,17 @@ class Doubt:
 
 @dataclass(frozen=True)
 class AsChange:
-    """What is known of an effect as a change between two sets of recordings.
+    """What is known of an effect as a change between two sets of recordings."""
 
-    Attributes:
-        order: Its place among the changes that are tested; 0 where it is none.
-        exact: Whether arms obey its law to the letter: bodies fall, readings are scaled and shifted.
-        body: Whether it is a body, of which the tuned baseline says already what all runs alike say.
-        friction: Whether it is a law of friction, which differs from run to run anyhow.
-        common_gain: Whether a gain that both sets share makes it as open as that gain.
-        later_alone: Whether the later set's runs lay it out: where its lines, widths or windows are looked for.
-        taken_off: The parameter that is negative where the change is that something has gone; "" for none.
-        sentence: What to do about it, as `Effect.sentence`.
-    """
-
-    order: int = 0
-    exact: bool = False
-    body: bool = False
-    friction: bool = False
-    common_gain: bool = False
+    order: int = 0  # its place among the changes that are tested; 0 where it is none
+    exact: bool = False  # whether arms obey its law to the letter: bodies fall, readings are scaled and shifted
+    body: bool = False  # whether it is a body, of which the tuned baseline says already what all runs alike say
+    friction: bool = False  # whether it is a law of friction, which differs from run to run anyhow
+    common_gain: bool = False  # whether a gain that both sets share makes it as open as that gain
+    # Whether the later set's runs lay it out: where its lines, widths or windows are looked for.
     later_alone: bool = False
-    taken_off: str = ""
-    sentence: str = ""
+    taken_off: str = ""  # the parameter that is negative where the change is that something has gone; "" for none
+    sentence: str = ""  # what to do about it, as `Effect.sentence`
 
 
 @dataclass(frozen=True)
@@ -189,16 +161,11 @@ def _three_digits(value: float) -> str:
 
 @dataclass(frozen=True)
 class Range:
-    """Values that a figure can have on an arm.
+    """Values that a figure can have on an arm."""
 
-    Attributes:
-        low, high: Ends, in the figure's unit.
-        reason: Why no arm has others.
-    """
-
-    low: float
+    low: float  # ends, in the figure's unit
     high: float
-    reason: str
+    reason: str  # why no arm has others
 
 
 def read_row(effect: str) -> dict[str, Any]:
@@ -228,17 +195,11 @@ def _frozen(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Showing:
-    """A kind of motion and what it takes.
+    """A kind of motion and what it takes."""
 
-    Attributes:
-        family: Short name; `plan excite` has motions of these names.
-        words: What to do, with {joint} for the joint.
-        minutes: Usual length [min].
-    """
-
-    family: str
-    words: str
-    minutes: float
+    family: str  # short name; `plan excite` has motions of these names
+    words: str  # what to do, with {joint} for the joint
+    minutes: float  # usual length [min]
 
 
 SHOWINGS: dict[str, Showing] = {family: Showing(family, **one) for family, one in TABLE["motions"].items()}

@@ -200,14 +200,11 @@ class Backlash(Effect):
 
     The columns are the difference of two integrations, with and without the gap, per width. That of a narrow gap is
     proportional to its width, which is then its coefficient; a wide one is a point of the grid (`screened`).
-
-    Attributes:
-        widths: Wide gaps of each joint that look most like what the tuned model leaves [rad].
-        screens: Number of wide gaps that were looked at for each that is kept.
     """
 
+    # Wide gaps of each joint that look most like what the tuned model leaves [rad].
     widths: tuple[tuple[float, ...], ...] = ()
-    screens: int = 1
+    screens: int = 1  # number of wide gaps that were looked at for each that is kept
 
     id = "backlash"
 

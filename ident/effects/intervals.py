@@ -136,15 +136,10 @@ FREEDOM = 10
 
 @dataclass(frozen=True, eq=False)
 class SizePrior:
-    """What is known of an effect's coefficients beforehand.
+    """What is known of an effect's coefficients beforehand."""
 
-    Attributes:
-        deviation: Expected size of each, of what the recordings say nothing about.
-        log_density: Log density of all of them together.
-    """
-
-    deviation: Float[Array, " k"]
-    log_density: Callable[[Float[Array, " k"]], float]
+    deviation: Float[Array, " k"]  # expected size of each, of what the recordings say nothing about
+    log_density: Callable[[Float[Array, " k"]], float]  # log density of all of them together
 
     @classmethod
     def about_zero(cls, deviation: Float[Array, " k"]) -> SizePrior:

@@ -49,15 +49,11 @@ class TorqueRipple(Effect):
     The order k counts cycles a turn of the motor, N is the gear ratio; k N also comes from lines that stand out of the
     residual over the joint's angle (`screened`), and where the ratio is not known, the order told is that of the joint.
     Motion so fast that a line lies above the common filter adds nothing; some slow motion is needed.
-
-    Attributes:
-        lines: Cycles a turn of each joint that stand out.
-        screens: Number of lines that were looked at to find them.
-        chance: Of a line among noise that stands out so far as one must; as many as were looked at: the best, always.
     """
 
-    lines: tuple[tuple[float, ...], ...] = ()
-    screens: int = 1
+    lines: tuple[tuple[float, ...], ...] = ()  # cycles a turn of each joint that stand out
+    screens: int = 1  # number of lines that were looked at to find them
+    # Of a line among noise that stands out so far as one must; as many as were looked at: the best, always.
     chance: float = CHANCE
 
     id = "torque_ripple"

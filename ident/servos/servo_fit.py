@@ -35,19 +35,12 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GoalRun:
-    """One run of a position-only arm.
+    """One run of a position-only arm."""
 
-    Attributes:
-        motion: Its smoothed states; what the log says (`tau` elsewhere) is the measured position here.
-        time: Times of the goals [s].
-        goal: Goals [rad], shape (T, n), each held until the next one.
-        hold: How long a goal is held, the log's interval [s].
-    """
-
-    motion: Motion
-    time: Float[Array, " T"]
-    goal: Float[Array, "T n"]
-    hold: float
+    motion: Motion  # its smoothed states; what the log says (`tau` elsewhere) is the measured position here
+    time: Float[Array, " T"]  # times of the goals [s]
+    goal: Float[Array, "T n"]  # goals [rad], shape (T, n), each held until the next one
+    hold: float  # how long a goal is held, the log's interval [s]
 
     def goal_at(self, j: int, delay: float) -> Float[Array, " t"]:
         """The goal that a joint followed at each instant of the grid, so much later than it was given.
@@ -141,19 +134,12 @@ class ServoFigure:
 
 @dataclass(frozen=True, eq=False)
 class ServoJoint:
-    """What is told of one joint.
+    """What is told of one joint."""
 
-    Attributes:
-        joint: Its name.
-        figures: What is told.
-        untold: Figures that are not, with the reason and what would help.
-        rms_before, rms_after: Following error on stretches left out: as it is, and less what the figures say [rad].
-    """
-
-    joint: str
-    figures: tuple[ServoFigure, ...]
-    untold: dict[str, str]
-    rms_before: float
+    joint: str  # its name
+    figures: tuple[ServoFigure, ...]  # what is told
+    untold: dict[str, str]  # figures that are not, with the reason and what would help
+    rms_before: float  # following error on stretches left out: as it is, and less what the figures say [rad]
     rms_after: float
 
 

@@ -25,15 +25,10 @@ Curve = Callable[[Float[Array, " K"]], Float[Array, "K n"]]
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMotion:
-    """A reference trajectory at the controller's ticks.
+    """A reference trajectory at the controller's ticks."""
 
-    Attributes:
-        name: What it is, for file names.
-        q, dq, ddq: Position, velocity, acceleration, shape (K, n).
-    """
-
-    name: str
-    q: Float[Array, "K n"]
+    name: str  # what it is, for file names
+    q: Float[Array, "K n"]  # position, velocity, acceleration, shape (K, n)
     dq: Float[Array, "K n"]
     ddq: Float[Array, "K n"]
 
@@ -211,15 +206,10 @@ ONCE, TWICE = 16.0 / 30.0, 16.0 / 60.0
 
 @dataclass(frozen=True)
 class GentleEnds:
-    """The time law of an executed plan.
+    """The time law of an executed plan."""
 
-    Attributes:
-        total: Duration of the plan [s].
-        ramp: Time in which acceleration gets going, a fifth of the duration at most; 0 for none [s].
-    """
-
-    total: float
-    ramp: float
+    total: float  # duration of the plan [s]
+    ramp: float  # time in which acceleration gets going, a fifth of the duration at most; 0 for none [s]
 
     @property
     def duration(self) -> float:

@@ -56,13 +56,9 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
 
 @dataclass(eq=False)
 class ChangeOf(Effect):
-    """An effect that acts in the later set alone: its figures are after minus before, whatever their signs.
+    """An effect that acts in the later set alone: its figures are after minus before, whatever their signs."""
 
-    Attributes:
-        effect: The effect.
-    """
-
-    effect: Effect
+    effect: Effect  # the effect
 
     def __post_init__(self) -> None:
         kind = self.effect

@@ -33,17 +33,11 @@ DAY_TO_DAY = 0.02
 
 @dataclass(frozen=True)
 class DayToDay:
-    """What friction differs by though nothing was done, as shares of a change.
+    """What friction differs by though nothing was done, as shares of a change."""
 
-    Attributes:
-        error: Standard deviation between any two sets of sessions, whatever their runs say.
-        step: Usual standard deviation from a run to the next; 0 for what does not wander.
-        sessions: Number of sessions of each set.
-    """
-
-    error: float = 0.0
-    step: float = 0.0
-    sessions: tuple[int, int] = (1, 1)
+    error: float = 0.0  # standard deviation between any two sets of sessions, whatever their runs say
+    step: float = 0.0  # usual standard deviation from a run to the next; 0 for what does not wander
+    sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
 
     def walk(self, runs: tuple[int, int]) -> float:
         """Variance of the difference of both sets' means, whose sessions each set out where friction was [1].

@@ -31,15 +31,10 @@ BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)
 
 @dataclass(frozen=True)
 class GainUncertainty:
-    """How well the gains are known by which torques are read.
+    """How well the gains are known by which torques are read."""
 
-    Attributes:
-        own: Standard deviation of each joint's own error [1].
-        common: Standard deviation of the error that all joints share [1].
-    """
-
-    own: float
-    common: float = 0.0
+    own: float  # standard deviation of each joint's own error [1]
+    common: float = 0.0  # standard deviation of the error that all joints share [1]
 
     def information(self, n: int) -> Float[Array, "n n"]:
         """Inverse of the covariance of the errors of n joints."""

@@ -43,46 +43,27 @@ LOOSE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What an earlier design found.
+    """What an earlier design found."""
 
-    Attributes:
-        spread: Friction's variation from run to run.
-        whitening: The noise.
-        held: Each joint's level of static friction [N m].
-        dispersion: By how much each joint's blocks vary more than whitened noise.
-    """
-
-    spread: Float[Array, " n"]
-    whitening: Whitening
-    held: tuple[float, ...]
-    dispersion: Float[Array, " n"]
+    spread: Float[Array, " n"]  # friction's variation from run to run
+    whitening: Whitening  # the noise
+    held: tuple[float, ...]  # each joint's level of static friction [N m]
+    dispersion: Float[Array, " n"]  # by how much each joint's blocks vary more than whitened noise
 
 
 @dataclass(frozen=True, eq=False)
 class PairedDesign:
-    """Two sets of runs, seen through one baseline.
+    """Two sets of runs, seen through one baseline."""
 
-    Attributes:
-        baseline: Tuned on the larger set.
-        session: The runs of both sets.
-        sides: Which runs are of which set.
-        sums: The sums.
-        silent: What can't be seen in any of these runs.
-        doubt: How well the gains are known.
-        asked: All that may have changed.
-        still: Joints of whose own torque nothing is told.
-        seed: Of how runs are dealt into sets that are none.
-    """
-
-    baseline: Baseline
-    session: SessionContext
-    sides: Sides
-    sums: PairedSums
-    silent: tuple[NotTestable, ...]
-    doubt: GainUncertainty = STATED
-    asked: tuple[Effect, ...] = ()
-    still: tuple[StaticJoint, ...] = ()
-    seed: int = 0
+    baseline: Baseline  # tuned on the larger set
+    session: SessionContext  # the runs of both sets
+    sides: Sides  # which runs are of which set
+    sums: PairedSums  # the sums
+    silent: tuple[NotTestable, ...]  # what can't be seen in any of these runs
+    doubt: GainUncertainty = STATED  # how well the gains are known
+    asked: tuple[Effect, ...] = ()  # all that may have changed
+    still: tuple[StaticJoint, ...] = ()  # joints of whose own torque nothing is told
+    seed: int = 0  # of how runs are dealt into sets that are none
 
     @property
     def known(self) -> Known:

@@ -31,17 +31,11 @@ SIDE_BLOCKS, FEWEST_BLOCKS = 64, 8
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Which runs and blocks are of the later set.
+    """Which runs and blocks are of the later set."""
 
-    Attributes:
-        later: Whether each run is of the later set.
-        run_of_block: Run of each block.
-        partition: How time is cut; no fold holds runs of both sets.
-    """
-
-    later: Bool[Array, " R"]
-    run_of_block: Int[Array, " B"]
-    partition: Partition
+    later: Bool[Array, " R"]  # whether each run is of the later set
+    run_of_block: Int[Array, " B"]  # run of each block
+    partition: Partition  # how time is cut; no fold holds runs of both sets
 
     @property
     def later_blocks(self) -> Bool[Array, " B"]:
@@ -106,17 +100,11 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
 
 @dataclass(frozen=True, eq=False)
 class PairedSums:
-    """The sums of both kinds of columns.
+    """The sums of both kinds of columns."""
 
-    Attributes:
-        evidence: Its layout's groups are the changes; the same effects in all runs are part of the baseline.
-        always: For each change's column that which holds the same in all runs.
-        common: The effects whose columns in all runs are the baseline's further ones, in their order.
-    """
-
-    evidence: Evidence
-    always: Int[Array, " P"]
-    common: tuple[Group, ...]
+    evidence: Evidence  # its layout's groups are the changes; the same effects in all runs are part of the baseline
+    always: Int[Array, " P"]  # for each change's column that which holds the same in all runs
+    common: tuple[Group, ...]  # the effects whose columns in all runs are the baseline's further ones, in their order
 
     def in_all_runs(self, group: Group) -> Int[Array, " k"]:
         """The columns of a change's effect in all runs."""

@@ -43,34 +43,21 @@ LEAST = 1e-3
 
 @dataclass(frozen=True)
 class NullVariance:
-    """Mean square that a law gains by chance and misfit, over what noise alone would give.
+    """Mean square that a law gains by chance and misfit, over what noise alone would give."""
 
-    Attributes:
-        ratio: One where the model leaves nothing but noise.
-        freedom: Degrees of freedom of that estimate.
-    """
-
-    ratio: float
-    freedom: float
+    ratio: float  # one where the model leaves nothing but noise
+    freedom: float  # degrees of freedom of that estimate
 
 
 @dataclass(frozen=True, eq=False)
 class PermutedSets:
-    """Sums of some parts of the runs, dealt into other sets than before and after.
+    """Sums of some parts of the runs, dealt into other sets than before and after."""
 
-    Attributes:
-        sums: The sums of both sides.
-        parts: For each joint, its whitened sums over each part.
-        whole: All joints' sums over all parts.
-        dealings: Of each the parts that stand for the later set.
-        freedom: Number of parts, less the two sides' means.
-    """
-
-    sums: PairedSums
-    parts: tuple[Float[Array, "K p p"], ...]
-    whole: Float[Array, "P P"]
-    dealings: tuple[Int[Array, " h"], ...]
-    freedom: int
+    sums: PairedSums  # the sums of both sides
+    parts: tuple[Float[Array, "K p p"], ...]  # for each joint, its whitened sums over each part
+    whole: Float[Array, "P P"]  # all joints' sums over all parts
+    dealings: tuple[Int[Array, " h"], ...]  # of each the parts that stand for the later set
+    freedom: int  # number of parts, less the two sides' means
 
     @classmethod
     def of(cls, sums: PairedSums, sides: Sides, seed: int = 0) -> PermutedSets:

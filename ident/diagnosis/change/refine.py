@@ -29,17 +29,11 @@ from ident.robot.arm import ArmModel
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What the second design sees.
+    """What the second design sees."""
 
-    Attributes:
-        design: The runs, the body carried.
-        groups: The named changes, in the order in which they were given.
-        added: For each of them what of its coefficients is carried already.
-    """
-
-    design: PairedDesign
-    groups: tuple[Group, ...]
-    added: tuple[Float[Array, " k"], ...]
+    design: PairedDesign  # the runs, the body carried
+    groups: tuple[Group, ...]  # the named changes, in the order in which they were given
+    added: tuple[Float[Array, " k"], ...]  # for each of them what of its coefficients is carried already
 
 
 def refine_bodies(

@@ -20,19 +20,12 @@ SCHEMA = "ident.comparison/1"
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two sets.
+    """One of the two sets."""
 
-    Attributes:
-        sessions: Names of its sessions.
-        runs: Number of runs.
-        samples: Number of samples.
-        duration_s: Time that was recorded [s].
-    """
-
-    sessions: tuple[str, ...] = ()
-    runs: int = 0
-    samples: int = 0
-    duration_s: float = 0.0
+    sessions: tuple[str, ...] = ()  # names of its sessions
+    runs: int = 0  # number of runs
+    samples: int = 0  # number of samples
+    duration_s: float = 0.0  # time that was recorded [s]
 
     def to_dict(self) -> dict[str, Any]:
         return {**vars(self), "sessions": list(self.sessions)}
@@ -40,20 +33,13 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class ArmChange(Explained):
-    """A change with its evidence; figures are after minus before, errors those of the later set.
+    """A change with its evidence; figures are after minus before, errors those of the later set."""
 
-    Attributes:
-        p_value: Of so large a change by chance, all that were asked for counted.
-        log_score: Gain on held-out runs with its standard error [nats].
-        evidence: Log evidence [nats].
-        run_spread: How much the effect differs from run to run of one set, as a share of the change.
-        elsewhere: Effects and joints ("" for the whole arm) at which it explains these recordings as well.
-    """
-
-    p_value: float
-    log_score: tuple[float, float]
-    evidence: float
-    run_spread: float
+    p_value: float  # of so large a change by chance, all that were asked for counted
+    log_score: tuple[float, float]  # gain on held-out runs with its standard error [nats]
+    evidence: float  # log evidence [nats]
+    run_spread: float  # how much the effect differs from run to run of one set, as a share of the change
+    # Effects and joints ("" for the whole arm) at which it explains these recordings as well.
     elsewhere: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -87,41 +73,26 @@ class ArmChange(Explained):
 
 @dataclass(frozen=True, eq=False)
 class ArmComparison(Result):
-    """The answer.
+    """The answer."""
 
-    Attributes:
-        robot: Name of the robot.
-        joints: Joint names.
-        verdict: `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`.
-        sides: The earlier and the later set.
-        telemetry: Findings of the telemetry checks of both.
-        changes: What changed, what explains most first.
-        rms_before, rms_after: Error of the common model on held-out runs of the later set, without and with the
-            changes [N m].
-        noise: What no model goes below [N m].
-        run_spread: By how much each joint's friction differs from run to run within a set, as a share.
-        not_testable: What these recordings can't show, and why.
-        reservations: Changes that were not believed.
-        cutoff: Corner of the common filter [Hz]; NaN where nothing was filtered.
-        still: Joints that stood still in one of the sets: of their own torque only what exceeds static friction shows.
-        used: What each joint's samples are to the comparison.
-    """
-
-    robot: str
-    joints: tuple[str, ...]
-    verdict: str
-    sides: tuple[Side, Side] = (Side(), Side())
-    telemetry: tuple[TelemetryIssue, ...] = ()
-    changes: tuple[ArmChange, ...] = ()
+    robot: str  # name of the robot
+    joints: tuple[str, ...]  # joint names
+    verdict: str  # `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`
+    sides: tuple[Side, Side] = (Side(), Side())  # the earlier and the later set
+    telemetry: tuple[TelemetryIssue, ...] = ()  # findings of the telemetry checks of both
+    changes: tuple[ArmChange, ...] = ()  # what changed, what explains most first
+    # Error of the common model on held-out runs of the later set, without and with the changes [N m].
     rms_before: dict[str, float] = field(default_factory=dict)
     rms_after: dict[str, float] = field(default_factory=dict)
-    noise: dict[str, float] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)  # what no model goes below [N m]
+    # By how much each joint's friction differs from run to run within a set, as a share.
     run_spread: dict[str, float] = field(default_factory=dict)
-    not_testable: tuple[NotTestable, ...] = ()
-    reservations: tuple[Reservation, ...] = ()
-    cutoff: float = np.nan
+    not_testable: tuple[NotTestable, ...] = ()  # what these recordings can't show, and why
+    reservations: tuple[Reservation, ...] = ()  # changes that were not believed
+    cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
+    # Joints that stood still in one of the sets: of their own torque only what exceeds static friction shows.
     still: tuple[StaticJoint, ...] = ()
-    used: tuple[SamplesUsed, ...] = ()
+    used: tuple[SamplesUsed, ...] = ()  # what each joint's samples are to the comparison
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -51,25 +51,15 @@ MISFIT = 0.3
 
 @dataclass(frozen=True)
 class Standing:
-    """How a change stands against the runs' own differences.
+    """How a change stands against the runs' own differences."""
 
-    Attributes:
-        p_value: For one change.
-        spread: Standard deviation from run to run of the effect, as a share of the change.
-        widening: Factor on the half-widths of intervals that count the blocks' noise alone.
-        of_the_day: Whether it is mostly unsure as one day differs from the next, whatever the runs say.
-        of_the_runs: Whether as runs or days differ, and not by noise.
-        nats: Log likelihood ratio against none.
-        looser: Log of by how much its variance exceeds that of the noise model.
-    """
-
-    p_value: float
-    spread: float
-    widening: float
-    of_the_day: bool
-    of_the_runs: bool
-    nats: float
-    looser: float
+    p_value: float  # for one change
+    spread: float  # standard deviation from run to run of the effect, as a share of the change
+    widening: float  # factor on the half-widths of intervals that count the blocks' noise alone
+    of_the_day: bool  # whether it is mostly unsure as one day differs from the next, whatever the runs say
+    of_the_runs: bool  # whether as runs or days differ, and not by noise
+    nats: float  # log likelihood ratio against none
+    looser: float  # log of by how much its variance exceeds that of the noise model
 
 
 def measure_standing(
@@ -106,17 +96,11 @@ def measure_standing(
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A change and how it stands.
+    """A change and how it stands."""
 
-    Attributes:
-        group: The change.
-        standing: How it stands against the runs.
-        odds: Log odds of it against none, beyond those that it must have.
-    """
-
-    group: Group
-    standing: Standing
-    odds: float
+    group: Group  # the change
+    standing: Standing  # how it stands against the runs
+    odds: float  # log odds of it against none, beyond those that it must have
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,15 +117,10 @@ class LaterHeldOut(HeldOut):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChangeSearch(Search):
-    """Changes by how likely they are.
+    """Changes by how likely they are."""
 
-    Attributes:
-        design: Both sets of runs.
-        sessions: Number of sessions of each.
-    """
-
-    design: PairedDesign
-    sessions: tuple[int, int] = (1, 1)
+    design: PairedDesign  # both sets of runs
+    sessions: tuple[int, int] = (1, 1)  # number of sessions of each
 
     def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
         return {group.key: 0.0 for group in short}

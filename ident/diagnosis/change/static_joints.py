@@ -22,19 +22,12 @@ WHEN = {(True, False): "before", (False, True): "after", (True, True): "before a
 
 @dataclass(frozen=True)
 class StaticJoint:
-    """A joint of whose torque only what goes beyond its static friction shows.
+    """A joint of whose torque only what goes beyond its static friction shows."""
 
-    Attributes:
-        joint: Its number.
-        name: Its name.
-        when: `before`, `after`, or `before and after`.
-        crept: Whether it moved, but no faster than its encoder's noise.
-    """
-
-    joint: int
-    name: str
-    when: str
-    crept: bool
+    joint: int  # its number
+    name: str  # its name
+    when: str  # `before`, `after`, or `before and after`
+    crept: bool  # whether it moved, but no faster than its encoder's noise
 
     @property
     def reason(self) -> str:
@@ -48,21 +41,13 @@ class StaticJoint:
 
 @dataclass(frozen=True)
 class SamplesUsed:
-    """What a joint's samples are to a comparison, as shares of all of them.
+    """What a joint's samples are to a comparison, as shares of all of them."""
 
-    Attributes:
-        joint: Its name.
-        in_motion: Where it moves and its friction is known: each sample is a row.
-        at_rest: In holds: each of them is one observation within static friction.
-        holds: Their number.
-        turning: Near a stop or a turn: each such stretch is one observation within static friction.
-    """
-
-    joint: str
-    in_motion: float
-    at_rest: float
-    holds: int
-    turning: float
+    joint: str  # its name
+    in_motion: float  # where it moves and its friction is known: each sample is a row
+    at_rest: float  # in holds: each of them is one observation within static friction
+    holds: int  # their number
+    turning: float  # near a stop or a turn: each such stretch is one observation within static friction
 
     @property
     def left_out(self) -> float:
