@@ -54,8 +54,7 @@ def test_a_coarse_search_keeps_its_promise(hardware, motions, meters, effect, jo
     after, before = (gather(one, finer._traces(one, way), cause.view) for one in (changed, hardware))
     push = changed.contact
     window = (after.run == changed.contact_run) & (after.time > push.start) & (after.time < push.end)
-    shown = compare(after, before, window if push.body else None).rms
-    share = shown / hardware.sensing.noise_floor
+    share = compare(after, before, window if push.body else None).rms / hardware.sensing.noise_floor
     assert (share.max() if cause.whole_arm else share[joint]) == pytest.approx(wanted, rel=0.08)
 
 
