@@ -22,7 +22,7 @@ from ident.effects.added_body import (
 )
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
-from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
+from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import arm_mass, arm_reach
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
@@ -35,6 +35,8 @@ LARGEST_LEVER_SHARE = 0.27  # of the arm's reach: of a load's centre from the fl
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 # Links lighter and shorter than these shares of the arm's mass and reach have no scale of their own.
 LEAST_LINK_SHARE, LEAST_LINK_LENGTH = 0.005, 0.09
+# Deviation of a link's change in units of that, where the recordings do not determine it: most of the link itself.
+WIDEST = 2.0
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.
 LIKE_LINK = "like_link"
@@ -184,6 +186,8 @@ class LinkInertialError(Effect):
     ) -> dict[str, Interval]:
         arm = session.runs[0].arm
         change = _acting_law(arm, joint, variant)
+        widest = WIDEST * self.prior_scale(session, joint, variant)
+        coefficients, covariance = beside_prior(coefficients, covariance, widest)
         mass = linear_interval(change[0], coefficients, covariance)
         if not weighs(arm, joint):
             own = -float(arm.inertial_parameters[10 * joint])
