@@ -301,6 +301,11 @@ def at_speed(share: float) -> Callable[[MovedArm, int], float]:
     return lambda arm, j: share * float(arm.peak[j]) / (float(np.quantile(np.abs(arm.v[:, j]), 0.95)) + 1e-3)
 
 
+def of_friction(share: float) -> Callable[[MovedArm, int], float]:
+    """A torque of so many times the joint's Coulomb friction: friction brakes, and static friction is not far more."""
+    return lambda arm, j: share * float(arm.coulomb[j])
+
+
 def over_range(share: float) -> Callable[[MovedArm, int], float]:
     """A stiffness that makes such a torque over half of the joint's range."""
     return lambda arm, j: 2.0 * share * float(arm.peak[j]) / (float(np.ptp(arm.q[:, j])) + 1e-3)
@@ -316,16 +321,16 @@ def _heaviest(arm: MovedArm, j: int) -> float:
 
 
 EFFECTS: dict[str, Planted] = {
-    "stribeck_friction": Planted(plant_stribeck, up_to(0.3)),
+    "stribeck_friction": Planted(plant_stribeck, of_friction(2.0)),
     "nonlinear_viscous_friction": Planted(plant_curved, up_to(1.5)),
     "load_dependent_friction": Planted(plant_load, fixed(0.5)),
     "thermal_friction": Planted(plant_thermal, fixed(0.95)),
-    "presliding_hysteresis": Planted(plant_hysteresis, up_to(0.8)),
-    "position_dependent_friction": Planted(plant_seat, up_to(0.8)),
-    "asymmetric_friction": Planted(plant_asymmetric, at_speed(0.6)),
+    "presliding_hysteresis": Planted(plant_hysteresis, of_friction(1.5)),
+    "position_dependent_friction": Planted(plant_seat, of_friction(1.0)),
+    "asymmetric_friction": Planted(plant_asymmetric, lambda arm, j: 1.5 * float(arm.viscous[j])),
     "joint_coupling": Planted(plant_coupling, up_to(0.8)),
     "joint_elasticity": Planted(plant_elasticity, lambda arm, j: 0.1 / float(arm.peak[j])),
-    "backlash": Planted(plant_backlash, fixed(0.04)),
+    "backlash": Planted(plant_backlash, fixed(0.015)),
     "torque_ripple": Planted(plant_ripple, up_to(0.15)),
     "spring_torque": Planted(plant_spring, over_range(1.5)),
     "payload": Planted(plant_payload, _heaviest, view="loss", whole_arm=True),
