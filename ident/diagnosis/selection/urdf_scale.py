@@ -147,7 +147,9 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
 
 
 def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group], spare: float) -> frozenset[int]:
-    """Links that are off by more than usual however wrong the URDF is at all others; none if most are.
+    """Links that are off by more than usual however wrong the URDF is at all others.
+
+    None if these alone, in a URDF that is else as usual, explain less than one that is wrong everywhere.
 
     Args:
         search: The session's sums, and the belief.
@@ -162,7 +164,9 @@ def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group]
     as_wrong = _evidence(search, search.prior, groups, spare)
     lost = [as_wrong - _evidence(search, belief, groups, spare) for belief in beliefs]
     wrong = frozenset(k for k, nats in enumerate(lost) if nats > search.settings.wrong_link_nats)
-    return wrong if len(wrong | error.usual) <= n / 2 else frozenset()
+    alone = UrdfError(search.settings.wrong_link_factor, usual=frozenset(range(n)) - wrong - error.usual)
+    by_themselves = _evidence(search, Prior.believing(search.evidence, baseline, alone), groups, spare)
+    return wrong if by_themselves - len(wrong) * np.log(n) > as_wrong else frozenset()
 
 
 def _evidence(search: Search, belief: Prior, groups: Sequence[Group], spare: float) -> float:
