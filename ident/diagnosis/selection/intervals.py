@@ -289,11 +289,11 @@ def weigh_rivals(
     """Probability of a name against all others for its slot, the names too near to tell, and its odds against each.
 
     No arm obeys a law to the letter. Where its own differs by a share d of the torque, a rival may explain as much as
-    ½ d² of the whole gain less: evidence is counted in units in which that is one.
+    ½ d² of the whole gain less: evidence is counted in units of that and of what tempers it anyway.
     """
     held, best = search.settings, search.best_rivals(projection, others, group)
     share = group.effect.doubt.share / NORMAL_95
-    spare += 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
+    spare += held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = best[group.key][0] - held.rival_nats * spare
     near_it = [rival for score, rival in best.values() if score > least]
     # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
