@@ -5,8 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from tests.fuzz.guard import Guard
+
+# How long an example takes says more of the machine than of the code.
+settings.register_profile("armgap", deadline=None)
+settings.load_profile("armgap")
 
 
 @pytest.fixture(scope="session")
