@@ -10,7 +10,7 @@ URDF's masses, the rotor's inertia and the level of friction are. A flipped sign
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -176,7 +176,7 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     """
     held = states.settings
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
-    rows = [_below_cuts(session, states, joint) for joint in range(arm.n)]
+    rows = {joint: _below_cuts(session, states, joint) for joint in tested}
     right = {joint: fit_signed(states, joint, 1.0, rows[joint]) for joint in tested}
     wrong = {joint: fit_signed(states, joint, -1.0, rows[joint]) for joint in tested}
     flipped = [
@@ -195,7 +195,7 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
     signs = {joint: -1.0 if joint in flipped else 1.0 for joint in tested}
     sprung = {joint: fit_signed(states, joint, sign, rows[joint], spring=True) for joint, sign in signs.items()}
-    issues += _check_scale(session, states, (upright, sprung), rows)
+    issues += _check_scale(session, states, upright, sprung, rows)
     return issues + _check_origin(session, arm, states)
 
 
@@ -212,10 +212,10 @@ def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T
 def _check_scale(
     session: Session,
     states: States,
-    both: tuple[dict[int, SignedFit], dict[int, SignedFit]],
-    rows: Sequence[Bool[Array, " T"]],
+    fits: dict[int, SignedFit],
+    sprung: dict[int, SignedFit],
+    rows: Mapping[int, Bool[Array, " T"]],
 ) -> list[TelemetryIssue]:
-    fits, sprung = both
     held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
     deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
     off = [

@@ -76,13 +76,14 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             sure = _without(unlikely, sure, session, baseline)
             search, doubted = sure.search, sure.doubted
             error, unlikely = _how_wrong(search, sure.found, session, baseline)
-        off = _wrong_links(search, sure.found, baseline)
-        if off and left:
+        groups = [item.group for item in sure.found.named]
+        off = find_wrong_links(search, baseline, groups) if left else frozenset()
+        if off:
             error = replace(error, usual=error.usual | off)
             again = {one.key for one in free.layout.groups if one.effect.inertia_like and one.joint in off}
             search = replace(search, barred=search.barred - again)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
-        now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
+        now = estimate_run_spread(free, project(free.gram(), free, prior, groups))
         steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
         if not left or (error == prior.error and steady):
             return replace(sure, found=_or_doubted(sure.found, sure.doubted))
@@ -180,13 +181,6 @@ def _how_wrong(
         if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
             return best_belief(search, baseline, others, spare).error, {group.key}
     return prior.error, set()
-
-
-def _wrong_links(search: Search, found: SearchResults, baseline: Baseline) -> frozenset[int]:
-    """Links that are off by themselves beside the names, and are to have one."""
-    groups = [item.group for item in found.named]
-    spare = inflation(search.evidence, project(search.evidence.gram(), search.evidence, search.prior, groups))
-    return find_wrong_links(search, baseline, groups, spare)
 
 
 def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:

@@ -31,7 +31,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection
-from ident.effects.effect_info import Interval
+from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
 from ident.robot.arm import ArmModel
 
@@ -231,7 +231,7 @@ def _about_axis(
 
 
 def _interval(value: float, std: float) -> Interval:
-    return Interval(float(value), float(value - 1.96 * std), float(value + 1.96 * std))
+    return Interval(float(value), float(value - NORMAL_95 * std), float(value + NORMAL_95 * std))
 
 
 def _is_beyond(change: Interval, usual: float) -> bool:

@@ -29,6 +29,8 @@ from ident.effects.effect_info import Interval
 
 # Draws behind an interval: its ends are then sure to a twentieth of its width.
 INTERVAL_DRAWS = 400
+# Deviations from the mean at the ends of a 95 % interval.
+NORMAL_95 = 1.96
 
 
 def grid_interval(value: float, grid: Sequence[float]) -> Interval:
@@ -49,7 +51,7 @@ def exactly(value: float) -> Interval:
 
 def _about(value: float, variance: float) -> Interval:
     """95 % of a normal estimate."""
-    reach = 1.96 * float(np.sqrt(max(variance, 0.0)))
+    reach = NORMAL_95 * float(np.sqrt(max(variance, 0.0)))
     return Interval(value, value - reach, value + reach)
 
 
@@ -85,7 +87,7 @@ def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2
     phase = float(np.arctan2(coefficients[1], coefficients[0]))
     across = np.array([-np.sin(phase), np.cos(phase)])
     spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
-    reach = min(np.pi, 1.96 * spread / size) if size > 0.0 else np.pi
+    reach = min(np.pi, NORMAL_95 * spread / size) if size > 0.0 else np.pi
     return Interval(phase, phase - reach, phase + reach)
 
 

@@ -145,12 +145,14 @@ def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
     return pair
 
 
-PRESETS: dict[str, WorldRange] = {}
+def _preset(name: str, about: str, sound: bool = False, **own: list[Any]) -> WorldRange:
+    """A row of the presets; it changes what it starts from."""
+    values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
+    return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
+
+
+PRESETS: dict[str, WorldRange] = {name: _preset(name, **own) for name, own in _TABLES["presets"].items()}
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
-for _name, _own in _TABLES["presets"].items():
-    _from = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if _own.pop("sound", False) else {})}
-    _about = _own.pop("about")
-    PRESETS[_name] = WorldRange(_name, _about, {key: tuple(one) for key, one in {**_from, **_own}.items()})
 GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
 """Lists by name; a check takes the worlds of a list in turn."""
 

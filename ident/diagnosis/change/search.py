@@ -35,6 +35,7 @@ from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.selection.intervals import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
+from ident.effects.intervals import NORMAL_95
 
 # Odds that a change must have to be named, if something has changed as likely as not.
 LEAST_ODDS = 10.0
@@ -86,7 +87,7 @@ def measure_standing(
     return Standing(
         p_value=float(fisher.sf(1.0 / (k * variance), k, dof)),
         spread=float(np.sqrt(by_runs / sum(1.0 / count for count in counts))),
-        widening=max(1.0, float(student.ppf(0.975, dof)) / 1.96 * error / float(np.sqrt(max(by_blocks, 1e-300)))),
+        widening=max(1.0, float(student.ppf(0.975, dof)) / NORMAL_95 * error / float(np.sqrt(max(by_blocks, 1e-300)))),
         of_the_day=day.error > np.sqrt(0.5) * error,
         of_the_runs=variance > 2.0 * by_blocks,
         nats=float(0.5 * (dof + k) * np.log1p(1.0 / (max(dof, 1e-9) * variance))),

@@ -97,7 +97,7 @@ def measure_reach(
     scorer = search.fixed if any(item.absorbed for item in found.named) else search.held_out
     rms = found.ladder[0].rms
     return Reach(
-        shares=shapley_shares(scorer, [item.group for item in found.named], floors),
+        shares=shapley_shares(scorer, [item.group for item in found.named], floors, search.seed),
         without_names=rms * np.sqrt(1.0 - explained),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),

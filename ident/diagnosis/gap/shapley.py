@@ -28,7 +28,7 @@ ALL_ORDERS, DRAWN_ORDERS = 4, 24
 
 
 def shapley_shares(
-    held_out: HeldOut, groups: Sequence[Group], floors: Float[np.ndarray, " n"], seed: int = 0
+    held_out: HeldOut, groups: Sequence[Group], floors: Float[np.ndarray, " n"], seed: int
 ) -> Float[np.ndarray, " k"]:
     """Share of the reducible held-out mean square that each effect closes, whatever the order.
 

@@ -18,13 +18,12 @@ from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext, undefined
+from ident.effects.intervals import NORMAL_95
 
 # Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9
 # Log odds are told up to this: more is no number of a computer's.
 MOST_NATS = 700.0
-# Deviations from the mean at the ends of a 95 % interval.
-NORMAL_95 = 1.96
 # Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
 MOST = 0.5
 
@@ -267,7 +266,7 @@ def _most_of_it(
     group: Group,
     others: Sequence[Group],
     apart: Collection[Key],
-    spare: float,
+    unit: float,
 ) -> dict[str, float]:
     """Log evidence of each effect that is a part of a name's law and explains most of what that does, by its id.
 
@@ -279,12 +278,12 @@ def _most_of_it(
     for own, rival in best.values():
         most = own >= MOST * score and rival.key not in {group.key, *apart} and not rival.effect.event
         if most and search.score_of(whole, rival) <= 0.0:
-            found[rival.effect.id] = score / spare - search.cost_of(rival)
+            found[rival.effect.id] = score / unit - search.cost_of(rival)
     return found
 
 
 def weigh_rivals(
-    search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
+    search: Search, projection: Projection, group: Group, others: Sequence[Group], excess: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
     """Probability of a name against all others for its slot, the names too near to tell, and its odds against each.
 
@@ -293,8 +292,8 @@ def weigh_rivals(
     """
     held, best = search.settings, search.best_rivals(projection, others, group)
     share = group.effect.doubt.share / NORMAL_95
-    spare += held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
-    least = best[group.key][0] - held.rival_nats * spare
+    unit = excess + held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
+    least = best[group.key][0] - held.rival_nats * unit
     near_it = [rival for score, rival in best.values() if score > least]
     # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
     allowed = search.significant_keys(projection, near_it) | {group.key}
@@ -302,15 +301,15 @@ def weigh_rivals(
     apart, added = _beside(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
     allowed -= apart | {key for key in ahead if not search.helps(projection, others, best[key][1])}
-    scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
-    both = [scores[key] + added[key] / spare for key in (ahead & allowed & added.keys()) - search.redundant]
+    scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
+    both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
     own = max([scores[group.key], *both])
-    best_of_effect = _most_of_it(search, best, group, others, apart, spare)
+    best_of_effect = _most_of_it(search, best, group, others, apart, unit)
     for (effect, _, _), score in scores.items():
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
     best_of_effect[group.effect.id] = own
     ids = list(best_of_effect)
-    nameless = _without_name(search, projection, group, others, spare)
+    nameless = _without_name(search, projection, group, others, unit)
     logs = held.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
     weights = np.exp(logs - logs.max())
     probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())

@@ -58,18 +58,27 @@ def test_shares_add_up_to_what_all_close(pair: Analysis, held_out: HeldOut) -> N
     assert len(groups) == 2
     floors = 0.5 * held_out.score(groups).rms
     start, end = held_out.score().rms ** 2, held_out.score(groups).rms ** 2
-    shares = shapley_shares(held_out, groups, floors)
+    shares = shapley_shares(held_out, groups, floors, 0)
     assert shares.sum() == pytest.approx(np.sum(start - end) / np.sum(start - floors**2), rel=1e-9)
-    np.testing.assert_allclose(shapley_shares(held_out, groups[::-1], floors)[::-1], shares, rtol=1e-9)
+    np.testing.assert_allclose(shapley_shares(held_out, groups[::-1], floors, 0)[::-1], shares, rtol=1e-9)
 
 
 def test_effects_that_do_the_same_get_the_same(pair: Analysis, held_out: HeldOut) -> None:
     """Law (Shapley): alone, an effect has all that it closes; beside its own double, half of it."""
     group = named_groups(pair)[0]
     start, end = held_out.score().rms ** 2, held_out.score([group]).rms ** 2
-    (alone,) = shapley_shares(held_out, [group], np.zeros(3))
+    (alone,) = shapley_shares(held_out, [group], np.zeros(3), 0)
     assert alone == pytest.approx(np.sum(start - end) / np.sum(start), rel=1e-9)
-    np.testing.assert_allclose(shapley_shares(held_out, [group, group], np.zeros(3)), alone / 2, rtol=5e-3)
+    np.testing.assert_allclose(shapley_shares(held_out, [group, group], np.zeros(3), 0), alone / 2, rtol=5e-3)
+
+
+def test_shares_of_many_add_up_whatever_orders_are_drawn(pair: Analysis, held_out: HeldOut) -> None:
+    """Law: of more effects than all orders are taken of, shares still sum to what all close, from any seed."""
+    groups = 3 * named_groups(pair)
+    start, end = held_out.score().rms ** 2, held_out.score(groups).rms ** 2
+    for seed in (0, 1):
+        shares = shapley_shares(held_out, groups, np.zeros(3), seed)
+        assert shares.sum() == pytest.approx(np.sum(start - end) / np.sum(start), rel=1e-9)
 
 
 def test_the_record_tells_shares_and_the_motion(pair: Analysis) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,18 +11,18 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.selection.urdf_scale import Belief
+from ident.diagnosis.selection.urdf_scale import Belief, find_wrong_links
 from ident.diagnosis.tuned_links import turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
 from ident.model.inertia import base_parameters
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import MASS, analyse, loaded, nothing, record
+from tests.ident.diagnosis.planted import MASS, analyse, loaded, nothing, record, search_of
 
 
 def tolerance_of(analysis: Analysis) -> Tolerance:
@@ -105,11 +106,10 @@ def test_arms_within_tolerance_are_told_so(spare: float) -> None:
 WITHIN = 1.6
 
 
-def diagnosed(arm: ArmModel, numbers: Array) -> Diagnosis:
-    """The diagnosis of a healthy arm by a URDF of other inertial numbers."""
+def analysed(arm: ArmModel, numbers: Array) -> Analysis:
+    """The analysis of a healthy arm by a URDF of other inertial numbers."""
     urdf = arm.with_inertial_parameters(numbers)
-    effects = [find_effect("stribeck_friction")]
-    return diagnose(record(arm, nothing), urdf, effects, common_clock=False).diagnosis
+    return diagnose(record(arm, nothing), urdf, [find_effect("stribeck_friction")], common_clock=False)
 
 
 def holds(one: Interval, true: float) -> bool:
@@ -123,7 +123,7 @@ def test_the_link_that_is_off_is_named_and_no_other(short_arm: ArmModel, wrong: 
     numbers = true.copy()
     if wrong is not None:
         numbers[10 * wrong : 10 * wrong + 10] *= factor
-    diagnosis = diagnosed(short_arm, numbers)
+    diagnosis = analysed(short_arm, numbers).diagnosis
     assert diagnosis.details is not None
     links = diagnosis.details.tuned_links
     for k, (name, link) in enumerate(links.items()):
@@ -142,6 +142,21 @@ def test_the_link_that_is_off_is_named_and_no_other(short_arm: ArmModel, wrong: 
     record_ = diagnosis.to_dict()["tuned_links"]
     assert record_["link_2"]["about_axis_share"].keys() == {"value", "low", "high"}
     assert "mass_kg" not in record_["link_1"]  # a link behind an upright axis shows none of its mass
+
+
+@pytest.mark.parametrize(
+    ("factors", "wrong"), [((1.0, 1.0, 1.0), set()), ((1.0, 1.0, 1.6), {2}), ((1.0, 1.1, 0.9), set())]
+)
+def test_a_link_that_is_off_by_itself_is_found_in_a_urdf_that_is_doubted(
+    short_arm: ArmModel, factors: tuple[float, ...], wrong: set[int]
+) -> None:
+    """Law: though the URDF is believed to be wrong everywhere, a link that alone is off is found, and no other; none is
+    where all are right, or off by a tenth.
+    """
+    analysis = analysed(short_arm, short_arm.inertial_parameters * np.repeat(factors, 10))
+    prior = Prior.believing(analysis.evidence, analysis.baseline, UrdfError(8.0))
+    search = replace(search_of(analysis), prior=prior)
+    assert find_wrong_links(search, analysis.baseline, ()) == wrong
 
 
 def test_the_moment_about_an_axis_is_what_the_torques_show(short_arm: ArmModel) -> None:

@@ -64,6 +64,14 @@ def asked(effect: Effect, session: SessionContext) -> list[int]:
     return [joint for joint in joints if effect.untestable(session, joint) is None][:2]
 
 
+def test_a_joint_without_a_limit_is_rated_as_its_successors_at_least(session: SessionContext) -> None:
+    """Law: a joint about an upright axis carries next to nothing; its motor is no smaller than those behind it."""
+    unknown = replace(session, rated_torque=np.full(session.n, np.inf))
+    rated = [rated_torque(unknown, joint) for joint in range(session.n)]
+    assert rated == sorted(rated, reverse=True)
+    assert rated[0] == pytest.approx(1.5 * max(np.abs(run.total).max() for run in session.runs))
+
+
 def test_the_catalogue_holds_the_fixed_ids_once_each() -> None:
     """The ids are those of the contract."""
     assert sorted(effect.id for effect in CATALOGUE) == sorted(NAMES)

@@ -12,6 +12,7 @@ from ident.arrays import Array
 from ident.effects.added_body import PLACE
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
+from ident.effects.intervals import beside_prior
 from ident.laws.acting import point_mass
 from ident.model.inertia import parameter_scale
 from ident.recordings.recording import Payload
@@ -22,6 +23,13 @@ def difference(session: SessionContext, other: ArmModel) -> list[Array]:
     """Torque of another arm on the same motion, less the nominal arm's."""
     motions = [run.motion for run in session.runs]
     return [other.inverse_dynamics(m.q, m.dq, m.ddq) - run.rigid for m, run in zip(motions, session.runs, strict=True)]
+
+
+def test_a_prior_speaks_only_where_recordings_do_not() -> None:
+    """Law: what is well determined stays, what is not is drawn to zero, no surer and no wider than the prior."""
+    estimate, covariance = beside_prior(np.array([1.0, 7.0]), np.diag([1e-6, 1e6]), np.array([0.5, 0.5]))
+    np.testing.assert_allclose(estimate, [1.0, 0.0], atol=1e-5)
+    np.testing.assert_allclose(covariance, np.diag([1e-6, 0.25]), rtol=1e-4)
 
 
 @pytest.mark.parametrize("com", [(0.0, 0.0, 0.03), (0.02, -0.03, 0.1)])
