@@ -57,7 +57,7 @@ def require_mounts(session: Session, arm: ArmModel) -> None:
         wrong = arm.with_gravity(turn.apply(GRAVITY))
         turned, issues = mend_mount(as_it_is.session, wrong)
         off = angle_between(np.array(turned.model.gravity.linear), GRAVITY)
-        assert off < (3.0 if issues else 25.0)  # less is a tilt, for a diagnosis to find
+        assert off < (3.0 if issues else 28.0)  # a tilt below 25° as it is measured is for a diagnosis to find
         if k < 2:
             report = found(session, wrong)
             assert {issue.issue for issue in report.fatal} <= {issue.issue for issue in as_it_is.fatal}

@@ -53,7 +53,7 @@ def check_first_place(diagnosis: Diagnosis) -> None:
     elif diagnosis.findings:
         first = diagnosis.findings[0]
         assert diagnosis.where[0].joint in first.joints
-        assert diagnosis.where[0].joint in first.action
+        assert diagnosis.where[0].joint in first.action or len(first.joints) > 1  # the whole base is turned
 
 
 def test_a_healthy_arm_has_no_gap(healthy: Analysis) -> None:
