@@ -36,19 +36,12 @@ Robot = str | Path | ArmModel
 
 @dataclass(frozen=True)
 class Given:
-    """Recordings and a robot as a user gives them.
+    """Recordings and a robot as a user gives them."""
 
-    Attributes:
-        paths: Session folders or files, sessions, or tables in memory (the runs of one session).
-        robot: URDF path, name or arm; None takes the one that a session.toml names.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-    """
-
-    paths: Sources
-    robot: Robot | None = None
-    topic: str = TOPIC
-    session_file: str | Path | None = None
+    paths: Sources  # session folders or files, sessions, or tables in memory (the runs of one session)
+    robot: Robot | None = None  # URDF path, name or arm; None takes the one that a session.toml names
+    topic: str = TOPIC  # topic of bags
+    session_file: str | Path | None = None  # A session.toml for folders that can't hold one
 
     @cached_property
     def gathered(self) -> list[str | Path | Session]:
@@ -97,18 +90,13 @@ def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
 
 @dataclass(frozen=True, eq=False)
 class Inspected:
-    """Recordings that have been checked, or are as they are asked for.
+    """Recordings that have been checked, or are as they are asked for."""
 
-    Attributes:
-        arm: The robot.
-        reports: One a session; where these are too long to be held, an iterator of one a part of consecutive runs,
-            checked by itself, the amount of motion in all of them at the end.
-        ledger: Takes note of what has passed.
-    """
-
-    arm: ArmModel
+    arm: ArmModel  # the robot
+    # One a session; where these are too long to be held, an iterator of one a part of consecutive runs, checked by
+    # itself, the amount of motion in all of them at the end.
     reports: Iterable[TelemetryReport]
-    ledger: StampLedger
+    ledger: StampLedger  # takes note of what has passed
 
     @property
     def whole(self) -> tuple[ArmModel, tuple[TelemetryReport, ...]]:
@@ -151,23 +139,15 @@ def inspect_sources(
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """Sessions ready for use.
-
-    Attributes:
-        arm: The robot, joints that the recordings lack locked; without payload.
-        reports: The telemetry check of each session or part, its runs let go.
-        motions: All runs of all sessions, or pieces of them.
-        sizes: Name of each session, and how many of the motions are its own.
-        ledger: Where the recordings come from.
-    """
+    """Sessions ready for use."""
 
     __repr__ = in_a_line
 
-    arm: ArmModel
-    reports: tuple[TelemetryReport, ...]
-    motions: Sequence[Motion]
-    sizes: tuple[tuple[str, int], ...]
-    ledger: StampLedger
+    arm: ArmModel  # the robot, joints that the recordings lack locked; without payload
+    reports: tuple[TelemetryReport, ...]  # the telemetry check of each session or part, its runs let go
+    motions: Sequence[Motion]  # all runs of all sessions, or pieces of them
+    sizes: tuple[tuple[str, int], ...]  # name of each session, and how many of the motions are its own
+    ledger: StampLedger  # where the recordings come from
 
     @property
     def groups(self) -> tuple[tuple[str, tuple[Motion, ...]], ...]:

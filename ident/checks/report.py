@@ -39,18 +39,13 @@ class JointEffort(Record):
 
 @dataclass(frozen=True, eq=False)
 class TelemetryReport:
-    """What a telemetry check found.
+    """What a telemetry check found."""
 
-    Attributes:
-        session: The session with everything mended that can be mended safely, joints in the robot's order.
-        issues: What was found, the worst first.
-        arm: The robot with the joints locked that the recording lacks, and its payload; None if none was given.
-        effort: What each joint's effort is; empty where there is no robot to hold it against.
-    """
-
-    session: Session
-    issues: tuple[TelemetryIssue, ...]
+    session: Session  # the session with everything mended that can be mended safely, joints in the robot's order
+    issues: tuple[TelemetryIssue, ...]  # what was found, the worst first
+    # The robot with the joints locked that the recording lacks, and its payload; None if none was given.
     arm: ArmModel | None = None
+    # What each joint's effort is; empty where there is no robot to hold it against.
     effort: tuple[JointEffort, ...] = ()
 
     def __post_init__(self) -> None:
@@ -125,13 +120,9 @@ class TelemetryReport:
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Result):
-    """The telemetry checks of some sessions.
+    """The telemetry checks of some sessions."""
 
-    Attributes:
-        reports: One a session.
-    """
-
-    reports: tuple[TelemetryReport, ...]
+    reports: tuple[TelemetryReport, ...]  # one a session
 
     @property
     def is_fit(self) -> bool:

@@ -25,85 +25,70 @@ __all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "del
 
 
 class Effect(ABC):
-    """An effect of the catalogue.
+    """An effect of the catalogue."""
 
-    Class attributes:
-        id: Fixed identifier.
-        scope: `joint` if it belongs to one joint (or the link that the joint moves), `arm` if to the whole arm.
-        rows: `own` if its torque acts on its own joint only: columns of shape (T, k); `all` if on any: (T, n, k).
-        nonnegative: Indices of columns whose coefficients can't be negative.
-        inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
-        event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
-        bursts: Whether it acts in short bursts, so that a mean over the session says little of its size.
-        beyond_bound: Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large
-            it seems in a run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
-        remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
-        by_run: Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
-        summary: One line for reports: what happens and where to look.
-        needs: What recordings must hold to show it, by name with the least amount: see `typical_sizes.lacking`.
-        shown_by: Family of the motion without which it can't be seen, one of `effect_info.SHOWINGS`.
-        parted_by: For other effects, by id, the family of the motion that tells the two apart, where it is not simply
-            the one that shows one of them.
-        set_ups: For other effects, by id, the change of set-up that tells the two apart, where no motion does.
-        twins: Other effects, by id, whose columns span its own exactly.
-        defining: Reported figures without which there is no such effect: where the intervals of all of them hold zero,
-            nothing is named.
-        typical: How large it is taken to be where nobody has found it yet.
-        doubt: How far an arm's own law may differ from this one.
-        partner: The figure that is the number of another joint that takes part, or "".
-        of_the_log: Whether it is one of the log alone: the joint gets another torque than what is read.
-        open_law: Whether the reported figures leave its law open: a diagnosis then tells coefficients and shape beside.
-        left_open: What even these leave open for a simulator, and what is taken then; "" for nothing.
-        figures: Reported figures that are the columns' coefficients, one after the other; see `parameters`.
-        prior: Largest plausible coefficients, numbers or shares of what the joint has ("0.5 rated"); see `prior_scale`.
-        bounds: By figure, its least and largest value, like `prior`, and why no arm has others; see `physical`.
-        sentence: What to do about it, with {where} and figures such as {gap_rad:mrad}; see `action`.
-        formats: How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
-        law: Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the
-            motion (m.q, m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that
-            uses NumPy alone and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
-        as_change: What is known of it as a change between two sets of recordings.
-        drawn_over: What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
-        drawn: `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
-        incomparable: Figures that mean something else in a simulated arm's answer.
-        opposite: Figures that a simulated arm's answer tells with the other sign.
-    """
-
-    id: ClassVar[str]
+    id: ClassVar[str]  # fixed identifier
+    # `joint` if it belongs to one joint (or the link that the joint moves), `arm` if to the whole arm.
     scope: ClassVar[Literal["joint", "arm"]] = "joint"
+    # `own` if its torque acts on its own joint only: columns of shape (T, k); `all` if on any: (T, n, k).
     rows: ClassVar[Literal["own", "all"]] = "own"
-    nonnegative: ClassVar[tuple[int, ...]] = ()
+    nonnegative: ClassVar[tuple[int, ...]] = ()  # indices of columns whose coefficients can't be negative
+    # Whether wrong inertias of several links could do the same: then tuning them hides the effect.
     inertia_like: ClassVar[bool] = False
+    # Whether it happens once: other runs say nothing of its size, and it can't be held out.
     event: ClassVar[bool] = False
+    # Whether it acts in short bursts, so that a mean over the session says little of its size.
     bursts: ClassVar[bool] = False
+    # Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large it seems in a
+    # run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
     beyond_bound: ClassVar[bool] = False
+    # Whether runs act on later ones: its figures then need every run, not an even choice of them.
     remembers: ClassVar[bool] = False
+    # Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
     by_run: ClassVar[bool] = False
     screens: int = 1
-    summary: ClassVar[str] = ""
+    summary: ClassVar[str] = ""  # one line for reports: what happens and where to look
+    # What recordings must hold to show it, by name with the least amount: see `typical_sizes.lacking`.
     needs: ClassVar[Mapping[str, float]] = {}
+    # Family of the motion without which it can't be seen, one of `effect_info.SHOWINGS`.
     shown_by: ClassVar[str] = "wide"
+    # For other effects, by id, the family of the motion that tells the two apart, where it is not simply the one that
+    # shows one of them.
     parted_by: ClassVar[Mapping[str, str]] = {}
+    # For other effects, by id, the change of set-up that tells the two apart, where no motion does.
     set_ups: ClassVar[Mapping[str, str]] = {}
-    twins: ClassVar[tuple[str, ...]] = ()
+    twins: ClassVar[tuple[str, ...]] = ()  # other effects, by id, whose columns span its own exactly
+    # Reported figures without which there is no such effect: where the intervals of all of them hold zero, nothing is
+    # named.
     defining: ClassVar[tuple[str, ...]] = ()
-    typical: ClassVar[Typical] = Typical()
-    doubt: ClassVar[Doubt] = Doubt()
-    partner: ClassVar[str] = ""
+    typical: ClassVar[Typical] = Typical()  # how large it is taken to be where nobody has found it yet
+    doubt: ClassVar[Doubt] = Doubt()  # how far an arm's own law may differ from this one
+    partner: ClassVar[str] = ""  # the figure that is the number of another joint that takes part, or ""
+    # Whether it is one of the log alone: the joint gets another torque than what is read.
     of_the_log: ClassVar[bool] = False
+    # Whether the reported figures leave its law open: a diagnosis then tells coefficients and shape beside.
     open_law: ClassVar[bool] = False
-    left_open: ClassVar[str] = ""
+    left_open: ClassVar[str] = ""  # what even these leave open for a simulator, and what is taken then; "" for nothing
+    # Reported figures that are the columns' coefficients, one after the other; see `parameters`.
     figures: ClassVar[tuple[str, ...]] = ()
+    # Largest plausible coefficients, numbers or shares of what the joint has ("0.5 rated"); see `prior_scale`.
     prior: ClassVar[tuple[float | str, ...]] = ()
+    # By figure, its least and largest value, like `prior`, and why no arm has others; see `physical`.
     bounds: ClassVar[Mapping[str, tuple[float | str, float | str, str]]] = {}
-    sentence: ClassVar[str] = ""
+    sentence: ClassVar[str] = ""  # what to do about it, with {where} and figures such as {gap_rad:mrad}; see `action`
+    # How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
     formats: ClassVar[Mapping[str, Expression]] = {}
+    # Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the motion (m.q,
+    # m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that uses NumPy alone and
+    # returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
     law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
-    as_change: ClassVar[AsChange] = AsChange()
+    as_change: ClassVar[AsChange] = AsChange()  # what is known of it as a change between two sets of recordings
+    # What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
     drawn_over: ClassVar[str] = ""
+    # `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
     drawn: ClassVar[Literal["", "whole", "odd"]] = ""
-    incomparable: ClassVar[frozenset[str]] = frozenset()
-    opposite: ClassVar[frozenset[str]] = frozenset()
+    incomparable: ClassVar[frozenset[str]] = frozenset()  # figures that mean something else in a simulated arm's answer
+    opposite: ClassVar[frozenset[str]] = frozenset()  # figures that a simulated arm's answer tells with the other sign
 
     def __init_subclass__(cls) -> None:
         """An effect of the catalogue takes what it does not say itself from its row of `effects.toml`."""

@@ -89,18 +89,13 @@ class AsChange:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its 95 % interval.
+    """An estimate with its 95 % interval."""
 
-    Attributes:
-        value: The estimate.
-        low, high: Ends of the interval.
-        open: Which ends the recordings leave open, where `low` and `high` are those of the values that were tried or
-            that an arm can have: "low", "high", "both", or "" for none.
-    """
-
-    value: float
-    low: float
+    value: float  # the estimate
+    low: float  # ends of the interval
     high: float
+    # Which ends the recordings leave open, where `low` and `high` are those of the values that were tried or that an
+    # arm can have: "low", "high", "both", or "" for none.
     open: Literal["", "low", "high", "both"] = ""
 
     def to_dict(self) -> dict[str, Any]:

@@ -43,21 +43,13 @@ PLACE = "#"
 
 @dataclass(frozen=True)
 class ColumnFamily:
-    """Columns of one quantity, one a joint.
+    """Columns of one quantity, one a joint."""
 
-    Attributes:
-        template: Their common name, the place of the joint marked.
-        columns: Their names, in the joints' order.
-        labels: What stands at the place: numbers or joints' names.
-        channel: What they hold; None where their names don't say.
-        doubt: Words that speak against it; fewer is better.
-    """
-
-    template: str
-    columns: tuple[str, ...]
-    labels: tuple[str, ...]
-    channel: str | None
-    doubt: int
+    template: str  # their common name, the place of the joint marked
+    columns: tuple[str, ...]  # their names, in the joints' order
+    labels: tuple[str, ...]  # what stands at the place: numbers or joints' names
+    channel: str | None  # what they hold; None where their names don't say
+    doubt: int  # words that speak against it; fewer is better
 
     @property
     def are_numbers(self) -> bool:

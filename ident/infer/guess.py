@@ -19,19 +19,13 @@ from ident.records import Record
 
 @dataclass(frozen=True, eq=False)
 class ForeignTable:
-    """Columns of one run under their own names.
+    """Columns of one run under their own names."""
 
-    Attributes:
-        source: The file.
-        columns: Name -> numbers, all of one length, in the file's order; a column without a name by its number.
-        has_names: Whether the file names its columns.
-        rate_hz: Rate that the file states [Hz], or None.
-    """
-
-    source: Path
+    source: Path  # the file
+    # Name -> numbers, all of one length, in the file's order; a column without a name by its number.
     columns: dict[str, Float[Array, " T"]]
-    has_names: bool = True
-    rate_hz: float | None = None
+    has_names: bool = True  # whether the file names its columns
+    rate_hz: float | None = None  # rate that the file states [Hz], or None
 
 
 def read_foreign(path: Path) -> ForeignTable:
@@ -54,38 +48,23 @@ def read_foreign(path: Path) -> ForeignTable:
 
 @dataclass(frozen=True)
 class Reason(Record):
-    """Why something was guessed.
+    """Why something was guessed."""
 
-    Attributes:
-        what: Channel, or key of session.toml.
-        guess: What was guessed, in words.
-        evidence: What was seen, with numbers.
-    """
-
-    what: str
-    guess: str
-    evidence: str
+    what: str  # channel, or key of session.toml
+    guess: str  # what was guessed, in words
+    evidence: str  # what was seen, with numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """The columns of a run by what they are taken for, in the units of the file or, see `in_si`, in SI.
+    """The columns of a run by what they are taken for, in the units of the file or, see `in_si`, in SI."""
 
-    Attributes:
-        joints: The robot's joints in the columns' order.
-        columns: Channel -> names of its columns, one a joint.
-        tables: Channel -> numbers, shape (T, n).
-        clock: Name of the time's column, or None.
-        time: Time [unit of the file]; sample numbers where there is none.
-        reasons: Why.
-    """
-
-    joints: tuple[str, ...]
-    columns: Mapping[str, tuple[str, ...]]
-    tables: Mapping[str, Float[Array, "T n"]]
-    clock: str | None
-    time: Float[Array, " T"]
-    reasons: tuple[Reason, ...] = ()
+    joints: tuple[str, ...]  # the robot's joints in the columns' order
+    columns: Mapping[str, tuple[str, ...]]  # channel -> names of its columns, one a joint
+    tables: Mapping[str, Float[Array, "T n"]]  # channel -> numbers, shape (T, n)
+    clock: str | None  # name of the time's column, or None
+    time: Float[Array, " T"]  # time [unit of the file]; sample numbers where there is none
+    reasons: tuple[Reason, ...] = ()  # why
 
     def without(self, channel: str) -> Signals:
         """The same without a channel."""
@@ -105,16 +84,9 @@ class Signals:
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A session.toml in the making.
+    """A session.toml in the making."""
 
-    Attributes:
-        columns: Foreign name -> native name.
-        settings: Keys of session.toml beside `[columns]`.
-        reasons: Why, in the order in which they are reported.
-        left_out: What is not used, in words.
-    """
-
-    columns: dict[str, str]
-    settings: dict[str, Any] = field(default_factory=dict)
-    reasons: tuple[Reason, ...] = ()
-    left_out: tuple[str, ...] = ()
+    columns: dict[str, str]  # foreign name -> native name
+    settings: dict[str, Any] = field(default_factory=dict)  # keys of session.toml beside `[columns]`
+    reasons: tuple[Reason, ...] = ()  # why, in the order in which they are reported
+    left_out: tuple[str, ...] = ()  # what is not used, in words

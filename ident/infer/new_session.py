@@ -47,18 +47,12 @@ SEAL = "# as written: sha256 "
 
 @dataclass(frozen=True, eq=False)
 class NewSession(Result):
-    """A session.toml that was guessed.
+    """A session.toml that was guessed."""
 
-    Attributes:
-        file: Where it stands or is to stand.
-        guess: What was guessed, and why.
-        text: The file's text.
-        report: The telemetry check of the session under these settings; None where no robot was given.
-    """
-
-    file: Path
-    guess: Guess
-    text: str
+    file: Path  # where it stands or is to stand
+    guess: Guess  # what was guessed, and why
+    text: str  # the file's text
+    # The telemetry check of the session under these settings; None where no robot was given.
     report: TelemetryReport | None = None
 
     def to_dict(self) -> dict[str, Any]:

@@ -64,18 +64,12 @@ KINDS: Mapping[str, LawKind] = {effect: LawKind.of_row(effect) for effect in STA
 
 @dataclass(frozen=True)
 class NamedLaw:
-    """A law at a joint.
+    """A law at a joint."""
 
-    Attributes:
-        effect: Its name, one of `KINDS`.
-        joint: The joint's number, from zero.
-        shape: Figures that it is bent by.
-        figures: Coefficients as (value, low, high) of their 95 % intervals; empty before it is fitted.
-    """
-
-    effect: str
-    joint: int
-    shape: Shape = field(default_factory=dict)
+    effect: str  # its name, one of `KINDS`
+    joint: int  # the joint's number, from zero
+    shape: Shape = field(default_factory=dict)  # figures that it is bent by
+    # Coefficients as (value, low, high) of their 95 % intervals; empty before it is fitted.
     figures: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:

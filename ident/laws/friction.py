@@ -21,20 +21,13 @@ from ident.laws.motion import Array, MovingArm, stop
 
 @dataclass(frozen=True, eq=False)
 class JointStates:
-    """One joint's states at T times, as laws of friction see them.
+    """One joint's states at T times, as laws of friction see them."""
 
-    Attributes:
-        q, dq: Position [rad] and speed [rad/s].
-        load: Torque that the joint transmits: rigid torque, without rotor and friction [N m].
-        slip: Direction of sliding in [-1, 1].
-        xp: Where exp, cos and sin of such states come from.
-    """
-
-    q: Any
+    q: Any  # position [rad] and speed [rad/s]
     dq: Any
-    load: Any
-    slip: Any
-    xp: Any = np
+    load: Any  # torque that the joint transmits: rigid torque, without rotor and friction [N m]
+    slip: Any  # direction of sliding in [-1, 1]
+    xp: Any = np  # where exp, cos and sin of such states come from
 
     @property
     def speed(self) -> Any:

@@ -13,26 +13,17 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A chain of one-axis joints.
+    """A chain of one-axis joints."""
 
-    Attributes:
-        rotations, offsets: Placement of each joint in the one before, shapes (n, 3, 3) and (n, 3) [m].
-        axes: Axis of each joint in its own frame, shape (n, 3).
-        sliding: Which joints are prismatic, shape (n,).
-        links: Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz, shape (n, 10).
-        gravity: In the base frame [m/s²], shape (3,).
-        gears: Gear ratios, or None.
-        rated: Rated torques [N m], shape (n,).
-    """
-
-    rotations: Array
+    rotations: Array  # placement of each joint in the one before, shapes (n, 3, 3) and (n, 3) [m]
     offsets: Array
-    axes: Array
-    sliding: Array
+    axes: Array  # axis of each joint in its own frame, shape (n, 3)
+    sliding: Array  # which joints are prismatic, shape (n,)
+    # Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz, shape (n, 10).
     links: Array
-    gravity: Array
-    gears: Array | None
-    rated: Array
+    gravity: Array  # in the base frame [m/s²], shape (3,)
+    gears: Array | None  # gear ratios, or None
+    rated: Array  # rated torques [N m], shape (n,)
 
     def __post_init__(self) -> None:
         for name in ("rotations", "offsets", "axes", "links", "gravity", "rated"):
@@ -101,21 +92,14 @@ def direction(dq: Array, width: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """Losses of n joints; arrays of shape (n,).
+    """Losses of n joints; arrays of shape (n,)."""
 
-    Attributes:
-        motor_inertia: Rotor inertia [kg m²].
-        viscous, coulomb: Friction [N m s/rad], [N m].
-        transition: v₀, over which the sign of Coulomb friction turns round, tanh(dq / v₀) [rad/s].
-        range: r, displacement over which it turns round instead, as a stop operator does; 0 for none [rad].
-        bend: Of |v| v and v³, where friction that a file can't state is stood in for by a polynomial, shape (n, 2).
-    """
-
-    motor_inertia: Array
-    viscous: Array
+    motor_inertia: Array  # rotor inertia [kg m²]
+    viscous: Array  # friction [N m s/rad], [N m]
     coulomb: Array
-    transition: Array
-    range: Array
+    transition: Array  # v₀, over which the sign of Coulomb friction turns round, tanh(dq / v₀) [rad/s]
+    range: Array  # r, displacement over which it turns round instead, as a stop operator does; 0 for none [rad]
+    # Of |v| v and v³, where friction that a file can't state is stood in for by a polynomial, shape (n, 2).
     bend: Any = None
 
     def __post_init__(self) -> None:
@@ -155,24 +139,17 @@ def follow(q: Array, size: float, out: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class MovingArm:
-    """One run as the laws see it.
+    """One run as the laws see it."""
 
-    Attributes:
-        arm, losses: The arm that moves.
-        q, dq, ddq: States [rad, rad/s, rad/s²].
-        interval: Sampling interval [s]; 0 for single states, of which laws with a memory know nothing.
-        slip: Direction of sliding in [-1, 1]; if None, as the losses have it along the run.
-        warmth: From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T, n) where
-            joints differ.
-    """
-
-    arm: Arm
+    arm: Arm  # the arm that moves
     losses: Losses
-    q: Array
+    q: Array  # states [rad, rad/s, rad/s²]
     dq: Array
     ddq: Array
-    interval: float = 0.0
-    slip: Array | None = None
+    interval: float = 0.0  # sampling interval [s]; 0 for single states, of which laws with a memory know nothing
+    slip: Array | None = None  # direction of sliding in [-1, 1]; if None, as the losses have it along the run
+    # From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T, n) where joints
+    # differ.
     warmth: Any = 0.5
 
     @cached_property

@@ -29,17 +29,11 @@ _design = lru_cache(maxsize=64)(design_lowpass)
 
 @dataclass(frozen=True)
 class Lowpass:
-    """Zero-phase Butterworth low-pass and decimation.
+    """Zero-phase Butterworth low-pass and decimation."""
 
-    Attributes:
-        rate: Sampling rate before [Hz].
-        cutoff: Corner frequency [Hz].
-        factor: One of how many samples is kept.
-    """
-
-    rate: float
-    cutoff: float
-    factor: int
+    rate: float  # sampling rate before [Hz]
+    cutoff: float  # corner frequency [Hz]
+    factor: int  # one of how many samples is kept
 
     @classmethod
     def design(cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION) -> Lowpass:
@@ -66,48 +60,32 @@ class Lowpass:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One run, ready for models: T even samples of n joints.
-
-    Attributes:
-        name: Name of the run.
-        joints: Joint names.
-        time: Time [s].
-        q, dq, ddq: Smoothed states [rad, rad/s, rad/s²].
-        tau: Measured torque, not filtered [N m].
-        lowpass: The filter that every torque and column goes through.
-        std: Standard deviation of q, dq, ddq from the smoother, shape (3, n).
-        payload: Known body at the flange.
-        temperature: Measured joint temperature [degC], or None.
-        position_command: Commanded position [rad], or None.
-        continues: Whether it is the next piece of the recorded run that the motion before it is a piece of.
-        state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
-            made of the states is what the noise that is in them does.
-        band: Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
-        density: Power density of each joint's encoder noise [rad²/Hz], or None where nobody knows.
-        log_interval: Sampling interval of the recording [s]; 0 where nobody knows.
-        settings: How it was made, and what of it counts as settled.
-    """
+    """One run, ready for models: T even samples of n joints."""
 
     __repr__ = in_a_line
 
-    name: str
-    joints: tuple[str, ...]
-    time: Float[Array, " T"]
-    q: Float[Array, "T n"]
+    name: str  # name of the run
+    joints: tuple[str, ...]  # joint names
+    time: Float[Array, " T"]  # time [s]
+    q: Float[Array, "T n"]  # smoothed states [rad, rad/s, rad/s²]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
-    tau: Float[Array, "T n"]
-    lowpass: Lowpass
-    std: Float[Array, "3 n"]
-    payload: Payload | None = None
-    temperature: Float[Array, "T n"] | None = None
-    position_command: Float[Array, "T n"] | None = None
-    continues: bool = False
+    tau: Float[Array, "T n"]  # measured torque, not filtered [N m]
+    lowpass: Lowpass  # the filter that every torque and column goes through
+    std: Float[Array, "3 n"]  # standard deviation of q, dq, ddq from the smoother, shape (3, n)
+    payload: Payload | None = None  # known body at the flange
+    temperature: Float[Array, "T n"] | None = None  # measured joint temperature [degC], or None
+    position_command: Float[Array, "T n"] | None = None  # commanded position [rad], or None
+    continues: bool = False  # whether it is the next piece of the recorded run that the motion before it is a piece of
+    # One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns made of the
+    # states is what the noise that is in them does.
     state_noise: Float[Array, "T n 3"] | None = None
+    # Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
     band: Float[Array, " n"] | None = None
+    # Power density of each joint's encoder noise [rad²/Hz], or None where nobody knows.
     density: Float[Array, " n"] | None = None
-    log_interval: float = 0.0
-    settings: MotionSettings = USUAL_MOTION
+    log_interval: float = 0.0  # sampling interval of the recording [s]; 0 where nobody knows
+    settings: MotionSettings = USUAL_MOTION  # how it was made, and what of it counts as settled
 
     @property
     def n(self) -> int:

@@ -43,15 +43,10 @@ LIKELIHOOD_SAMPLES = 20_000
 
 @dataclass(frozen=True, eq=False)
 class NoiseLevels:
-    """Noise of n joints.
+    """Noise of n joints."""
 
-    Attributes:
-        jerk: Spectral density s of the jerk [rad²/s⁵].
-        position: Variance r of a measured position [rad²].
-    """
-
-    jerk: Float[Array, " n"]
-    position: Float[Array, " n"]
+    jerk: Float[Array, " n"]  # spectral density s of the jerk [rad²/s⁵]
+    position: Float[Array, " n"]  # variance r of a measured position [rad²]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "jerk", freeze(self.jerk))
@@ -64,17 +59,12 @@ class NoiseLevels:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Smoothed motion of one run, shapes (T, n).
+    """Smoothed motion of one run, shapes (T, n)."""
 
-    Attributes:
-        q, dq, ddq: Position, velocity, acceleration [rad, rad/s, rad/s²].
-        std: Standard deviation of q, dq and ddq in the middle of the run, shape (3, n).
-    """
-
-    q: Float[Array, "T n"]
+    q: Float[Array, "T n"]  # position, velocity, acceleration [rad, rad/s, rad/s²]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
-    std: Float[Array, "3 n"]
+    std: Float[Array, "3 n"]  # standard deviation of q, dq and ddq in the middle of the run, shape (3, n)
 
 
 def _predict(

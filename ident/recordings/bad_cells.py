@@ -23,29 +23,17 @@ MEND = "`ident inspect SESSION --mend DIR` writes a copy without the damaged row
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells of one table, some of which may be damaged.
+    """The cells of one table, some of which may be damaged."""
 
-    Attributes:
-        source: The file.
-        columns: Native name -> numbers, NaN or infinite where there is none.
-        place: What its rows are counted in: "line" of a text, "row" of a binary table.
-        names: Names of the columns, for messages.
-        numbers: Number of each row in the file; 1, 2, … if None.
-        text: Mask of cells that hold text; None where there are none.
-        misshapen: Numbers of further rows, which have a wrong number of cells.
-        truncated: Number of the file's last row if it is cut short: it is dropped whatever it holds.
-        raw: A cell as it stands in the file, by its row and column.
-    """
-
-    source: Path
-    columns: Mapping[str, Float[Array, " R"]]
-    place: str = "row"
-    names: Sequence[str] = ()
-    numbers: Int[Array, " R"] | None = None
-    text: Bool[Array, "R k"] | None = None
-    misshapen: Sequence[int] = ()
-    truncated: int | None = None
-    raw: Callable[[int, int], str] = lambda row, column: ""
+    source: Path  # the file
+    columns: Mapping[str, Float[Array, " R"]]  # native name -> numbers, NaN or infinite where there is none
+    place: str = "row"  # what its rows are counted in: "line" of a text, "row" of a binary table
+    names: Sequence[str] = ()  # names of the columns, for messages
+    numbers: Int[Array, " R"] | None = None  # number of each row in the file; 1, 2, … if None
+    text: Bool[Array, "R k"] | None = None  # mask of cells that hold text; None where there are none
+    misshapen: Sequence[int] = ()  # numbers of further rows, which have a wrong number of cells
+    truncated: int | None = None  # number of the file's last row if it is cut short: it is dropped whatever it holds
+    raw: Callable[[int, int], str] = lambda row, column: ""  # A cell as it stands in the file, by its row and column
 
     def screen(self) -> Table:
         """Drops rows that are surely no samples; single bad cells of other rows become NaN, with a fatal issue.

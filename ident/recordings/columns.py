@@ -100,16 +100,12 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class NamedColumns:
-    """A run as its file has it, of whatever format: what every reader makes of a file.
+    """A run as its file has it, of whatever format: what every reader makes of a file."""
 
-    Attributes:
-        names: The file's own column names; "1", "2", … where it has none.
-        read: Reads some columns: index -> native name. Raises RecordingError for one that holds no numbers.
-        numbers: All columns of numbers by their own names, whatever they hold.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the file's own column names; "1", "2", … where it has none
+    # Reads some columns: index -> native name. Raises RecordingError for one that holds no numbers.
     read: Callable[[Mapping[int, str]], Table]
+    # All columns of numbers by their own names, whatever they hold.
     numbers: Callable[[], Mapping[str, Float[Array, " T"]]]
 
     @property

@@ -33,69 +33,44 @@ Severity = Literal["note", "warning", "fatal"]
 
 @dataclass(frozen=True)
 class TelemetryIssue(Record):
-    """One finding about a recording's fitness for use.
+    """One finding about a recording's fitness for use."""
 
-    Attributes:
-        issue: Identifier, one of the contract's list (``position_wraps``, ``jitter``, …).
-        joints: Names of the joints concerned; empty where the whole run is.
-        severity: ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit.
-        evidence: What was seen, with numbers and the run's name.
-        remedy: What the user can do.
-    """
-
-    issue: str
-    joints: tuple[str, ...]
-    severity: Severity
-    evidence: str
-    remedy: str
+    issue: str  # identifier, one of the contract's list (``position_wraps``, ``jitter``, …)
+    joints: tuple[str, ...]  # names of the joints concerned; empty where the whole run is
+    severity: Severity  # ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit
+    evidence: str  # what was seen, with numbers and the run's name
+    remedy: str  # what the user can do
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A known body at the flange.
+    """A known body at the flange."""
 
-    Attributes:
-        mass_kg: Mass [kg].
-        com_m: Centre of mass in the frame of the last link [m].
-    """
-
-    mass_kg: float
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass_kg: float  # mass [kg]
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # centre of mass in the frame of the last link [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One run: T samples of n joints; arrays are copied in and read-only.
-
-    Attributes:
-        name: Name of the run, the file's stem.
-        joints: The n joint names, in the robot's order.
-        time: Session clock [s], shape (T,), strictly increasing.
-        position: Joint position [rad or m], shape (T, n).
-        effort: Measured joint torque [N m or N], shape (T, n), drive gain and sign of session.toml applied.
-        velocity, acceleration, position_command, velocity_command, effort_command: As above, or None.
-        current: Motor current [A], or None.
-        temperature: Joint temperature [degC], or None.
-        source: The file it came from.
-        issues: What the reader found and mended (garbage rows, a truncated last row, …).
-    """
+    """One run: T samples of n joints; arrays are copied in and read-only."""
 
     __repr__ = in_a_line
 
-    name: str
-    joints: tuple[str, ...]
-    time: Float[Array, " T"]
-    position: Float[Array, "T n"]
+    name: str  # name of the run, the file's stem
+    joints: tuple[str, ...]  # the n joint names, in the robot's order
+    time: Float[Array, " T"]  # session clock [s], shape (T,), strictly increasing
+    position: Float[Array, "T n"]  # joint position [rad or m], shape (T, n)
+    # Measured joint torque [N m or N], shape (T, n), drive gain and sign of session.toml applied.
     effort: Float[Array, "T n"]
-    velocity: Float[Array, "T n"] | None = None
+    velocity: Float[Array, "T n"] | None = None  # as above, or None
     acceleration: Float[Array, "T n"] | None = None
     position_command: Float[Array, "T n"] | None = None
     velocity_command: Float[Array, "T n"] | None = None
     effort_command: Float[Array, "T n"] | None = None
-    current: Float[Array, "T n"] | None = None
-    temperature: Float[Array, "T n"] | None = None
-    source: Path | None = None
-    issues: tuple[TelemetryIssue, ...] = ()
+    current: Float[Array, "T n"] | None = None  # motor current [A], or None
+    temperature: Float[Array, "T n"] | None = None  # joint temperature [degC], or None
+    source: Path | None = None  # the file it came from
+    issues: tuple[TelemetryIssue, ...] = ()  # what the reader found and mended (garbage rows, a truncated last row, …)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -148,37 +123,26 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Runs of one set-up of the arm (same payload, same mounting).
-
-    Attributes:
-        name: Name of the session, the folder's.
-        runs: The runs, in file-name order; all have the same joints.
-        payload: The known body at the flange, if session.toml names one.
-        robot: The robot that session.toml names, if any.
-        common_clock: Whether time goes on from run to run; False where clocks restart (recordings of several
-            days): then the runs are independent and effects that need a common clock are not testable.
-        path: The folder or file it was read from.
-        metadata: The rest of session.toml.
-        notes: What the reader found about the session as a whole.
-        effort_kind: What session.toml says the effort is: ``joint_torque`` (gravity is in it), or
-            ``gravity_compensated``; None where it says nothing.
-        gravity: Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the URDF's.
-        guessed_gains: Drive gains that nobody measured, by joint [N m/A].
-    """
+    """Runs of one set-up of the arm (same payload, same mounting)."""
 
     __repr__ = in_a_line
 
-    name: str
-    runs: tuple[Recording, ...]
-    payload: Payload | None = None
-    robot: str | None = None
+    name: str  # name of the session, the folder's
+    runs: tuple[Recording, ...]  # the runs, in file-name order; all have the same joints
+    payload: Payload | None = None  # the known body at the flange, if session.toml names one
+    robot: str | None = None  # the robot that session.toml names, if any
+    # Whether time goes on from run to run; False where clocks restart (recordings of several days): then the runs are
+    # independent and effects that need a common clock are not testable.
     common_clock: bool = True
-    path: Path | None = None
-    metadata: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[TelemetryIssue, ...] = ()
+    path: Path | None = None  # the folder or file it was read from
+    metadata: dict[str, Any] = field(default_factory=dict)  # the rest of session.toml
+    notes: tuple[TelemetryIssue, ...] = ()  # what the reader found about the session as a whole
+    # What session.toml says the effort is: ``joint_torque`` (gravity is in it), or ``gravity_compensated``; None where
+    # it says nothing.
     effort_kind: str | None = None
+    # Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the URDF's.
     gravity: tuple[float, float, float] | None = None
-    guessed_gains: dict[str, float] = field(default_factory=dict)
+    guessed_gains: dict[str, float] = field(default_factory=dict)  # drive gains that nobody measured, by joint [N m/A]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))

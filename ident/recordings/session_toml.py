@@ -23,19 +23,12 @@ EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 
 @dataclass(frozen=True)
 class Key:
-    """One key of the file, as the reference shows it.
+    """One key of the file, as the reference shows it."""
 
-    Attributes:
-        unit: Of its value; a kind of value where it has no unit.
-        default: What counts where it is left out.
-        meaning: What it says.
-        example: A line of the file.
-    """
-
-    unit: str
-    default: str
-    meaning: str
-    example: str
+    unit: str  # of its value; a kind of value where it has no unit
+    default: str  # what counts where it is left out
+    meaning: str  # what it says
+    example: str  # A line of the file
 
 
 JOINT = "joint_2 = "
@@ -64,41 +57,27 @@ KEYS = {
 
 @dataclass(frozen=True)
 class SessionFile:
-    """The content of a session.toml; the default is that of a session without one.
+    """The content of a session.toml; the default is that of a session without one."""
 
-    Attributes:
-        path: The file, or None where there is none.
-        columns: Foreign column name or 1-based number (as text) -> native name.
-        drive_gain: Joint -> torque per current [N m/A].
-        effort_sign: Joint -> +1 or -1, the factor on the recorded torque.
-        payload: Known body at the flange.
-        robot: Name or URDF path of the robot.
-        sample_rate_hz: Sampling rate of tables without a time column [Hz].
-        with_effort: Whether a torque is needed; without, the recording's effort is zero.
-        time_factor: What recorded times are multiplied with to be seconds.
-        angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
-        angle_zero: What is taken off recorded positions before; counts have their zero in the middle of a turn.
-        effort_kind: Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
-        gravity: Gravity in the base's frame [m/s²]; None for the URDF's.
-        guessed: Whether the drive gains are nobody's measurement.
-        metadata: Everything else in the file.
-    """
-
-    path: Path | None = None
+    path: Path | None = None  # the file, or None where there is none
+    # Foreign column name or 1-based number (as text) -> native name.
     columns: Mapping[str, str] = field(default_factory=dict)
-    drive_gain: Mapping[str, float] = field(default_factory=dict)
+    drive_gain: Mapping[str, float] = field(default_factory=dict)  # joint -> torque per current [N m/A]
+    # Joint -> +1 or -1, the factor on the recorded torque.
     effort_sign: Mapping[str, float] = field(default_factory=dict)
-    payload: Payload | None = None
-    robot: str | None = None
-    sample_rate_hz: float | None = None
-    angle_factor: float = 1.0
+    payload: Payload | None = None  # known body at the flange
+    robot: str | None = None  # name or URDF path of the robot
+    sample_rate_hz: float | None = None  # sampling rate of tables without a time column [Hz]
+    angle_factor: float = 1.0  # what recorded angles and their derivatives are multiplied with to be radians
+    # What is taken off recorded positions before; counts have their zero in the middle of a turn.
     angle_zero: float = 0.0
+    # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
-    time_factor: float = 1.0
-    metadata: Mapping[str, Any] = field(default_factory=dict)
-    with_effort: bool = True
-    gravity: tuple[float, float, float] | None = None
-    guessed: bool = False
+    time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # everything else in the file
+    with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
+    gravity: tuple[float, float, float] | None = None  # gravity in the base's frame [m/s²]; None for the URDF's
+    guessed: bool = False  # whether the drive gains are nobody's measurement
 
     @property
     def where(self) -> str:

@@ -129,19 +129,12 @@ COMMENTS = ("#", "%")
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How a text table is written.
+    """How a text table is written."""
 
-    Attributes:
-        names: Column names; "1", "2", … where there is no header.
-        separator: One character; a blank stands for any run of blanks and tabs.
-        first_line: 0-based number of the first line of data.
-        decimal: Decimal point or comma.
-    """
-
-    names: tuple[str, ...]
-    separator: str
-    first_line: int
-    decimal: str = "."
+    names: tuple[str, ...]  # column names; "1", "2", … where there is no header
+    separator: str  # one character; a blank stands for any run of blanks and tabs
+    first_line: int  # 0-based number of the first line of data
+    decimal: str = "."  # decimal point or comma
 
 
 def split_cells(line: str, separator: str) -> list[str]:

@@ -25,27 +25,18 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """A serial arm of n one-axis joints: kinematics, inverse dynamics, regressor and collision geometry.
-
-    Attributes:
-        name: Name of the robot, as the URDF gives it.
-        urdf: URDF text with locked joints fixed and continuous joints made revolute.
-        model: Pinocchio model built from it; treat as read-only.
-        joint_names: The n joint names, base to tip.
-        source: The URDF file.
-        locked_joints: Joints fixed on the way, with their positions [rad or m].
-        tip: The last joint by which one of several arms was named; else empty.
-    """
+    """A serial arm of n one-axis joints: kinematics, inverse dynamics, regressor and collision geometry."""
 
     __repr__ = in_a_line
 
-    name: str
-    urdf: str
-    model: pin.Model
-    joint_names: tuple[str, ...]
-    source: Path | None = None
+    name: str  # name of the robot, as the URDF gives it
+    urdf: str  # URDF text with locked joints fixed and continuous joints made revolute
+    model: pin.Model  # pinocchio model built from it; treat as read-only
+    joint_names: tuple[str, ...]  # the n joint names, base to tip
+    source: Path | None = None  # the URDF file
+    # Joints fixed on the way, with their positions [rad or m].
     locked_joints: dict[str, float] = field(default_factory=dict)
-    tip: str = ""
+    tip: str = ""  # the last joint by which one of several arms was named; else empty
 
     @classmethod
     def load(cls, robot: str | Path, joints: Sequence[str] | None = None) -> ArmModel:

@@ -29,26 +29,16 @@ class Chain(NamedTuple):
 
     The rotation of joint i is A₀ + sin q A₁ + (1 − cos q) A₂: Rodrigues' formula with the placement multiplied in, so
     that a loop needs no case for the axis.
-
-    Attributes:
-        rotations: A₀, A₁, A₂ of each joint; A₁ = A₂ = 0 for a sliding one; shape (n, 3, 3, 3).
-        offsets: Origin of each joint frame in its parent's [m], shape (n, 3).
-        axes: Joint axes in the joint frames, unit length, shape (n, 3).
-        sliding: Whether each joint is prismatic.
-        gravity: Gravity in the base frame [m/s²].
-        masses: Link masses [kg].
-        centres: Centres of mass in the joint frames [m], shape (n, 3).
-        inertias: Moments of inertia about the centres of mass, joint frame axes [kg m²], shape (n, 3, 3).
     """
 
-    rotations: Array
-    offsets: Array
-    axes: Array
-    sliding: Array
-    gravity: Array
-    masses: Array
-    centres: Array
-    inertias: Array
+    rotations: Array  # A₀, A₁, A₂ of each joint; A₁ = A₂ = 0 for a sliding one; shape (n, 3, 3, 3)
+    offsets: Array  # origin of each joint frame in its parent's [m], shape (n, 3)
+    axes: Array  # joint axes in the joint frames, unit length, shape (n, 3)
+    sliding: Array  # whether each joint is prismatic
+    gravity: Array  # gravity in the base frame [m/s²]
+    masses: Array  # link masses [kg]
+    centres: Array  # centres of mass in the joint frames [m], shape (n, 3)
+    inertias: Array  # moments of inertia about the centres of mass, joint frame axes [kg m²], shape (n, 3, 3)
 
 
 def compute_joint_poses(

@@ -23,35 +23,25 @@ from ident.robot.arm import ArmModel
 
 @dataclass(frozen=True)
 class LumpedParameters:
-    """Figures of the three-joint model, named as in the paper's table A1.
+    """Figures of the three-joint model, named as in the paper's table A1."""
 
-    Attributes:
-        m2, m3, m4: Masses of link 2, link 3 and the wrist [kg].
-        a2, a3: Length of upper arm, and of forearm up to the J4 axis [m].
-        d1: Height of the J2 axis [m].
-        l2, l3: Distance of the centres of mass from the J2 and J3 axes, along the link [m].
-        I1y: Moment of link 1 about the vertical [kg m²].
-        I2x, I2y, I2z, I3x, I3y, I3z: Principal moments about the centres of mass; x along the link, z along the
-            joint axis [kg m²].
-        sign, offset: Angles of the paper from joint positions: θ = sign · q + offset; θ2 = 0 is an upright upper
-            arm, θ3 = 0 a straight one.
-    """
-
-    m2: float
+    m2: float  # masses of link 2, link 3 and the wrist [kg]
     m3: float
     m4: float
-    a2: float
+    a2: float  # length of upper arm, and of forearm up to the J4 axis [m]
     a3: float
-    d1: float
-    l2: float
+    d1: float  # height of the J2 axis [m]
+    l2: float  # distance of the centres of mass from the J2 and J3 axes, along the link [m]
     l3: float
-    I1y: float
-    I2x: float
+    I1y: float  # moment of link 1 about the vertical [kg m²]
+    I2x: float  # principal moments about the centres of mass; x along the link, z along the joint axis [kg m²]
     I2y: float
     I2z: float
     I3x: float
     I3y: float
     I3z: float
+    # Angles of the paper from joint positions: θ = sign · q + offset; θ2 = 0 is an upright upper arm, θ3 = 0 a straight
+    # one.
     sign: tuple[int, int, int] = (1, 1, 1)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

@@ -337,15 +337,10 @@ WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class ServoArm(Result):
-    """All joints of a position-only arm.
+    """All joints of a position-only arm."""
 
-    Attributes:
-        robot: Its name, or of the session where nobody knows it.
-        joints: What is told of each.
-    """
-
-    robot: str
-    joints: tuple[ServoJoint, ...]
+    robot: str  # its name, or of the session where nobody knows it
+    joints: tuple[ServoJoint, ...]  # what is told of each
 
     def to_dict(self) -> dict[str, Any]:
         return {
