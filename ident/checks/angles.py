@@ -10,7 +10,6 @@ runs, so that fast motion, coarse channels and noise each set their own level, a
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -19,7 +18,7 @@ from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import compare_velocities, filter_run
-from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -39,7 +38,7 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     """
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
-    fast = np.max([_speed(run) for run in session.runs], axis=0)
+    fast = np.max([speed(run) for run in session.runs], axis=0)
     suspects = turning & ((far > LIMIT.farthest_rad) | (fast > LIMIT.fastest_rad_s))
     if not suspects.any():
         return session, []
@@ -55,12 +54,11 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
         return session, []
     else:
         reason = "no arm moves so fast in radians"
-    joint = int(np.argmax(np.where(suspects, far, -1.0)))
-    seen: dict[str, Any] = {"joint": session.joints[joint], "far": far[joint], "fast": fast[joint], "reason": reason}
-    return converted, [issue_of("degrees", session.name, joints_at(session, np.flatnonzero(turning)), **seen)]
+    worst = int(np.argmax(np.where(suspects, far, -1.0)))
+    return converted, [issue_of("degrees", session, turning, worst, far=far, fast=fast, reason=reason)]
 
 
-def _speed(run: Recording) -> Float[Array, " n"]:
+def speed(run: Recording) -> Float[Array, " n"]:
     """A speed that each joint holds for more than single samples: the 99th percentile of its steps.
 
     A sample that leaves its neighbours and comes back is no motion: the step over three samples is asked as well.

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, nnls
@@ -26,7 +25,7 @@ from scipy.optimize import linear_sum_assignment, nnls
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, joint_terms
 from ident.checks.filtered_run import ARRANGEMENT as LIMIT
-from ident.checks.report import issue_of, joints_at
+from ident.checks.report import issue_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -81,7 +80,7 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     words = about or f"({', '.join(f'{one:.2f}' for one in axis)})"
     signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
-    return turned, [issue_of("mounted", session.name, turn=signed, axis=words, share=share, line=line)]
+    return turned, [issue_of("mounted", session, turn=signed, axis=words, share=share, line=line)]
 
 
 def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
@@ -166,7 +165,15 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
         return []
     if min(1.0 - best.left[j] for j in moved) < LIMIT.order_explains:
         return []
-    return [_tell(session, here, best, moved)]
+    parts = [
+        ", ".join(
+            f"{what} of {session.joints[j]} stands under {session.joints[order[j]]}" for j in moved if order[j] != j
+        )
+        for what, order in (("the effort", best.torques), ("the position", best.positions))
+    ]
+    worst = max(moved, key=lambda j: here.left[j] / best.left[j])
+    told = "; ".join(filter(None, parts))
+    return [issue_of("swapped", session, moved, worst, best=1.0 - best.left, here=1.0 - here.left, parts=told)]
 
 
 STATE_NAMES = ("q", "dq", "ddq", "tau", "gravity", "inertial")
@@ -199,15 +206,3 @@ def _left(states: States, arm: ArmModel, positions: tuple[int, ...]) -> Float[Ar
             left = min(nnls(triangle[:, :4], sign * target)[1] for sign in (1.0, -1.0))
             found[j, k] = (left / max(float(np.linalg.norm(target)), 1e-300)) ** 2
     return np.asarray(np.clip(found, LIMIT.order_floor, 1.0))
-
-
-def _tell(session: Session, here: Order, best: Order, moved: list[int]) -> TelemetryIssue:
-    names = session.joints
-    parts = [
-        ", ".join(f"{what} of {names[j]} stands under {names[order[j]]}" for j in moved if order[j] != j)
-        for what, order in (("the effort", best.torques), ("the position", best.positions))
-    ]
-    worst = max(moved, key=lambda j: here.left[j] / best.left[j])
-    seen: dict[str, Any] = {"best": 1.0 - best.left[worst], "joint": names[worst], "here": 1.0 - here.left[worst]}
-    seen |= {"parts": "; ".join(part for part in parts if part)}
-    return issue_of("swapped", session.name, joints_at(session, moved), **seen)

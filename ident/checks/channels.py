@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.filtered_run import CHANNELS as LIMIT
-from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 # Share of a channel's range by which values that a limit cuts off may differ (chosen: below a converter's step).
@@ -172,9 +171,8 @@ def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
         return 0, top
     if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < LIMIT.top_stretch:
         return 0, top
-    width = max(
-        LIMIT.top_range * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(np.where(at, top, values)))))
-    )
+    step = float(np.median(np.diff(np.unique(np.where(at, top, values)))))
+    width = max(LIMIT.top_range * float(np.ptp(values)), 1.01 * step)
     below, _ = np.histogram(values[~at], bins=top - width * np.arange(LIMIT.top_slices, -1, -1))
     return (int(at.sum()), top) if at.sum() > LIMIT.top_pile * below.max() else (0, top)
 
@@ -193,6 +191,5 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         same = (values == commands)[1:] & moving
         joints = np.flatnonzero((same.sum(axis=0) > LIMIT.command_share * moving.sum(axis=0)) & moving.any(axis=0))
         if len(joints):
-            seen: dict[str, Any] = {"measured": measured, "joint": session.joints[joints[0]]}
-            issues.append(issue_of(command, session.name, joints_at(session, joints), **seen))
+            issues.append(issue_of(command, session, joints, int(joints[0]), measured=measured))
     return issues

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import CLOCK as LIMIT
 from ident.checks.filtered_run import Velocities, compare_velocities
-from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -26,8 +25,7 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     dropped, restarted, fatal = Findings(session), Findings(session), Findings(session)
     runs: list[Recording] = []
     for run in session.runs:
-        kept, late = drop_late_rows(run)
-        steps = np.diff(run.time)
+        (kept, late), steps = drop_late_rows(run), np.diff(run.time)
         restarts = np.flatnonzero(steps < 0)
         cells = np.column_stack([run.time[:, None], run.position, run.effort])
         repeated = int((cells[1:] == cells[:-1]).all(axis=1).sum())
@@ -174,7 +172,7 @@ def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         return session, []
     unit, name = (1e-6, "microseconds") if interval < 2e5 and times[0].max() < 1e17 else (1e-9, "nanoseconds")
     scaled = session.replace(runs=[run.replace(time=(run.time - times[0][0]) * unit) for run in session.runs])
-    return scaled, [issue_of("whole_ticks", session.name, unit=name, interval=interval)]
+    return scaled, [issue_of("whole_ticks", session, unit=name, interval=interval)]
 
 
 def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
@@ -196,26 +194,22 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
 
 
 def _common_factor(found: Velocities) -> float | None:
-    """The factor by which all moving joints' velocities are off together, if they are."""
-    slopes = found.slope[found.moving]
+    """The factor by which all moving joints' velocities are off together, if they are; degrees are no clock."""
+    slopes, degrees = found.slope[found.moving], math.degrees(1.0)
     middle = float(np.median(slopes))
-    if (
-        middle <= 0.0
-        or abs(middle - 1.0) <= LIMIT.clock_off
-        or (found.correlation[found.moving] < LIMIT.clock_correlation).any()
-    ):
+    alike = (found.correlation[found.moving] >= LIMIT.clock_correlation).all() and len(slopes) >= 2
+    if not alike or middle <= 0.0 or abs(middle - 1.0) <= LIMIT.clock_off:
         return None
-    if np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread or found.moving.sum() < 2:
-        return None
-    degrees = math.degrees(1.0)
-    return None if min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < LIMIT.clock_spread else middle
+    apart = np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread
+    in_degrees = min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < LIMIT.clock_spread
+    return None if apart or in_degrees else middle
 
 
 def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session, list[TelemetryIssue]]:
     """The session with its time divided by the factor, and the issue."""
     scaled = session.replace(runs=[run.replace(time=run.time / factor) for run in session.runs])
     rate = 1.0 / float(np.median([run.sample_interval for run in scaled.runs if len(run) > 1]))
-    return scaled, [issue_of("clock_rate", session.name, reason=reason.format(factor), rate=rate)]
+    return scaled, [issue_of("clock_rate", session, reason=reason.format(factor), rate=rate)]
 
 
 def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
@@ -225,17 +219,14 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
         return []
     excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
     if excess.max() > LIMIT.over_limit:
-        name = session.joints[int(np.argmax(excess))]
-        return [issue_of("clock_by_speed", session.name, (name,), joint=name, excess=excess.max())]
-    ratios = [
-        ratio
-        for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm))
-        if (ratio := _sure_ratio(states, int(joint))) is not None
-    ]
-    if not ratios or LIMIT.inertia_low < float(np.median(ratios)) < LIMIT.inertia_high:
+        worst = int(np.argmax(excess))
+        return [issue_of("clock_by_speed", session, [worst], worst, excess=excess)]
+    loaded = states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm)
+    ratios = [ratio for j in np.flatnonzero(loaded) if (ratio := _sure_ratio(states, int(j))) is not None]
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if not ratios or LIMIT.inertia_low < ratio < LIMIT.inertia_high:
         return []
-    ratio = float(np.median(ratios))
-    return [issue_of("clock_by_inertia", session.name, ratio=ratio, stretch=math.sqrt(ratio))]
+    return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
 
 
 def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
@@ -257,31 +248,22 @@ def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
 
 def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Finds velocities that are not the positions' derivative; converts degrees, drops what can't be explained."""
-    found = compare_velocities(session)
+    found, degrees = compare_velocities(session), math.degrees(1.0)
     if found is None:
         return session, []
-    degrees = math.degrees(1.0)
-    in_degrees = found.moving & (np.abs(found.slope / degrees - 1.0) < LIMIT.clock_spread)
-    in_degrees &= found.correlation > LIMIT.clock_correlation
-    if found.moving.any() and in_degrees[found.moving].all():
-        issue = issue_of("velocity_degrees", session.name, joints_at(session, np.flatnonzero(in_degrees)))
+    moving, slope, correlation = found.moving, found.slope, found.correlation
+    in_degrees = moving & (np.abs(slope / degrees - 1.0) < LIMIT.clock_spread) & (correlation > LIMIT.clock_correlation)
+    if moving.any() and in_degrees[moving].all():
         speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
         runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
-        return session.replace(runs=runs), [issue]
-    position_degrees = np.abs(found.slope * degrees - 1.0) < LIMIT.clock_spread
-    if found.moving.any() and position_degrees[found.moving].all() and (found.correlation[found.moving] > 0.95).all():
-        issue = issue_of("position_degrees", session.name, joints_at(session, np.flatnonzero(found.moving)))
-        return scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False), [issue]
-    bad = found.moving & (
-        (found.correlation < LIMIT.correlation) | (found.slope < LIMIT.slope_low) | (found.slope > LIMIT.slope_high)
-    )
+        return session.replace(runs=runs), [issue_of("velocity_degrees", session, in_degrees)]
+    position_degrees = (np.abs(slope * degrees - 1.0) < LIMIT.clock_spread) & (correlation > 0.95)
+    if moving.any() and position_degrees[moving].all():
+        converted = scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False)
+        return converted, [issue_of("position_degrees", session, moving)]
+    bad = moving & ((correlation < LIMIT.correlation) | (slope < LIMIT.slope_low) | (slope > LIMIT.slope_high))
     if not bad.any():
         return session, []
-    joint = int(np.flatnonzero(bad)[np.argmin(found.correlation[bad])])
-    seen: dict[str, Any] = {
-        "joint": session.joints[joint],
-        "slope": found.slope[joint],
-        "correlation": found.correlation[joint],
-    }
-    issue = issue_of("velocity", session.name, joints_at(session, np.flatnonzero(bad)), **seen)
+    worst = int(np.argmin(np.where(bad, correlation, np.inf)))
+    issue = issue_of("velocity", session, bad, worst, slope=slope, correlation=correlation)
     return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]

@@ -10,9 +10,8 @@ URDF's masses, the rotor's inertia and the level of friction are. A flipped sign
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
@@ -20,7 +19,7 @@ from scipy.optimize import nnls
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
-from ident.checks.report import issue_of, joints_at
+from ident.checks.report import issue_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
@@ -89,10 +88,8 @@ def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = U
 
 def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
     """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
-    dq = states.dq[rows, joint]
-    return np.column_stack(
-        [states.gravity[rows, joint], states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
-    )
+    gravity, inertial, dq = (one[rows, joint] for one in (states.gravity, states.inertial, states.dq))
+    return np.column_stack([gravity, inertial, np.tanh(dq / TRANSITION_RAD_S), dq])
 
 
 def fit_signed(
@@ -159,11 +156,8 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
     states = collect_states(session, arm)
     if states is None or not states.heavy.any():
         return 0.0
-    shares = [
-        max(fit_signed(states, int(joint), sign).explained for sign in (1.0, -1.0))
-        for joint in np.flatnonzero(states.heavy)
-    ]
-    return float(np.median(shares))
+    heavy = map(int, np.flatnonzero(states.heavy))
+    return float(np.median([max(fit_signed(states, j, sign).explained for sign in (1.0, -1.0)) for j in heavy]))
 
 
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
@@ -177,26 +171,17 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     held = states.settings
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
     rows = {joint: _below_cuts(session, states, joint) for joint in tested}
-    right = {joint: fit_signed(states, joint, 1.0, rows[joint]) for joint in tested}
-    wrong = {joint: fit_signed(states, joint, -1.0, rows[joint]) for joint in tested}
-    flipped = [
-        joint
-        for joint in tested
-        if wrong[joint].explained > max(held.sign_explains, right[joint].explained + held.sign_better)
-    ]
-    upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
+    right, wrong = ({j: fit_signed(states, j, sign, rows[j]) for j in tested} for sign in (1.0, -1.0))
+    explained = {j: max(held.sign_explains, right[j].explained + held.sign_better) for j in tested}
+    flipped = [j for j in tested if wrong[j].explained > explained[j]]
     issues: list[TelemetryIssue] = []
     if flipped:
         worst = max(flipped, key=lambda j: wrong[j].explained)
-        seen: dict[str, Any] = {"wrong": wrong[worst].explained, "right": max(right[worst].explained, 0.0)}
-        seen |= {"lines": ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)}
-        seen |= {"joint": session.joints[worst]}
-        issues.append(issue_of("sign", session.name, joints_at(session, flipped), **seen))
-    # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
-    signs = {joint: -1.0 if joint in flipped else 1.0 for joint in tested}
-    sprung = {joint: fit_signed(states, joint, sign, rows[joint], spring=True) for joint, sign in signs.items()}
-    issues += _check_scale(session, states, upright, sprung, rows)
-    return issues + _check_origin(session, arm, states)
+        lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
+        shares = {"wrong": wrong[worst].explained, "right": max(right[worst].explained, 0.0)}
+        issues.append(issue_of("sign", session, flipped, worst, lines=lines, **shares))
+    upright = right | {j: wrong[j] for j in flipped}
+    return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
 
 
 def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T"]:
@@ -212,29 +197,29 @@ def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T
 def _check_scale(
     session: Session,
     states: States,
-    fits: dict[int, SignedFit],
-    sprung: dict[int, SignedFit],
+    fits: Mapping[int, SignedFit],
+    flipped: Sequence[int],
     rows: Mapping[int, Bool[Array, " T"]],
 ) -> list[TelemetryIssue]:
-    held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
-    deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
-    off = [
-        joint
-        for joint in heavy
-        if joint not in deaf
-        and all(not held.scale_low < fit[joint].gravity < held.scale_high for fit in (fits, sprung))
-        and _surely_off(states, joint, rows[joint])
-    ]
+    """Torques that follow the model not at all, or at another size.
+
+    A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
+    """
+    held, deaf, off = states.settings, [], []
+    for j in (joint for joint in fits if states.heavy[joint]):
+        sprung = fit_signed(states, j, -1.0 if j in flipped else 1.0, rows[j], spring=True)
+        if sprung.explained < held.follows:
+            deaf.append(j)
+        elif all(not held.scale_low < fit.gravity < held.scale_high for fit in (fits[j], sprung)):
+            off += [j] if _surely_off(states, j, rows[j]) else []
     issues = []
     if deaf:
-        joint = min(deaf, key=lambda j: fits[j].explained)
-        seen: dict[str, Any] = {"explained": max(fits[joint].explained, 0.0), "change": states.gravity[:, joint].std()}
-        seen |= {"joint": session.joints[joint]}
-        issues.append(issue_of("deaf", session.name, joints_at(session, deaf), **seen))
+        worst = min(deaf, key=lambda j: fits[j].explained)
+        shares = {"explained": max(fits[worst].explained, 0.0), "change": states.gravity[:, worst].std()}
+        issues.append(issue_of("deaf", session, deaf, worst, **shares))
     if off:
-        joint = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
-        seen = {"joint": session.joints[joint], "scale": fits[joint].gravity}
-        issues.append(issue_of("unit", session.name, joints_at(session, off), **seen))
+        worst = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
+        issues.append(issue_of("unit", session, off, worst, scale=fits[worst].gravity))
     return issues
 
 
@@ -256,8 +241,7 @@ def _check_origin(session: Session, arm: ArmModel, states: States) -> list[Telem
     if len(models) < max(1.0, 0.5 * len(moving)):
         return []
     left, friction, worst = min(models)
-    seen: dict[str, Any] = {"joint": session.joints[worst], "left": left, "friction": friction}
-    return [issue_of("computed", session.name, joints_at(session, [joint for *_, joint in models]), **seen)]
+    return [issue_of("computed", session, [joint for *_, joint in models], worst, left=left, friction=friction)]
 
 
 def _without_friction(

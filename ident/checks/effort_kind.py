@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import least_squares
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
-from ident.checks.report import JointEffort, TelemetryReport, issue_of, joints_at
+from ident.checks.report import JointEffort, TelemetryReport, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
@@ -78,7 +77,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
     if forced and known and all(fit.gravity > LIMIT.present for fit in known.values()):
         worst = [*known].index(max(known, key=lambda j: known[j].gravity))
-        return session, [issue_of("gravity_is_there", session.name, joints_at(session, known), told=told[worst])]
+        return session, [issue_of("gravity_is_there", session, known, told=told[worst])]
     # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
     lacks = states is not None and bool(known) and all(fit.lacks_gravity for fit in known.values())
     if lacks and states is not None:
@@ -89,7 +88,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
     seen = f" ({'; '.join(told)})" if told else ""
-    issue = issue_of("gravity_lacks", session.name, session.joints, reason=reason, seen=seen)
+    issue = issue_of("gravity_lacks", session, session.joints, reason=reason, seen=seen)
     return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
 
 
@@ -106,30 +105,28 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
         states: Its motion; None where every run is too short.
         issues: What was found of it.
     """
-    return tuple(_judge_joint(session, joint, states, issues) for joint in range(len(session.joints)))
 
+    def judge(joint: int, name: str) -> tuple[str, str]:
+        if states is None or not states.alive[joint]:
+            return "unknown", "no run is long enough, or the effort doesn't change"
+        fit = fit_gravity(states, joint)
+        told = tell_gravity(fit) if states.heavy[joint] else "gravity hardly changes here"
+        told += f"; friction is {fit.friction:.0%} of the effort's spread"
+        for issue in (one for one in issues if name in one.joints):
+            if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
+                return "gravity_compensated", f"{told}, gravity added"
+            if issue.issue == "effort_is_model":
+                return "commanded" if "equals its command" in issue.evidence else "model_output", issue.evidence
+            if issue.issue == "effort_not_torque":
+                faint = states.heavy[joint] and fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
+                return "motor_current" if faint else "external_torque", issue.evidence
+        if _is_current(session, joint):
+            return "motor_current", f"the current times a constant gain; {told}"
+        if not states.moving[joint]:
+            return "unknown", "it hardly moves"
+        return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", told
 
-def _judge_joint(session: Session, joint: int, states: States | None, issues: list[TelemetryIssue]) -> JointEffort:
-    name = session.joints[joint]
-    if states is None or not states.alive[joint]:
-        return JointEffort(name, "unknown", "no run is long enough, or the effort doesn't change")
-    fit = fit_gravity(states, joint)
-    told = tell_gravity(fit) if states.heavy[joint] else "gravity hardly changes here"
-    told += f"; friction is {fit.friction:.0%} of the effort's spread"
-    for issue in issues:
-        if name in issue.joints and issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
-            return JointEffort(name, "gravity_compensated", f"{told}, gravity added")
-        if name in issue.joints and issue.issue == "effort_is_model":
-            commanded = "equals its command" in issue.evidence
-            return JointEffort(name, "commanded" if commanded else "model_output", issue.evidence)
-        if name in issue.joints and issue.issue == "effort_not_torque":
-            faint = states.heavy[joint] and fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
-            return JointEffort(name, "motor_current" if faint else "external_torque", issue.evidence)
-    if _is_current(session, joint):
-        return JointEffort(name, "motor_current", f"the current times a constant gain; {told}")
-    if not states.moving[joint]:
-        return JointEffort(name, "unknown", "it hardly moves")
-    return JointEffort(name, "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", told)
+    return tuple(JointEffort(name, *judge(joint, name)) for joint, name in enumerate(session.joints))
 
 
 def _is_current(session: Session, joint: int) -> bool:
@@ -144,22 +141,12 @@ def _is_current(session: Session, joint: int) -> bool:
 
 def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Effort far beyond what a joint can give, or than its load asks for, is in another unit."""
-    rated = np.maximum(
-        rated_torque(arm), 3.0 * np.abs(arm.gravity(np.concatenate([r.position for r in session.runs]))).max(axis=0)
-    )
+    load = arm.gravity(np.concatenate([run.position for run in session.runs]))
+    rated = np.maximum(rated_torque(arm), 3.0 * np.abs(load).max(axis=0))
     seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
     factor = seen / np.maximum(rated, 1e-9)
-    joints = np.flatnonzero(factor > LIMIT.most_rated)
-    if not len(joints):
-        return []
-    worst = int(np.argmax(factor))
-    figures: dict[str, Any] = {
-        "seen": seen[worst],
-        "factor": factor[worst],
-        "rated": rated[worst],
-        "joint": session.joints[worst],
-    }
-    return [issue_of("rating", session.name, joints_at(session, joints), **figures)]
+    beyond, worst = factor > LIMIT.most_rated, int(np.argmax(factor))
+    return [issue_of("rating", session, beyond, worst, seen=seen, factor=factor, rated=rated)] if beyond.any() else []
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:
@@ -167,7 +154,7 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
     if not session.guessed_gains:
         return []
     gains = ", ".join(f"{joint} {gain:.3g}" for joint, gain in session.guessed_gains.items())
-    return [issue_of("guessed", session.name, session.guessed_gains, gains=gains)]
+    return [issue_of("guessed", session, session.guessed_gains, gains=gains)]
 
 
 class Gains:
@@ -213,12 +200,8 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
     if worst is None or found[worst] > LIMIT.own_motion[1]:
         return []
     severity: Severity = "fatal" if found[worst] < LIMIT.own_motion[0] else "warning"
-    seen: dict[str, Any] = {
-        "explained": max(found[worst], 0.0),
-        "joint": session.joints[worst],
-        "absent": ", ".join(absent),
-    }
-    return [issue_of("absent", session.name, (session.joints[worst],), severity, **seen)]
+    explained = max(found[worst], 0.0)
+    return [issue_of("absent", session, [worst], worst, severity, explained=explained, absent=", ".join(absent))]
 
 
 def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
@@ -251,4 +234,4 @@ def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     told = "; ".join(
         f"{session.joints[j]} reads {k:.2f} ± {2.0 * e:.2f} of the model's gravity torque" for j, k, e in found
     )
-    return [issue_of("scale", session.name, [session.joints[j] for j, _, _ in found], told=told)]
+    return [issue_of("scale", session, [j for j, _, _ in found], told=told)]

@@ -9,14 +9,12 @@ Source: Marquardt, Generalized inverses, ridge regression, biased linear estimat
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.linalg import qr
 
 from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
-from ident.checks.report import TelemetryReport, issue_of
+from ident.checks.report import TelemetryReport, issue_of, joints_at
 from ident.errors import RecordingError, plural
 from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Session, Severity, TelemetryIssue, count_blocks
 from ident.robot.arm import ArmModel
@@ -95,8 +93,7 @@ class Amount:
 
     def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
         self._settings = settings
-        self._name = ""
-        self._joints: tuple[str, ...] = ()
+        self._first: Session | None = None  # with a run of no samples
         self._runs, self._seconds, self._blocks = 0, 0.0, 0
         self._low: Array = np.array(np.inf)
         self._high: Array = np.array(-np.inf)
@@ -110,10 +107,10 @@ class Amount:
         Raises:
             RecordingError: It has other joints than the first.
         """
-        session, arm = report.session, report.arm
-        self._name, self._joints = self._name or session.name, self._joints or session.joints
-        if session.joints != self._joints:
-            what = f"has other joints of the robot than {self._name}: {', '.join(session.joints)}"
+        session = report.session
+        first = self._first = self._first or session.replace(runs=[session.runs[0].at(slice(0))])
+        if session.joints != first.joints:
+            what = f"has other joints of the robot than {first.name}: {', '.join(session.joints)}"
             remedy = "give sessions that recorded the same joints"
             raise RecordingError(session.path or session.name, what, remedy)
         if not session.samples:
@@ -124,64 +121,53 @@ class Amount:
         for run in (run for run in session.runs if len(run)):
             self._low = np.minimum(self._low, run.position.min(axis=0))
             self._high = np.maximum(self._high, run.position.max(axis=0))
-        self._arm = self._arm or arm
+        self._arm = self._arm or report.arm
         motions = list(filter(None, map(filter_run, session.runs)))
         for motion in motions:
             self._independence.take(motion.q, motion.dq, motion.ddq)
-        if arm is not None and motions:
+        if report.arm is not None and motions:
             states = np.concatenate([np.stack([one.q, one.dq, one.ddq, one.tau]) for one in motions], axis=1)
             self._states.append(states[:, :: max(1, states.shape[1] // STATES)])
 
     def issues(self) -> list[TelemetryIssue]:
-        """What all that was taken lacks, together; nothing where nothing was recorded."""
-        if not self._runs:
+        """What all that was taken lacks, together: runs, motion of every joint, and of the base parameters apart."""
+        if self._first is None or not self._runs:
             return []
-        found = self._check_excitation()
+        first, found, travel = self._first, list[TelemetryIssue](), self._high - self._low
         if self._blocks < FEWEST_BLOCKS:
-            seen: dict[str, Any] = {
-                "seconds": self._seconds,
-                "runs": plural(self._runs, "run"),
-                "block": SHORTEST_BLOCK_S,
-            }
-            seen |= {"blocks": plural(self._blocks, "block"), "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
-            found.insert(0, issue_of("too_few", self._name, least=FEWEST_BLOCKS, **seen))
+            runs, blocks = plural(self._runs, "run"), plural(self._blocks, "block")
+            least = {"least": FEWEST_BLOCKS, "block": SHORTEST_BLOCK_S, "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
+            found.append(issue_of("too_few", first, seconds=self._seconds, runs=runs, blocks=blocks, **least))
+        still = np.flatnonzero(travel < self._settings.least_travel)
+        none_moves = len(still) == len(first.joints)
+        if len(still):
+            severity: Severity = "fatal" if none_moves else "warning"
+            names = ", ".join(first.joints[j] for j in still)
+            found.append(issue_of("still", first, still, None, severity, travel=travel[still].max(), names=names))
+        if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
+            found += self._check_independence(first)
+        if self._arm is not None and self._states and not none_moves:
+            condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
+            if condition > self._settings.largest_condition:
+                found.append(issue_of("condition", first, condition=condition))
         return found
 
-    def _check_excitation(self) -> list[TelemetryIssue]:
-        """Whether the motion moves every joint and tells the base parameters apart."""
-        travel = self._high - self._low
-        still = np.flatnonzero(travel < self._settings.least_travel)
-        issues = []
-        if len(still):
-            names = tuple(self._joints[j] for j in still)
-            severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
-            seen: dict[str, Any] = {"travel": travel[still].max(), "names": ", ".join(names)}
-            issues.append(issue_of("still", self._name, names, severity, **seen))
-        if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
-            issues += self._check_independence()
-        if self._arm is None or not self._states or len(still) == len(self._joints):
-            return issues
-        condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
-        if condition > self._settings.largest_condition:
-            issues.append(issue_of("condition", self._name, condition=condition))
-        return issues
-
-    def _check_independence(self) -> list[TelemetryIssue]:
+    def _check_independence(self, first: Session) -> list[TelemetryIssue]:
         """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
         share, (up, down) = self._independence.shown()
         moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
-        found = []
-        for j in np.flatnonzero(one_sinusoid):
-            told = f"{100 * share[j]:.2g} % of its acceleration does not follow from its angle"
-            found.append((j, f"{told} where one recording is left out: one sinusoid, or nearly"))
+        told = (
+            "{:.2g} % of its acceleration does not follow from its angle where one recording is left out: one sinusoid"
+        )
+        found = [(int(j), told.format(100 * share[j]) + ", or nearly") for j in np.flatnonzero(one_sinusoid)]
         once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
-        found += [(j, f"it moves {up[j]} times up and {down[j]} times down") for j in once]
+        found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]
         if not found:
             return []
-        joints = tuple(self._joints[j] for j, _ in found)
+        columns = [j for j, _ in found]
+        others = "".join(f"; so {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else "")
         severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
-        others = f"; so {', '.join(joints[1:])}" if joints[1:] else ""
-        return [issue_of("dependent", self._name, joints, severity, joint=joints[0], told=found[0][1], others=others)]
+        return [issue_of("dependent", first, columns, columns[0], severity, told=found[0][1], others=others)]
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:

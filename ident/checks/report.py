@@ -148,25 +148,37 @@ WORDS: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("issues.toml")
 
 
 def issue_of(
-    key: str, name: str, joints: Iterable[str] = (), severity: Severity | None = None, **seen: Any
+    key: str,
+    session: Session,
+    columns: Iterable[Any] = (),
+    worst: int | None = None,
+    severity: Severity | None = None,
+    **seen: Any,
 ) -> TelemetryIssue:
     """An issue in the words of `issues.toml`.
 
     Args:
         key: Its row.
-        name: The session's name.
-        joints: Names of the joints concerned.
+        session: The recordings.
+        columns: Of the joints concerned, see `joints_at`.
+        worst: Column of the joint that the words name; of arrays over the joints they name its entry.
         severity: Another one than the row's.
         **seen: What its words name.
     """
     row = WORDS[key]
+    if worst is not None:
+        seen = {name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()}
+        seen["joint"] = session.joints[worst]
     evidence, remedy = (row[part].format(**seen) for part in ("evidence", "remedy"))
-    return TelemetryIssue(row["issue"], tuple(joints), severity or row["severity"], f"{name}: {evidence}", remedy)
+    told = f"{session.name}: {evidence}"
+    return TelemetryIssue(row["issue"], joints_at(session, columns), severity or row["severity"], told, remedy)
 
 
-def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:
-    """Names of joints by their columns, in order, each once."""
-    return tuple(session.joints[column] for column in sorted(set(columns)))
+def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
+    """Names of joints, by their columns or by a mask of all; names stay as they are."""
+    given = list(columns)
+    marked = np.flatnonzero(given) if given and isinstance(given[0], bool | np.bool_) else given
+    return tuple(one if isinstance(one, str) else session.joints[one] for one in marked)
 
 
 class Findings:
@@ -203,7 +215,7 @@ class Findings:
         others = len({name for name, _ in self.told}) - 1
         also = f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
         evidence = f"{run}: {what}{also}{ending}"
-        return [TelemetryIssue(issue, joints_at(self.session, self.columns), severity, evidence, remedy)]
+        return [TelemetryIssue(issue, joints_at(self.session, sorted(self.columns)), severity, evidence, remedy)]
 
     def left(self) -> Session:
         """The session of the runs that are left; as it was where nothing was seen."""
