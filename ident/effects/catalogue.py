@@ -62,18 +62,14 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
         if issubclass(kind, Effect) and kind.__module__ == module.__name__ and not inspect.isabstract(kind)
     ]
     if not own:
-        raise InputError(
-            extra,
-            "it holds no complete effect",
-            "derive a class from ident.effects.base.Effect with columns and parameters",
-        )
+        remedy = "derive a class from ident.effects.base.Effect with columns and parameters"
+        raise InputError(extra, "it holds no complete effect", remedy)
     found = list(CATALOGUE)
     for kind in own:
         name = getattr(kind, "id", None)
         if not isinstance(name, str) or not name.isidentifier():
-            raise InputError(
-                extra, f"{kind.__name__} has no usable id ({name!r})", 'give it one, such as id = "magnet"'
-            )
+            what = f"{kind.__name__} has no usable id ({name!r})"
+            raise InputError(extra, what, 'give it one, such as id = "magnet"')
         if any(effect.id == name for effect in found):
             raise InputError(extra, f"the id {name!r} of {kind.__name__} is taken", "choose another")
         if kind.shown_by not in SHOWINGS:

@@ -61,26 +61,17 @@ class ExternalContact(Effect):
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / SHORTEST_WINDOW
-        found = []
-        for push in screen_windows(session, leftover):
-            best, explained = locate(session, leftover, push)
-            if explained >= LEAST_EXPLAINED:
-                found.append(best)
-        return replace(self, pushes=tuple(found[:MOST_PUSHES]), screens=max(1, round(cells * len(_points(session.n)))))
+        located = [locate(session, leftover, push) for push in screen_windows(session, leftover)]
+        found = tuple(best for best, explained in located if explained >= LEAST_EXPLAINED)
+        return replace(self, pushes=found[:MOST_PUSHES], screens=max(1, round(cells * len(_points(session.n)))))
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(
-            Variant(
-                shape={
-                    "start_s": push.start,
-                    "end_s": push.end,
-                    "link": float(push.link or session.n),
-                    "outward": push.outward,
-                    f"run {push.run}": 1.0,
-                }
-            )
+        shapes: list[dict[str, float]] = [
+            {"start_s": push.start, "end_s": push.end, "link": float(push.link or session.n), "outward": push.outward}
+            | {f"run {push.run}": 1.0}
             for push in self.pushes
-        )
+        ]
+        return tuple(Variant(shape=shape) for shape in shapes)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [_push(run, variant) for run in session.runs]
@@ -161,18 +152,16 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     inside, total = counts[last] - counts[first], counts[-1]
     outside = total - inside
     split = (inside > 0) & (outside > 0)
-    apart = (sums[last] - sums[first]) / np.maximum(inside, 1) - (sums[-1] - sums[last] + sums[first]) / np.maximum(
-        outside, 1
-    )
+    middle = (sums[last] - sums[first]) / np.maximum(inside, 1)
+    apart = middle - (sums[-1] - sums[last] + sums[first]) / np.maximum(outside, 1)
     gain = np.where(split, inside * outside / np.maximum(total, 1) * apart**2, 0.0).sum(axis=1)
     if not gain.any():
         return start, end
     best = int(np.argmax(gain))
     part = slice(first[best], last[best])
     rest = slice(part.stop, len(near)) if part.start == 0 else slice(0, part.start)
-    if (part.start == 0) != (part.stop == len(near)) and np.mean(values[near[rest]] ** 2) > np.mean(
-        values[near[part]] ** 2
-    ):
+    halves = (part.start == 0) != (part.stop == len(near))
+    if halves and np.mean(values[near[rest]] ** 2) > np.mean(values[near[part]] ** 2):
         part = rest  # of two halves the push is the one that is away from zero
     return float(time[near[part.start]]), float(time[near[part.stop - 1]])
 

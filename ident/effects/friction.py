@@ -17,9 +17,11 @@ from ident.effects.typical_sizes import (
     LARGEST_TORQUE_SHARE,
     coulomb_level,
     friction_level,
+    joined,
     least_rest_speed,
     rated_torque,
     top_speed,
+    typical_load,
     usual_speed,
 )
 
@@ -65,19 +67,14 @@ class LoadDependentFriction(StatesEffect):
     id = "load_dependent_friction"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        load = np.abs(np.concatenate([run.link[:, joint] for run in session.runs]))
-        span = float(np.diff(np.quantile(load, [0.05, 0.95]))[0])
+        span = float(np.diff(np.quantile(np.abs(joined(session, "link", joint)), [0.05, 0.95]))[0])
         steady = f"load of {session.joint_names[joint]} varies by {span:.2f} N m only"
         enough = span >= LEAST_LOAD_RANGE * rated_torque(session, joint)
         return super().untestable(session, joint) or (None if enough else steady)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        load = np.concatenate([run.link[:, joint] for run in session.runs])
-        speed = np.concatenate([run.motion.dq[:, joint] for run in session.runs])
-        typical = {
-            "load_Nm": max(float(np.sqrt(np.mean(load**2))), 1e-6),
-            "speed_rad_s": float(np.mean(np.abs(speed))),
-        }
+        typical = {"load_Nm": typical_load(session, joint)}
+        typical["speed_rad_s"] = float(np.mean(np.abs(joined(session, "dq", joint))))
         return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
 
     def parameters(
@@ -116,7 +113,7 @@ class PositionDependentFriction(StatesEffect):
 
         Coulomb friction is what there is on the mean of the way: the wave's own mean on that way is in it.
         """
-        turned = figures["order"].value * np.concatenate([run.motion.q[:, joint] for run in session.runs])
+        turned = figures["order"].value * joined(session, "q", joint)
         wave = np.cos(turned - figures["phase_rad"].value)
         most = coulomb_level(session, joint) / max(float(wave.mean() - wave.min()), 1e-9)
         return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
@@ -141,7 +138,7 @@ class AsymmetricFriction(StatesEffect):
     id = "asymmetric_friction"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        dq = np.concatenate([run.motion.dq[:, joint] for run in session.runs])
+        dq = joined(session, "dq", joint)
         rest = max(float(run.motion.rest_speed[joint]) for run in session.runs)
         forward, backward = float(np.mean(dq > rest)), float(np.mean(dq < -rest))
         one_way = min(forward, backward) < 0.05 * max(forward, backward)

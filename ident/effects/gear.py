@@ -28,7 +28,7 @@ from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval
-from ident.effects.typical_sizes import high_passed, rated_torque, root_mean_square, sampled_states
+from ident.effects.typical_sizes import high_passed, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.elastic import LONGEST_STEP, integrate_twist
 
 # The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning made negative,
@@ -64,33 +64,9 @@ def felt_torque(
     run: RunContext, joint: int, twist: Array, rate: Array, rows: slice = slice(None), unit: float = 1.0
 ) -> Float[Array, "T k"]:
     """What all joints, or some of them, feel of a deflection, divided by a unit of it [N m]."""
-    position, velocity, inertia = (np.ascontiguousarray(np.moveaxis(part, 0, -1)) for part in run.derivatives)
-    chosen = range(run.n)[rows]
-    felt = np.empty((len(chosen), len(twist)))
+    position, velocity, inertia = (np.moveaxis(part, 0, -1)[rows, joint] for part in run.derivatives)
     change = np.gradient(rate, run.interval)
-    _feel(position, velocity, inertia, joint, chosen.start, twist, rate, change, unit, felt)
-    return felt.T
-
-
-@compiled("f3 f3 f3 i i f1 f1 f1 f f2")
-def _feel(
-    position: Array,
-    velocity: Array,
-    inertia: Array,
-    joint: int,
-    first: int,
-    twist: Array,
-    rate: Array,
-    change: Array,
-    unit: float,
-    felt: Array,
-) -> None:
-    """Torque of one joint after the other, sample by sample; of a derivative the samples come last."""
-    for k in range(len(felt)):
-        i = first + k
-        for t in range(len(twist)):
-            torque = inertia[i, joint, t] * change[t] + velocity[i, joint, t] * rate[t]
-            felt[k, t] = -(torque + position[i, joint, t] * twist[t]) / unit
+    return (-(inertia * change + velocity * rate + position * twist) / unit).T
 
 
 # Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
@@ -115,11 +91,8 @@ class JointElasticity(Effect):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         high = root_mean_square([high_passed(run.link[:, joint], run.interval, LOW_FREQUENCY) for run in session.runs])
-        if high < LEAST_HIGH_SHARE * rated_torque(session, joint):
-            return (
-                f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LOW_FREQUENCY:g} Hz)"
-            )
-        return None
+        slow = f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LOW_FREQUENCY:g} Hz)"
+        return slow if high < LEAST_HIGH_SHARE * rated_torque(session, joint) else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         inertia = mean_inertia(session, joint)
@@ -217,12 +190,11 @@ class Backlash(Effect):
         return replace(self, widths=found, screens=len(WIDE_GAPS) // WIDE_KEPT)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        least = LEAST_LOAD_SHARE * rated_torque(session, joint)
-        low = min(float(run.link[:, joint].min()) for run in session.runs)
-        high = max(float(run.link[:, joint].max()) for run in session.runs)
-        if low > -least or high < least:
-            return f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
-        return None
+        least, load = LEAST_LOAD_SHARE * rated_torque(session, joint), joined(session, "link", joint)
+        one_sided = (
+            f"load of {session.joint_names[joint]} never changes sign ({load.min():.2f} to {load.max():.2f} N m)"
+        )
+        return one_sided if load.min() > -least or load.max() < least else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         narrow = _contact(session, joint, CONTACT_DAMPING_RATIO)

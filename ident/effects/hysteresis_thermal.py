@@ -77,11 +77,11 @@ class ThermalFriction(Effect):
         measured = None if "time_constant_s" in variant.inner else _measured(session, joint)
         if measured is None:
             measured, _ = _warmth(session, joint, variant.inner["time_constant_s"], variant.shape)
-        found = []
-        for run, values in zip(session.runs, measured, strict=True):
-            warmth = (values - variant.shape["coldest"]) / variant.shape["range"]
-            found.append(np.stack([-warmth * run.motion.dq[:, joint], warmth * run.direction[:, joint]], axis=1))
-        return found
+        warmth = [(values - variant.shape["coldest"]) / variant.shape["range"] for values in measured]
+        return [
+            np.stack([-one * run.motion.dq[:, joint], one * run.direction[:, joint]], axis=1)
+            for run, one in zip(session.runs, warmth, strict=True)
+        ]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -91,23 +91,19 @@ class ThermalFriction(Effect):
         # The tuned level is that of the mean warmth; the cold one follows from it and the change itself.
         signed, cells = coefficients * (-1.0, 1.0), covariance * np.outer((-1.0, 1.0), (-1.0, 1.0))
         found = {
-            "viscous_change": delta_interval(
-                lambda c: c[0] / max(viscous - mean * c[0], 0.05 * viscous), signed, cells
-            ),
-            "coulomb_change": delta_interval(
-                lambda c: c[1] / max(coulomb - mean * c[1], 0.05 * coulomb), signed, cells
-            ),
+            name: delta_interval(
+                lambda c, k=k, level=level: c[k] / max(level - mean * c[k], 0.05 * level), signed, cells
+            )
+            for k, (name, level) in enumerate((("viscous_change", viscous), ("coulomb_change", coulomb)))
         }
         if "time_constant_s" in variant.inner:
             found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], TIME_CONSTANTS)
         return found
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        change = figures["viscous_change"].words("%", 100.0)
-        if "time_constant_s" in figures:
-            how_long = f"for {max(2.0 * figures['time_constant_s'].value / 60.0, 1.0):.0f} minutes"
-        else:
-            how_long = "until its temperature is steady"
+        change, constant = figures["viscous_change"].words("%", 100.0), figures.get("time_constant_s")
+        minutes = max(2.0 * constant.value / 60.0, 1.0) if constant else 0.0
+        how_long = f"for {minutes:.0f} minutes" if constant else "until its temperature is steady"
         return (
             f"warm {where} up {how_long} before precise work, or compensate: its viscous friction changes by {change}"
         )
@@ -130,15 +126,12 @@ class PreslidingHysteresis(Effect):
         reason = super().untestable(session, joint)
         if reason is not None:
             return reason
+        name, count = session.joint_names[joint], np.zeros(1)
         if not _usable(session, joint):
-            return f"position of {session.joint_names[joint]} is too noisy to follow some mrad after a reversal"
-        least = min(DISPLACEMENTS)
-        count = np.zeros(1)
+            return f"position of {name} is too noisy to follow some mrad after a reversal"
         for run in session.runs:
-            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), least, count)
-        if count[0] < 3:
-            return f"{session.joint_names[joint]} reverses fewer than three times"
-        return None
+            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), min(DISPLACEMENTS), count)
+        return f"{name} reverses fewer than three times" if count[0] < 3 else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return (_of_ranges(_usable(session, joint)),)
@@ -158,11 +151,9 @@ class PreslidingHysteresis(Effect):
         return self.variants(session, joint)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        found = []
-        for run in session.runs:
-            q = np.ascontiguousarray(run.motion.q[:, joint])
-            found.append(np.stack([stop_operator(q, size) / size for size in variant.shape.values()], axis=1))
-        return found
+        paths = (np.ascontiguousarray(run.motion.q[:, joint]) for run in session.runs)
+        sizes = variant.shape.values()
+        return [np.stack([stop_operator(q, size) / size for size in sizes], axis=1) for q in paths]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -185,11 +176,10 @@ class PreslidingHysteresis(Effect):
         strength = drawn_interval(amplitude, coefficients, covariance)
         if delta_interval(lambda k: float(k @ sizes), coefficients, covariance).low <= 0.0:
             strength = replace(strength, low=0.0)  # draws that are not negative can't tell that there may be none
+        nearest = max(min(where.low, reach.low), sizes[0] / 4)
         return {
             "amplitude_Nm": strength,
-            "displacement_rad": Interval(
-                where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
-            ),
+            "displacement_rad": Interval(where.value, nearest, max(where.high, reach.high)),
             "reversal_Nm": drawn_interval(reversal, coefficients, covariance),
             "at_travel_rad": exactly(where.value),
         }

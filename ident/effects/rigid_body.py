@@ -265,8 +265,8 @@ class GravityMisalignment(Effect):
         found = []
         for run in session.runs:
             gravity = np.asarray(run.arm.model.gravity.linear)
-            turns = [run.arm.with_gravity(-np.cross(axis, gravity)) for axis in np.eye(3)[:2]]
-            found.append(np.stack([turned.gravity(run.motion.q) for turned in turns], axis=-1))
+            turned = [run.arm.with_gravity(-np.cross(axis, gravity)) for axis in np.eye(3)[:2]]
+            found.append(np.stack([arm.gravity(run.motion.q) for arm in turned], axis=-1))
         return found
 
 

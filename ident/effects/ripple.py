@@ -21,7 +21,7 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_figures
-from ident.effects.typical_sizes import travel, wave
+from ident.effects.typical_sizes import travel, typical_load, wave
 
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
@@ -67,11 +67,9 @@ class TorqueRipple(Effect):
         return replace(self, lines=lines, screens=max(1, round(float(np.mean(looked)))))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        slowest = _gear(session, joint) or FEWEST
-        if not _ripple_shows(session, joint, slowest):
-            name = session.joint_names[joint]
-            return f"{name} is never slow enough: the ripple lies above the filter's corner or the position's noise"
-        return None
+        why = "is never slow enough: the ripple lies above the filter's corner or the position's noise"
+        shows = _ripple_shows(session, joint, _gear(session, joint) or FEWEST)
+        return None if shows else f"{session.joint_names[joint]} {why}"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         gear = _gear(session, joint)
@@ -81,13 +79,9 @@ class TorqueRipple(Effect):
         apart = np.pi / max(high - low, 1e-6)
         lines = self.lines[joint] if self.lines else ()
         turns += [one for one in lines if all(abs(one - other) > apart for other in turns)]
-        load = np.concatenate([run.link[:, joint] for run in session.runs])
-        typical = max(float(np.sqrt(np.mean(load**2))), 1e-6)
-        return tuple(
-            Variant({"order": one / (gear or 1.0)}, shape={"turns": one, "loaded": loaded, "load_Nm": typical})
-            for one in turns
-            for loaded in (0.0, 1.0)
-        )
+        typical = typical_load(session, joint)
+        shapes = [{"turns": one, "loaded": loaded, "load_Nm": typical} for one in turns for loaded in (0.0, 1.0)]
+        return tuple(Variant({"order": shape["turns"] / (gear or 1.0)}, shape=shape) for shape in shapes)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """A line that was found lies between points of a sum; that of a known gear is where it is."""
@@ -122,11 +116,7 @@ class TorqueRipple(Effect):
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
         """Whether the teeth's torque is a share of the load, and its cycles a turn of the joint."""
-        return {
-            "loaded": shape.get("loaded", 0.0),
-            "load_Nm": shape.get("load_Nm", 1.0),
-            "turns": shape.get("turns", 0.0),
-        }
+        return {name: shape.get(name, usual) for name, usual in (("loaded", 0.0), ("load_Nm", 1.0), ("turns", 0.0))}
 
 
 def _gear(session: SessionContext, joint: int) -> float | None:
@@ -158,7 +148,6 @@ def find_lines(
             count [N m].
         joint: Index of the joint.
         most: Largest number of lines.
-        chance: Of a line among noise that stands out so far as one must.
         chance: Of a line among noise that stands out so far as one must.
     """
     angles, speeds, left = [], [], []

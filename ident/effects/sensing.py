@@ -13,7 +13,7 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
-from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square, sampled_states
+from ident.effects.typical_sizes import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
 
@@ -43,10 +43,9 @@ class TorqueGainError(Effect):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         # Of friction alone nobody can tell a gain: it is fitted.
-        variation = float(np.std(np.concatenate([run.rigid[:, joint] for run in session.runs])))
-        if variation < LEAST_TORQUE_VARIATION * rated_torque(session, joint):
-            return f"rigid torque of {session.joint_names[joint]} varies by {variation:.2f} N m only"
-        return None
+        variation = float(np.std(joined(session, "rigid", joint)))
+        reason = f"rigid torque of {session.joint_names[joint]} varies by {variation:.2f} N m only"
+        return reason if variation < LEAST_TORQUE_VARIATION * rated_torque(session, joint) else None
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.total[:, [joint]] for run in session.runs]
@@ -67,13 +66,11 @@ class TorqueOffset(Effect):
         return (Variant(shape={"middle_s": (first + last) / 2, "half_s": (last - first) / 2}),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        found = []
-        for run in session.runs:
-            columns = [np.ones(len(run.motion.time))]
-            if variant.shape:
-                columns.append((run.motion.time - variant.shape["middle_s"]) / variant.shape["half_s"])
-            found.append(np.stack(columns, axis=1))
-        return found
+        times = [run.motion.time for run in session.runs]
+        if not variant.shape:
+            return [np.ones((len(time), 1)) for time in times]
+        middle, half = variant.shape["middle_s"], variant.shape["half_s"]
+        return [np.stack([np.ones(len(time)), (time - middle) / half], axis=1) for time in times]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -97,8 +94,7 @@ class TorqueOffset(Effect):
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        scale = np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
-        return np.asarray(scale)
+        return np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
 
 
 class TorqueSaturation(Effect):
@@ -111,10 +107,9 @@ class TorqueSaturation(Effect):
     id = "torque_saturation"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        peak, rated = _peak(session, joint), rated_torque(session, joint)
-        if peak < LEAST_PEAK_SHARE * rated:
-            return f"torque of {session.joint_names[joint]} stays below {100 * peak / rated:.0f} % of its rated torque"
-        return None
+        share = _peak(session, joint) / rated_torque(session, joint)
+        reason = f"torque of {session.joint_names[joint]} stays below {100 * share:.0f} % of its rated torque"
+        return reason if share < LEAST_PEAK_SHARE else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         peak = _peak(session, joint)
@@ -155,7 +150,7 @@ class TorqueSaturation(Effect):
 
 def _peak(session: SessionContext, joint: int) -> float:
     """Largest modelled torque of a joint but for one sample in a thousand [N m]."""
-    return float(np.quantile(np.abs(np.concatenate([run.total[:, joint] for run in session.runs])), 0.999))
+    return float(np.quantile(np.abs(joined(session, "total", joint)), 0.999))
 
 
 class EncoderOffset(Effect):
@@ -189,11 +184,10 @@ class EncoderOffset(Effect):
         about = variant.shape["about_rad"]
         if not about:
             return [run.derivatives[0][:, :, [joint]] for run in session.runs]
-        found = []
+        found, offset = [], about * np.eye(session.n)[joint]
         for run in session.runs:
-            motion = run.motion
-            shifted = run.arm.inverse_dynamics(motion.q + about * np.eye(session.n)[joint], motion.dq, motion.ddq)
-            found.append(((shifted - run.rigid) / about)[:, :, None])
+            moved = run.arm.inverse_dynamics(run.motion.q + offset, run.motion.dq, run.motion.ddq)
+            found.append(((moved - run.rigid) / about)[:, :, None])
         return found
 
 

@@ -58,21 +58,15 @@ class JointCoupling(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         if session.n < 2:
             return "there is no other joint"
-        if not self.variants(session, joint):
-            return f"the other joints stand still, or move only together with {session.joint_names[joint]}"
-        return None
+        reason = f"the other joints stand still, or move only together with {session.joint_names[joint]}"
+        return None if self.variants(session, joint) else reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         dq = np.concatenate([run.motion.dq for run in session.runs])
         power = np.maximum(np.sqrt(np.sum(dq**2, axis=0)), 1e-12)
-        alike = np.abs(dq.T @ dq[:, joint]) / (power * power[joint])
-        others = [
-            other
-            for other in range(session.n)
-            if 0 < abs(other - joint) <= FARTHEST
-            and alike[other] < LARGEST_CORRELATION
-            and hardly_moves(session, other) is None
-        ]
+        apart = np.abs(dq.T @ dq[:, joint]) / (power * power[joint]) < LARGEST_CORRELATION
+        near = [o for o in range(session.n) if 0 < abs(o - joint) <= FARTHEST and apart[o]]
+        others = [o for o in near if hardly_moves(session, o) is None]
         single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
         if hardly_moves(session, joint) is not None:
             return tuple(single)
@@ -83,13 +77,10 @@ class JointCoupling(Effect):
         other, mix = _other(variant), variant.shape["mix"]
         found = []
         for run in session.runs:
-            dq = run.motion.dq
-            if mix == 0.0:
-                columns = [run.direction[:, other], dq[:, other], run.motion.ddq[:, other]]
-            else:
-                width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
-                columns = [np.tanh((dq[:, joint] + mix * dq[:, other]) / width), dq[:, other] + mix * dq[:, joint]]
-            found.append(np.stack(columns, axis=1))
+            own, others = run.motion.dq[:, joint], run.motion.dq[:, other]
+            width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
+            both = [np.tanh((own + mix * others) / width), others + mix * own]
+            found.append(np.stack(both if mix else [run.direction[:, other], others, run.motion.ddq[:, other]], axis=1))
         return found
 
     def parameters(
@@ -251,9 +242,8 @@ class SpringTorque(Effect):
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and any(figures[name] for name in WAVE):
-            return Expression(
-                "no", "a joint's spring is a cubic, this one has two rests a turn; add the module's torque"
-            )
+            why = "a joint's spring is a cubic, this one has two rests a turn; add the module's torque"
+            return Expression("no", why)
         return super().expressed(form, figures)
 
 

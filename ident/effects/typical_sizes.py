@@ -42,6 +42,12 @@ def rated_torque(session: SessionContext, joint: int) -> float:
     return max(1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs), 1e-3)
 
 
+def joined(session: SessionContext, signal: str, joint: int) -> Float[Array, " T"]:
+    """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own (`link`, `total`)."""
+    parts = [getattr(run.motion if hasattr(run.motion, signal) else run, signal)[:, joint] for run in session.runs]
+    return np.concatenate(parts)
+
+
 def friction_states(run: RunContext, joint: int) -> JointStates:
     """A joint's states as laws of its friction see them."""
     return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
@@ -113,8 +119,8 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
 
 def travel(session: SessionContext, joint: int) -> tuple[float, float]:
     """Lowest and highest position of a joint [rad]."""
-    q = [run.motion.q[:, joint] for run in session.runs]
-    return min(float(values.min()) for values in q), max(float(values.max()) for values in q)
+    q = joined(session, "q", joint)
+    return float(q.min()), float(q.max())
 
 
 def near_one_pose(session: SessionContext) -> str | None:
@@ -125,8 +131,12 @@ def near_one_pose(session: SessionContext) -> str | None:
 
 def top_speed(session: SessionContext, joint: int) -> float:
     """Speed that a joint exceeds in one of a hundred samples only [rad/s]."""
-    speeds = np.concatenate([np.abs(run.motion.dq[:, joint]) for run in session.runs])
-    return float(np.quantile(speeds, 0.99))
+    return float(np.quantile(np.abs(joined(session, "dq", joint)), 0.99))
+
+
+def typical_load(session: SessionContext, joint: int) -> float:
+    """Root mean square of the torque that a joint transmits, never zero [N m]."""
+    return max(float(np.sqrt(np.mean(joined(session, "link", joint) ** 2))), 1e-6)
 
 
 def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:

@@ -73,9 +73,8 @@ def design_lowpass(order: int, cutoff: float, rate: float) -> Float[Array, "s 6"
         damping = 2.0 * np.sin((2 * k + 1) * np.pi / (2 * order))
         lead = 1.0 + damping * corner + corner**2
         gain = corner**2 / lead
-        sections.append(
-            [gain, 2 * gain, gain, 1.0, 2 * (corner**2 - 1) / lead, (1 - damping * corner + corner**2) / lead]
-        )
+        poles = 2 * (corner**2 - 1) / lead, (1 - damping * corner + corner**2) / lead
+        sections.append([gain, 2 * gain, gain, 1.0, *poles])
     return np.array(sections[::-1])
 
 

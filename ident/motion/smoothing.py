@@ -67,10 +67,13 @@ class Smoothed:
     std: Float[Array, "3 n"]  # standard deviation of q, dq and ddq in the middle of the run, shape (3, n)
 
 
-def _predict(
-    a: float, b: float, c: float, d: float, e: float, f: float, h: float, s: float
-) -> tuple[float, float, float, float, float, float]:
-    """F P Fᵀ + Q of a symmetric P = [[a, b, c], [b, d, e], [c, e, f]], a step of h seconds on."""
+Covariance = tuple[float, float, float, float, float, float]
+"""The numbers of a symmetric P = [[a, b, c], [b, d, e], [c, e, f]]."""
+
+
+def _predict(p: Covariance, h: float, s: float) -> Covariance:
+    """F P Fᵀ + Q, a step of h seconds on."""
+    a, b, c, d, e, f = p
     g = 0.5 * h * h
     top, right, corner = a + h * b + g * c, b + h * d + g * e, c + h * e + g * f
     return (
@@ -83,10 +86,9 @@ def _predict(
     )
 
 
-def _update(
-    a: float, b: float, c: float, d: float, e: float, f: float, r: float
-) -> tuple[float, float, float, float, float, float]:
+def _update(p: Covariance, r: float) -> Covariance:
     """Joseph's form of the covariance after a measured position: (I − K H) P (I − K H)ᵀ + K r Kᵀ."""
+    a, b, c, d, e, f = p
     v = a + r
     k0, k1, k2 = a / v, b / v, c / v
     return (
@@ -99,92 +101,61 @@ def _update(
     )
 
 
-def _moved(new: float, old: float, size: float) -> bool:
-    """Whether an entry of a covariance has not settled; `size` is the product of the two variances."""
-    return abs(new - old) > SETTLED * np.sqrt(size)
+def _settled(new: Covariance, old: Covariance) -> bool:
+    """Whether a step changed no entry by more than a share of the product of its two deviations."""
+    (a, b, c, d, e, f), (oa, ob, oc, od, oe, of) = new, old
+    return bool(
+        abs(a - oa) <= SETTLED * np.sqrt(a * a)
+        and abs(b - ob) <= SETTLED * np.sqrt(a * d)
+        and abs(c - oc) <= SETTLED * np.sqrt(a * f)
+        and abs(d - od) <= SETTLED * np.sqrt(d * d)
+        and abs(e - oe) <= SETTLED * np.sqrt(d * f)
+        and abs(f - of) <= SETTLED * np.sqrt(f * f)
+    )
 
 
-@compiled("f1 f1 f1 f1 f f f f1", _predict, _update, _moved)
-def _log_likelihood(
-    z: Array, dt: Array, starts: Array, regular: Array, s: float, speed: float, rate: float, out: Array
-) -> None:
-    """Sums of log innovation variance and of normalised squared innovations of runs end to end, for r = 1.
+@compiled("f1 f1 i f1 f2 f2 f1", _predict, _update, _settled)
+def _filter(z: Array, dt: Array, regular: int, noise: Array, states: Array, history: Array, sums: Array) -> None:
+    """Filtered states of one joint in one run, shape (T, 3), and what its likelihood is made of.
 
-    `starts`: each run's first row, and the number of rows; `dt`: the interval after each; `speed`, `rate`: standard
-    deviations of the first velocity and acceleration.
+    `noise` holds s, r and the deviations of the first velocity and acceleration; `history` keeps the six numbers of
+    each covariance and 1 / S until they settle. To `sums` the logarithms of innovation variances and the squares of
+    normalised innovations are added, and it gets the number of rows of the history that are kept.
     """
-    out[0], out[1] = 0.0, 0.0
-    for run in range(len(regular)):
-        first, end = int(starts[run]), int(starts[run + 1])
-        a, b, c, d, e, f = 1.0, 0.0, 0.0, speed * speed, 0.0, rate * rate
-        x0, x1, x2 = z[first], 0.0, 0.0
-        variance, k0, k1, k2, settled = 1.0, 0.0, 0.0, 0.0, False
-        for k in range(first + 1, end):
-            h = dt[k - 1]
-            if not settled:
-                pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
-                variance = pa + 1.0
-                k0, k1, k2 = pa / variance, pb / variance, pc / variance
-                oa, ob, oc, od, oe, of = a, b, c, d, e, f
-                a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, 1.0)
-                if regular[run] > 0.0:
-                    settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
-                    settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
-            x0 += h * x1 + 0.5 * h * h * x2
-            x1 += h * x2
-            innovation = z[k] - x0
-            out[0] += np.log(variance)
-            out[1] += innovation * innovation / variance
-            x0 += k0 * innovation
-            x1 += k1 * innovation
-            x2 += k2 * innovation
-
-
-@compiled("f1 f1 i f f f f f2 f2 f1", _predict, _update, _moved)
-def _smooth(
-    z: Array,
-    dt: Array,
-    regular: int,
-    s: float,
-    r: float,
-    speed: float,
-    rate: float,
-    states: Array,
-    history: Array,
-    middle: Array,
-) -> None:
-    """States of one joint, shape (T, 3), and the smoothed variances in the middle of the run.
-
-    Backwards by adjoints (Bryson and Frazier): x̂ = x − P λ with λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S), which inverts
-    nothing and needs no smoothed covariance; Λ, that of λ, is carried to the middle only. `history` keeps the six
-    numbers of each filtered covariance and 1 / S.
-    """
-    samples = len(z)
-    a, b, c, d, e, f = r, 0.0, 0.0, speed * speed, 0.0, rate * rate
-    kept, settled = 1, False
-    history[0, 0], history[0, 1], history[0, 2], history[0, 3], history[0, 4], history[0, 5] = a, b, c, d, e, f
-    k0, k1, k2 = 0.0, 0.0, 0.0
-    states[0, 0], states[0, 1], states[0, 2] = z[0], 0.0, 0.0
-    for k in range(1, samples):
+    s, r = noise[0], noise[1]
+    p = (r, 0.0, 0.0, noise[2] * noise[2], 0.0, noise[3] * noise[3])
+    kept, settled, variance, k0, k1, k2 = 1, False, 1.0, 0.0, 0.0, 0.0
+    history[0, 0], history[0, 1], history[0, 2], history[0, 3], history[0, 4], history[0, 5] = p
+    x0, x1, x2 = z[0], 0.0, 0.0
+    states[0, 0], states[0, 1], states[0, 2] = x0, x1, x2
+    for k in range(1, len(z)):
         h = dt[k - 1]
         if not settled:
-            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
-            variance = pa + r
-            k0, k1, k2 = pa / variance, pb / variance, pc / variance
-            oa, ob, oc, od, oe, of = a, b, c, d, e, f
-            a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, r)
-            history[k, 0], history[k, 1], history[k, 2], history[k, 3] = a, b, c, d
-            history[k, 4], history[k, 5], history[k, 6] = e, f, 1.0 / variance
-            kept = k + 1
-            if regular:
-                settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
-                settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
-        x0 = states[k - 1, 0] + h * states[k - 1, 1] + 0.5 * h * h * states[k - 1, 2]
-        x1 = states[k - 1, 1] + h * states[k - 1, 2]
+            ahead, before = _predict(p, h, s), p
+            variance = ahead[0] + r
+            k0, k1, k2 = ahead[0] / variance, ahead[1] / variance, ahead[2] / variance
+            p = _update(ahead, r)
+            history[k, 0], history[k, 1], history[k, 2], history[k, 3], history[k, 4], history[k, 5] = p
+            history[k, 6] = 1.0 / variance
+            kept, settled = k + 1, regular != 0 and _settled(p, before)
+        x0 += h * x1 + 0.5 * h * h * x2
+        x1 += h * x2
         innovation = z[k] - x0
-        states[k, 0] = x0 + k0 * innovation
-        states[k, 1] = x1 + k1 * innovation
-        states[k, 2] = states[k - 1, 2] + k2 * innovation
+        sums[0] += np.log(variance)
+        sums[1] += innovation * innovation / variance
+        x0, x1, x2 = x0 + k0 * innovation, x1 + k1 * innovation, x2 + k2 * innovation
+        states[k, 0], states[k, 1], states[k, 2] = x0, x1, x2
+    sums[2] = kept
+
+
+@compiled("f1 f1 f1 f2 f2 i f1", _predict)
+def _smooth(z: Array, dt: Array, noise: Array, states: Array, history: Array, kept: int, middle: Array) -> None:
+    """Makes filtered states smoothed ones, in place, and gives their variances in the middle of the run.
+
+    Backwards by adjoints (Bryson and Frazier): x̂ = x − P λ with λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S), which inverts
+    nothing and needs no smoothed covariance; Λ, that of λ, is carried to the middle only.
+    """
+    samples, s, r = len(z), noise[0], noise[1]
     l0, l1, l2 = 0.0, 0.0, 0.0
     m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(samples - 1, -1, -1):
@@ -214,8 +185,8 @@ def _smooth(
             # The same from what smoothing changed: λ⁻ = −(F P Fᵀ + Q)⁻¹ (x̂ − F x). A wide first P times a small λ
             # loses digits that this keeps.
             i = min(k - 1, kept - 1)
-            a, b, c, d, e, f = history[i, 0], history[i, 1], history[i, 2], history[i, 3], history[i, 4], history[i, 5]
-            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
+            p = history[i, 0], history[i, 1], history[i, 2], history[i, 3], history[i, 4], history[i, 5]
+            pa, pb, pc, pd, pe, pf = _predict(p, h, s)
             x1 = states[k - 1, 1] + h * states[k - 1, 2]
             x0 = states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2]
             y0, y1, y2 = states[k, 0] - x0, states[k, 1] - x1, states[k, 2] - states[k - 1, 2]
@@ -290,20 +261,20 @@ def _fit_one_joint(
     interval: float,
     settings: MotionSettings,
 ) -> tuple[float, float]:
-    count, sums, z = sum(len(one) - 1 for one in columns), np.empty(2), np.concatenate(columns)
-    dt = np.concatenate([np.append(own, 0.0) for own, _ in steps])
-    starts = np.cumsum([0.0, *(len(one) for one in columns)])
-    regular = np.array([float(flag) for _, flag in steps])
-    # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
-    first = FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4
+    count, longest = sum(len(one) - 1 for one in columns), max(map(len, columns))
+    states, history, sums = np.empty((longest, 3)), np.empty((longest, 7)), np.empty(3)
 
     def ratio(log_frequency: float) -> float:
         return float((2 * np.pi * np.exp(log_frequency)) ** 6 * interval)
 
     def profile(log_frequency: float) -> tuple[float, float]:
-        _log_likelihood(z, dt, starts, regular, ratio(log_frequency), *first, sums)
-        noise = max(float(sums[1]) / count, LEAST_NOISE**2)
-        return count * np.log(noise) + float(sums[0]), noise
+        # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
+        noise = np.array([ratio(log_frequency), 1.0, FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4])
+        sums[:2] = 0.0
+        for z, (dt, regular) in zip(columns, steps, strict=True):
+            _filter(z, dt, regular, noise, states, history, sums)
+        found = max(float(sums[1]) / count, LEAST_NOISE**2)
+        return count * np.log(found) + float(sums[0]), found
 
     bounds = (np.log(settings.slowest_corner_hz), np.log(settings.fastest_corner_share / interval))
     found = minimize_scalar(lambda f: profile(f)[0], bounds=bounds, method="bounded", options={"xatol": 0.02})
@@ -312,10 +283,7 @@ def _fit_one_joint(
 
 
 def smooth(
-    time: Float[Array, " T"],
-    position: Float[Array, "T n"],
-    levels: NoiseLevels,
-    method: str = "fast",
+    time: Float[Array, " T"], position: Float[Array, "T n"], levels: NoiseLevels, method: str = "fast"
 ) -> Smoothed:
     """Smooths one run.
 
@@ -325,53 +293,43 @@ def smooth(
         levels: Noise of the joints, from `fit_noise_levels`.
         method: `fast`, or `filterpy`, the reference: the same numbers at some hundred times the time.
     """
-    time = np.asarray(time, dtype=float)
-    dt, regular = _intervals(time)
+    dt, regular = _intervals(np.asarray(time, dtype=float))
     samples, n = position.shape
     states, std = np.zeros((3, samples, n)), np.zeros((3, n))
     # Pages of the history that a settled filter never reaches cost nothing.
-    track, history, variances = np.empty((samples, 3)), np.empty((samples, 7)), np.empty(3)
-    run = _smooth if method == "fast" else _smooth_filterpy
-    first = (FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD)
+    track, history, variances, sums = np.empty((samples, 3)), np.empty((samples, 7)), np.empty(3), np.zeros(3)
     for j in range(n):
         z = np.ascontiguousarray(position[:, j], dtype=float)
         if levels.jerk[j] == 0.0:
             states[0, :, j] = z.mean()
             std[0, j] = np.sqrt(levels.position[j] / samples)
             continue
-        run(z, dt, regular, levels.jerk[j], levels.position[j], *first, track, history, variances)
+        noise = np.array([levels.jerk[j], levels.position[j], FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD])
+        if method == "fast":
+            _filter(z, dt, regular, noise, track, history, sums)
+            _smooth(z, dt, noise, track, history, int(sums[2]), variances)
+        else:
+            _smooth_filterpy(z, dt, noise, track, variances)
         states[:, :, j] = track.T
         std[:, j] = np.sqrt(variances)
     return Smoothed(freeze(states[0]), freeze(states[1]), freeze(states[2]), freeze(std))
 
 
-def _smooth_filterpy(
-    z: Array,
-    dt: Array,
-    regular: bool,
-    s: float,
-    r: float,
-    speed: float,
-    rate: float,
-    out: Array,
-    history: Array,
-    middle: Array,
-) -> None:
-    """The same as `_smooth` through filterpy's general Kalman filter and smoother."""
+def _smooth_filterpy(z: Array, dt: Array, noise: Array, states: Array, middle: Array) -> None:
+    """The same as `_filter` and `_smooth` through filterpy's general Kalman filter and smoother."""
     from filterpy.kalman import KalmanFilter  # slow to load, and only the reference needs it
 
-    kalman = KalmanFilter(dim_x=3, dim_z=1)
+    (s, r), kalman = noise[:2], KalmanFilter(dim_x=3, dim_z=1)
     kalman.H, kalman.R = np.array([[1.0, 0.0, 0.0]]), np.array([[r]])
-    first = np.diag([r, speed**2, rate**2])
-    kalman.x, kalman.P = np.array([[z[0]], [0.0], [0.0]]), first.copy()
+    first, start = np.diag([r, *noise[2:] ** 2]), np.array([[z[0]], [0.0], [0.0]])
+    kalman.x, kalman.P = start.copy(), first.copy()
     steps = [np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]]) for h in dt]
     noises = [
         s * np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
         for h in dt
     ]
     means, covariances, _, _ = kalman.batch_filter(z[1:], Fs=steps, Qs=noises)
-    means = np.concatenate([[[[z[0]], [0.0], [0.0]]], means])
-    covariances = np.concatenate([[first], covariances])
+    means, covariances = np.concatenate([[start], means]), np.concatenate([[first], covariances])
     # Entry k of filterpy's lists belongs to the step that arrives at sample k.
-    states, smoothed, _, _ = kalman.rts_smoother(means, covariances, [steps[0], *steps], [noises[0], *noises])
-    out[:], middle[:] = states[:, :, 0], np.diag(smoothed[len(z) // 2])
+    smoothed, spread, _, _ = kalman.rts_smoother(means, covariances, [steps[0], *steps], [noises[0], *noises])
+    states[:], middle[:] = smoothed[:, :, 0], np.diag(spread[len(z) // 2])

@@ -74,9 +74,8 @@ class Cells:
         if len(rows) == 0:
             return None
         share = len(rows) / (read + len(self.misshapen))
-        severity: Severity = "note" if share <= FEW_ROWS or len(rows) <= 3 else "warning"
-        if share > MANY_ROWS:
-            severity = "fatal"
+        few = share <= FEW_ROWS or len(rows) <= 3
+        severity: Severity = "fatal" if share > MANY_ROWS else "note" if few else "warning"
         count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
         shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
         evidence = f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
@@ -100,20 +99,6 @@ def cut_short(source: Path, place: str, row: int) -> TelemetryIssue:
     return TelemetryIssue("truncated_row", (), "note", evidence, "none needed; let the logger end cleanly")
 
 
-def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Table:
-    """Finds NaN and infinite cells of a table that holds numbers only; drops the rows that are mostly such.
-
-    Args:
-        columns: Native name -> values.
-        source: The file, for messages.
-    """
-    columns, unused = drop_empty(columns, source)
-    if all(np.isfinite(values).all() for name, values in columns.items() if not name.endswith("/temperature")):
-        return Table(columns, unused)
-    table = Cells(source, columns).screen()
-    return Table(table.columns, (*unused, *table.issues))
-
-
 def named_columns(
     names: Sequence[str],
     load: Callable[[Sequence[int]], Sequence[Float[Array, " T"]]],
@@ -121,7 +106,7 @@ def named_columns(
     numbers: Callable[[], Mapping[str, Float[Array, " T"]]] = dict,
     issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
-    """The columns of a table that holds numbers only.
+    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are dropped.
 
     Args:
         names: The file's own names.
@@ -138,8 +123,11 @@ def named_columns(
             raise RecordingError(source, *unequal(lengths))
         if columns and not any(lengths.values()):
             raise RecordingError(source, "has no samples", "give a table with samples")
-        table = screen_cells(columns, source)
-        return Table(table.columns, (*issues, *table.issues))
+        columns, unused = drop_empty(columns, source)
+        if all(np.isfinite(values).all() for name, values in columns.items() if not name.endswith("/temperature")):
+            return Table(columns, (*issues, *unused))
+        table = Cells(source, columns).screen()
+        return Table(table.columns, (*issues, *unused, *table.issues))
 
     return NamedColumns(tuple(names), read, numbers)
 

@@ -6,6 +6,7 @@ import itertools
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,11 +75,9 @@ def load_parts(
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
     """
-    path, remedy = Path(path), "give a folder of runs, a table or a bag"
-    try:
+    path, remedy, exists = Path(path), "give a folder of runs, a table or a bag", False
+    with suppress(OSError, ValueError):  # a name that no file can have
         exists = path.exists()
-    except (OSError, ValueError):  # a name that no file can have
-        exists = False
     if not exists:
         raise RecordingError(path, "no such file or folder", remedy)
     if not path.is_dir():
@@ -92,23 +91,21 @@ def load_parts(
         found = (load_recording(file, settings, topic) for file in files)
     before: list[Recording] = []
     for batch in _batches(found, most):
-        runs = _same_joints([*before, *batch])
-        common, clock_notes = _common_clock(runs)
-        yield Session(
-            name=path.name if path.is_dir() else path.stem,
-            runs=tuple(runs[len(before) :]),
+        whole = _as_session(
+            [*before, *batch],
+            path.name if path.is_dir() else path.stem,
+            notes,
             payload=settings.payload,
             robot=settings.robot,
-            common_clock=common,
             path=path,
             metadata=dict(settings.metadata),
             effort_kind=settings.effort_kind,
             gravity=settings.gravity,
             guessed_gains=dict(settings.drive_gain) if settings.guessed else {},
-            notes=(*notes, *clock_notes),
         )
-        notes, before = [], runs[-1:]
-        del batch, runs  # a part is let go before the next is read
+        yield whole.replace(runs=whole.runs[len(before) :])
+        notes, before = [], list(whole.runs[-1:])
+        del batch, whole  # a part is let go before the next is read
 
 
 def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
@@ -222,35 +219,31 @@ def find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[Telem
     return files, notes
 
 
-def _same_joints(runs: Sequence[Recording]) -> list[Recording]:
-    """Puts the joints of all runs in the order of the first run's.
+def _as_session(runs: Sequence[Recording], name: str, notes: Sequence[TelemetryIssue] = (), **settings: Any) -> Session:
+    """Runs as a session, their joints in the order of the first run's; where clocks restart they are independent.
 
     Raises:
         RecordingError: A run has other joints than the first.
     """
     first = runs[0]
-    for run in runs[1:]:
+    for run in runs:
         different = set(run.joints) ^ set(first.joints)
         if different:
-            raise RecordingError(
-                run.source or run.name,
-                f"has other joints than {first.name}: {', '.join(sorted(different))}",
-                "a session is one set-up of the arm: give the run as a session of its own",
-            )
-    return [run if run.joints == first.joints else run.select(first.joints) for run in runs]
-
-
-def _common_clock(runs: Sequence[Recording]) -> tuple[bool, list[TelemetryIssue]]:
-    """Whether time goes on from run to run; a table without time has no clock to share."""
-    for before, after in itertools.pairwise(runs):
+            what = f"has other joints than {first.name}: {', '.join(sorted(different))}"
+            remedy = "a session is one set-up of the arm: give the run as a session of its own"
+            raise RecordingError(run.source or run.name, what, remedy)
+    same = [run if run.joints == first.joints else run.select(first.joints) for run in runs]
+    for before, after in itertools.pairwise(same):
+        # A table without time has no clock to share.
         if not before.time.max(initial=-float("inf")) < after.time.min(initial=float("inf")):
             evidence = (
                 f"{after.name} starts at {after.time[0]:.3f} s, before {before.name} ends at {before.time[-1]:.3f} s: "
                 "the runs are taken as independent"
             )
             remedy = "none needed; effects that need a common clock are not testable"
-            return False, [TelemetryIssue("clock_restarts", (), "note", evidence, remedy)]
-    return True, []
+            notes = [*notes, TelemetryIssue("clock_restarts", (), "note", evidence, remedy)]
+            return Session(name, tuple(same), common_clock=False, notes=tuple(notes), **settings)
+    return Session(name, tuple(same), notes=tuple(notes), **settings)
 
 
 Source = str | Path | Session | Recording | Any
@@ -292,10 +285,7 @@ def gather_sources(source: Source | Sequence[Source], settings: SessionFile | No
     def close() -> None:
         """The runs so far become a session."""
         if runs:
-            same = _same_joints(runs)
-            common, notes = _common_clock(same)
-            name = f"tables_{len(found) + 1}"
-            found.append(Session(name=name, runs=tuple(same), common_clock=common, notes=tuple(notes)))
+            found.append(_as_session(runs, f"tables_{len(found) + 1}"))
             runs.clear()
 
     for one in source if isinstance(source, list | tuple) else [source]:

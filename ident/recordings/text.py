@@ -72,7 +72,7 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         [own if own == native else f"{own} ({native})" for own, native in labels],
         good + 1,
         np.column_stack(masks),
-        [int(number) for number in misshapen],
+        misshapen.tolist(),
         truncated,
         lambda row, column: raw[column][row].as_py().decode(errors="replace").strip(),
     ).screen()

@@ -245,9 +245,8 @@ class ArmModel:
         fixed = {name: float(value) for name, value in zip(joints, at, strict=True)}
         reduced = ArmModel.from_urdf(self.urdf, self.source, fixed, self.tip)
         reduced = reduced.with_inertial_parameters(self._merged_inertias(reduced, fixed))
-        return reduced._with_model(reduced.model, {**self.locked_joints, **fixed}).with_gravity(
-            self.model.gravity.linear
-        )
+        reduced = reduced.with_gravity(self.model.gravity.linear)
+        return reduced._with_model(reduced.model, {**self.locked_joints, **fixed})
 
     def keeping(self, joints: Sequence[str]) -> ArmModel:
         """The arm with all joints but these fixed at neutral; names that it does not have are passed over."""
@@ -302,9 +301,8 @@ class ArmModel:
         except (ValueError, RuntimeError) as error:
             lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
             reason = next((line for line in lines if "resource" in line or "Mesh" in line), "".join(lines[:1]))
-            raise RobotError(
-                where, f"{tag} geometry can't be read ({reason})", "mend or replace the mesh, or give boxes"
-            ) from None
+            what = f"{tag} geometry can't be read ({reason})"
+            raise RobotError(where, what, "mend or replace the mesh, or give boxes") from None
 
     @cached_property
     def _pool(self) -> pin.ModelPool:

@@ -61,15 +61,10 @@ def lumped_parameters(arm: ArmModel) -> LumpedParameters:
     poses = [data.oMi[i] for i in range(1, n + 1)]
     axes = [pose.rotation @ axis for pose, axis in zip(poses, arm.joint_axes, strict=True)]
     vertical, horizontal = np.array([0.0, 0.0, 1.0]), axes[1]
-    aligned = (
-        abs(axes[0] @ vertical) > 0.999 and abs(horizontal @ vertical) < 1e-3 and abs(axes[2] @ horizontal) > 0.999
-    )
-    if not aligned or np.any(arm.sliding_joints[:3]):
-        raise RobotError(
-            where,
-            "the first three joints are not vertical, horizontal, parallel",
-            "use --links 6, or lock joints for the exact reduction",
-        )
+    parallel = abs(axes[0] @ vertical) > 0.999 and abs(axes[2] @ horizontal) > 0.999
+    if not parallel or abs(horizontal @ vertical) >= 1e-3 or np.any(arm.sliding_joints[:3]):
+        what = "the first three joints are not vertical, horizontal, parallel"
+        raise RobotError(where, what, "use --links 6, or lock joints for the exact reduction")
     return _planar_figures(arm, poses, axes)
 
 

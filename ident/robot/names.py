@@ -154,17 +154,15 @@ def find_urdf(robot: str | Path) -> Path:
         return _described(name)
     near = difflib.get_close_matches(name, example_files(), n=3)
     also = f", {', '.join(near)}" if near else "; or a file's name of example-robot-data"
-    raise RobotError(
-        name, "no such URDF file or robot", f"give a URDF path or one of: {', '.join(robot_names())}{also}"
-    )
+    remedy = f"give a URDF path or one of: {', '.join(robot_names())}{also}"
+    raise RobotError(name, "no such URDF file or robot", remedy)
 
 
 def is_fetched(robot: str | Path) -> bool:
     """Whether it is a name of robot_descriptions, whose modules download and are run: for a user to say, not a file."""
     name, _ = split_tip(robot)
-    return (
-        name.endswith(DESCRIPTION) and name.isidentifier() and not Path(name).is_file() and name not in example_files()
-    )
+    known = Path(name).is_file() or name in example_files()
+    return name.endswith(DESCRIPTION) and name.isidentifier() and not known
 
 
 def _described(name: str) -> Path:

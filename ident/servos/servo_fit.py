@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -68,10 +68,9 @@ def load_goals(path: str | Path | Session) -> Session:
         travel = np.ptp(run.position, axis=0)
         same = np.abs(run.position_command - run.position).max(axis=0) <= SAME * np.maximum(travel, 1e-9)
         if (same & (travel > 0.0)).any():
-            what = f"{run.name}: the goal of {run.joints[int(np.argmax(same & (travel > 0.0)))]} is its position"
-            raise RecordingError(
-                where, f"{what}, sample for sample", "log the goal that was sent, not the position read"
-            )
+            joint = run.joints[int(np.argmax(same & (travel > 0.0)))]
+            what = f"{run.name}: the goal of {joint} is its position, sample for sample"
+            raise RecordingError(where, what, "log the goal that was sent, not the position read")
     return session
 
 
@@ -119,17 +118,13 @@ LEAST_TRAVEL, LEAST_GRAVITY = 0.05, 0.02
 FALSE, LEVEL = 0.05, 0.95
 
 
-@dataclass(frozen=True)
-class ServoFigure:
+class ServoFigure(NamedTuple):
     """One figure of a joint, with its 95 % interval."""
 
     name: str
     value: float
     low: float
     high: float
-
-    def to_dict(self) -> dict[str, float | str]:
-        return {"value": self.value, "low": self.low, "high": self.high, "unit": UNITS[self.name]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,7 +362,9 @@ class ServoArm(Result):
 
 
 def _record(one: ServoJoint) -> dict[str, Any]:
-    told = {figure.name: figure.to_dict() for figure in one.figures}
+    told = {
+        name: {"value": value, "low": low, "high": high, "unit": UNITS[name]} for name, value, low, high in one.figures
+    }
     known = not np.isnan(one.rms_before)
     return {
         "figures": told,
