@@ -35,12 +35,6 @@ LEAST_UNPACKED, UNPACKED_BY = 256.0, "ARMGAP_MOST_UNPACKED_MB"
 def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:
     """Passes if a path is a plain file, not larger than some size; returns its size [bytes].
 
-    Args:
-        path: What is to be read.
-        remedy: What the user can do instead.
-        error: What is raised.
-        largest: Most bytes; None for any.
-
     Raises:
         InputError: Nothing there, a folder, a device, a pipe, or too large.
     """
@@ -173,10 +167,6 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
 
 def require_unpacked(packed: int, unpacked: int) -> None:
     """Passes if what a file unpacks to is in proportion to its size: one limit for every kind of file.
-
-    Args:
-        packed: Size of the file [bytes].
-        unpacked: What is to be allocated for its content [bytes].
 
     Raises:
         ValueError: It is more than `LARGEST_PACKING` times the file, and more than the user's limit.

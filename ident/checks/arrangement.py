@@ -48,12 +48,7 @@ class Pull:
 
 
 def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[TelemetryIssue]]:
-    """The arm as it is mounted: under the gravity that its torque follows, where that is surely not the URDF's.
-
-    Args:
-        session: Positions in radians.
-        arm: The robot with the session's payload.
-    """
+    """The arm as it is mounted: under the gravity that its torque follows, where that is surely not the URDF's."""
     states = collect_states(session, arm) if session.effort_kind != "gravity_compensated" else None
     pulls = {} if states is None else _pulls(states, arm)
     if states is None or not pulls:
@@ -133,13 +128,7 @@ class Order:
 
 
 def check_order(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
-    """Whether another order of the columns explains the torque far better than the file's.
-
-    Args:
-        session: The recordings, mended.
-        arm: The robot with the session's payload, mounted as it is.
-        states: The recordings' motion.
-    """
+    """Whether another order of the columns explains the torque far better than the file's."""
     n = arm.n
     if n < 2 or not states.alive.any():
         return []

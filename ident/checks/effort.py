@@ -95,15 +95,7 @@ def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -
 def fit_signed(
     states: States, joint: int, sign: float, rows: Array | slice = slice(None), spring: bool = False
 ) -> SignedFit:
-    """Fits one joint's torque, times a sign, with non-negative coefficients.
-
-    Args:
-        states: Filtered states.
-        joint: Which joint.
-        sign: Factor on the torque, 1 or -1.
-        rows: States to use.
-        spring: Whether a spring of either sign may explain what grows with the joint's angle.
-    """
+    """One joint's torque, times a sign, with coefficients that are not negative; beside a spring of either sign."""
     tau, table = sign * states.tau[rows, joint], joint_terms(states, joint, rows)
     table[:, 0] -= table[:, 0].mean()
     size = np.linalg.norm(table, axis=0)
@@ -161,13 +153,7 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
 
 
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
-    """Sign, scale and origin of the measured torque.
-
-    Args:
-        session: The recordings, mended.
-        arm: The robot with the session's payload.
-        states: The recordings' motion, of `collect_states`.
-    """
+    """Sign, scale and origin of the measured torque."""
     held = states.settings
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
     rows = {joint: _below_cuts(session, states, joint) for joint in tested}

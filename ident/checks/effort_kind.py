@@ -61,12 +61,7 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
 
 
 def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml.
-
-    Args:
-        session: Positions in radians.
-        arm: The robot with the session's payload; without it nothing is asked.
-    """
+    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml."""
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
@@ -98,13 +93,7 @@ def tell_gravity(fit: GravityFit) -> str:
 
 
 def judge_effort(session: Session, states: States | None, issues: list[TelemetryIssue]) -> tuple[JointEffort, ...]:
-    """What each joint's effort is, with the evidence.
-
-    Args:
-        session: Mended.
-        states: Its motion; None where every run is too short.
-        issues: What was found of it.
-    """
+    """What each joint's effort is, with the evidence."""
 
     def judge(joint: int, name: str) -> tuple[str, str]:
         if states is None or not states.alive[joint]:
@@ -183,11 +172,6 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
     """Whether joints that are not recorded moved: then a torque doesn't follow from the recorded joints' motion.
 
     Each torque is held against what the recorded angles, one by one, and the joint's own motion can make of it.
-
-    Args:
-        session: The recordings, mended.
-        states: Their motion.
-        absent: Joints of the robot that are not recorded.
     """
     swings = np.hstack([np.sin(states.q), np.cos(states.q), states.ddq])
     found = {}

@@ -24,11 +24,7 @@ PARTS = 5
 
 
 class Independence:
-    """Sums over recordings, each taken and none kept.
-
-    Args:
-        travel: Least travel of a joint that moves [rad or m].
-    """
+    """Sums over recordings, each taken and none kept."""
 
     def __init__(self, travel: float = USUAL_EXCITATION.least_travel) -> None:
         self._travel = travel
@@ -85,11 +81,7 @@ STATES = 800
 
 
 class Amount:
-    """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept.
-
-    Args:
-        settings: How much is enough.
-    """
+    """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept."""
 
     def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
         self._settings = settings
@@ -171,12 +163,7 @@ class Amount:
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
-    """Condition number of some motion's base regressor, rows per torque's spread, columns of unit length.
-
-    Args:
-        states: q, dq, ddq and tau, filtered.
-        arm: The robot.
-    """
+    """Condition number of some motion's base regressor, rows per torque's spread, columns of unit length."""
     q, dq, ddq, tau = states
     step = slice(None, None, max(1, len(q) // STATES))
     table = arm.regressor(q[step], dq[step], ddq[step])

@@ -104,10 +104,6 @@ class FilteredRun:
 def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
     """Brings a run to an even grid, low-passes it without phase and thins it out.
 
-    Args:
-        run: A run whose time increases and whose cells are finite.
-        cutoff: Cut-off of the filter [Hz]; lowered where the sampling is too slow for it.
-
     Returns:
         The motion without the filter's transients, or None where the run is too short to have any.
     """

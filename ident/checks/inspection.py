@@ -72,10 +72,6 @@ Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
     """Checks a session, mends what can be mended safely, and compares it with the robot's model where one is given.
 
-    Args:
-        session: The recordings as read.
-        arm: The robot, without the session's payload.
-
     Returns:
         The issues, the mended session in the robot's joints, and the robot as the session needs it.
 

@@ -203,12 +203,7 @@ class Findings:
         self.columns.update(int(column) for column in columns)
 
     def issues(self, issue: str, severity: Severity, ending: str, remedy: str) -> list[TelemetryIssue]:
-        """All that was seen as one issue, in one line: the first run's, and in how many more; none if nothing was.
-
-        Args:
-            issue, severity, remedy: As of `TelemetryIssue`.
-            ending: What is done about it, after the evidence.
-        """
+        """All that was seen as one issue, in one line: the first run's, and in how many more; none if nothing was."""
         if not self.told:
             return []
         run, what = self.told[0]
@@ -262,13 +257,7 @@ def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
 
 
 def overrule(report: TelemetryReport, accept: Sequence[str], told: Sequence[str] = ()) -> TelemetryReport:
-    """A report whose accepted refusals are warnings.
-
-    Args:
-        report: What a check found.
-        accept: Names of the issues that the user accepts.
-        told: Names of issues that are only told by what comes next.
-    """
+    """A report whose refusals are warnings where the user accepts them, or where they are told by what comes next."""
 
     def weaken(issue: TelemetryIssue) -> TelemetryIssue:
         if issue.severity != "fatal" or issue.issue not in (*accept, *told):

@@ -315,14 +315,7 @@ def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
 
 
 def impossible(effect: Effect, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> str | None:
-    """Why no arm has an effect of such figures, or None: a 95 % interval that lies beyond a bound as a whole.
-
-    Args:
-        effect: The effect.
-        session: The runs.
-        joint: Its joint.
-        figures: The reported figures.
-    """
+    """Why no arm has an effect of such figures, or None: a 95 % interval that lies beyond a bound as a whole."""
     for name, allowed in effect.physical(session, joint, figures).items():
         found, value = figures[name], figures[name].value
         # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does not drive).

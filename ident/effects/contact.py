@@ -106,14 +106,7 @@ class ExternalContact(Effect):
 
 
 def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], most: int = 8) -> tuple[Push, ...]:
-    """Windows in which much more torque is left unexplained than usual, the strongest first.
-
-    Args:
-        session: The session.
-        leftover: For each run what the model leaves of the torque, filtered and decimated; zero where that doesn't
-            count [N m].
-        most: Largest number of windows.
-    """
+    """Windows in which much more torque is left unexplained than usual, the strongest first."""
     usual = _usual(leftover)
     found: list[tuple[float, Push]] = []
     for run, values in zip(session.runs, leftover, strict=True):
@@ -137,13 +130,7 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
 
 
 def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
-    """The part of a window, and of the time around it, in which the mean differs most from the rest.
-
-    Args:
-        time: Of the samples [s].
-        values: What is left, in usual deviations; zero where that doesn't count.
-        start, end: The window [s].
-    """
+    """The part of a window, and of the time around it, in which the mean differs most from the rest."""
     near = np.flatnonzero((time >= start - AROUND) & (time <= end + AROUND))
     counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near] != 0.0, axis=0)])
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
@@ -202,15 +189,10 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
 
 
 def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0) -> Float[Array, "T n 3"]:
-    """Torque that holds a unit force along each axis of the base frame at a point of a link.
+    """Torque that holds a unit force along each axis of the base frame at a point of a link, which counts from 1.
 
-    That of a unit mass there in a field along the axis, all links being without mass.
-
-    Args:
-        arm: The arm.
-        q: Positions [rad].
-        link: Number of the link, from 1.
-        outward: 0 at its centre of mass, 1 at the next joint.
+    The point is the centre of mass where `outward` is 0, the next joint where it is 1. The torque is that of a unit
+    mass there in a field along the axis, all links being without mass.
     """
     parameters = arm.inertial_parameters[10 * (link - 1) : 10 * link]
     point = parameters[1:4] / max(float(parameters[0]), 1e-9)

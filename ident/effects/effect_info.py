@@ -203,12 +203,7 @@ KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
 
 
 def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
-    """The kind of motion that shows effects, or parts the first pair of them that has one of its own.
-
-    Args:
-        effects: Their ids.
-        known: The effects (`Effect`) that there are; what is none of them has no motion of its own.
-    """
+    """The kind of motion that shows effects, or parts the first pair of them that has one of its own."""
     by_id = {effect.id: effect for effect in known}
     asked = [by_id[effect] for effect in effects if effect in by_id]
     for one, other in combinations(asked, 2):

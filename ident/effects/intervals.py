@@ -164,12 +164,7 @@ class SizePrior:
         return cls(deviation, log_density)
 
     def cost(self, coefficients: Float[Array, " k"], information: Float[Array, "k k"]) -> float:
-        """What coefficients cost the evidence for a name [nats].
-
-        Args:
-            coefficients: Their estimate.
-            information: What the recordings tell about them; directions that encoder noise fills may be negative.
-        """
+        """What coefficients cost the evidence for a name [nats]."""
         width = self.deviation
         values, vectors = np.linalg.eigh(width[:, None] * (0.5 * (information + information.T)) * width)
         values = np.maximum(values, 0.0)

@@ -140,16 +140,7 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
 def find_lines(
     session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2, chance: float = CHANCE
 ) -> tuple[tuple[float, ...], int]:
-    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at.
-
-    Args:
-        session: The runs.
-        leftover: For each run what the model leaves of the torque, filtered and decimated; zero where that doesn't
-            count [N m].
-        joint: Index of the joint.
-        most: Largest number of lines.
-        chance: Of a line among noise that stands out so far as one must.
-    """
+    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at."""
     angles, speeds, left = [], [], []
     for run, values in zip(session.runs, leftover, strict=True):
         counts = values[:, joint] != 0.0

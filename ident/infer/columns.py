@@ -86,12 +86,7 @@ def find_time(names: Sequence[str]) -> str | None:
 
 
 def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
-    """Families of columns.
-
-    Args:
-        names: All columns.
-        joints: The robot's joints; empty where there is no robot.
-    """
+    """Families of columns."""
     members: dict[str, dict[str, str]] = defaultdict(dict)
     # Joints' names, and what is left of them without the word joint -> the joint's place.
     shorts = {name: i for i, name in enumerate(joints)}

@@ -111,11 +111,6 @@ def require_own_guess(path: Path) -> None:
 def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSession:
     """Guesses the settings of a session from its largest run.
 
-    Args:
-        path: Folder or file of the recordings.
-        arm: The robot, or None.
-        robot: How the user names it.
-
     Raises:
         RecordingError: No table there, or none that can be made out from its names or numbers.
     """

@@ -145,12 +145,6 @@ def torque_settings(
 
     No gain follows from inertia: what a motor feels beside the URDF's links is its own rotor.
 
-    Args:
-        signals: The columns.
-        states: Filtered motion, joints in the robot's order; None where it is too short.
-        joints: Names of the states' joints.
-        nominal: `effort` or `current`: what the columns' names say.
-
     Returns:
         `effort` where the columns are N m, else `current`; the tables of session.toml; and why, joint by joint.
     """

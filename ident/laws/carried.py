@@ -170,14 +170,7 @@ def named_torque(
     load: Float[Array, "T n"],
     transition_speed: Float[Array, " n"],
 ) -> Float[Array, "T n"]:
-    """Torque of all laws [N m].
-
-    Args:
-        laws: Fitted laws.
-        q, dq: States.
-        load: Rigid torque [N m].
-        transition_speed: Width of each joint's turn of dry friction [rad/s].
-    """
+    """Torque of all laws [N m]."""
     out = np.zeros(dq.shape)
     slip = direction(dq, transition_speed)
     for law in laws:

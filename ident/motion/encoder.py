@@ -118,11 +118,7 @@ LEAST_STEP = 1.0
 
 
 def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
-    """Step of each joint's encoder as logged; 0 where there is none to be seen [rad].
-
-    Args:
-        position: Measured positions of a run [rad].
-    """
+    """Step of each joint's encoder as logged; 0 where there is none to be seen [rad]."""
     found = np.zeros(position.shape[1])
     for j, change in enumerate(np.abs(np.diff(position, axis=0)).T):
         moved = change[change > 1e-9]
@@ -139,14 +135,7 @@ def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
 def draw_errors(
     q: Float[Array, "T n"], levels: NoiseLevels, resolution: Float[Array, " n"], rng: np.random.Generator
 ) -> Float[Array, "T n"]:
-    """Errors of one more measurement of a motion by the same encoders [rad].
-
-    Args:
-        q: The motion, smoothed [rad].
-        levels: Noise of the joints.
-        resolution: Of each encoder, 0 for none [rad].
-        rng: Source of chance.
-    """
+    """Errors of one more measurement of a smoothed motion by the same encoders; a resolution of 0 is none [rad]."""
     std = np.sqrt(levels.position)
     coarse = resolution > LEAST_STEP * std
     steps = np.where(coarse, resolution, 1.0)

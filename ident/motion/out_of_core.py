@@ -144,12 +144,7 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> Sequence[Motion]:
-    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques.
-
-    Args:
-        motions: All runs of a session.
-        inertia: What each joint moves, typically [kg m²].
-    """
+    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques."""
     corner = whole_band(motions.bare if isinstance(motions, SpooledMotions) else motions)
     if np.isfinite(corner):
         corner = float(np.median([torque_band(motion, inertia, corner) for motion in few(motions)]))
@@ -166,17 +161,10 @@ def few(motions: Sequence[Motion]) -> Sequence[Motion]:
 
 
 def choose_runs(count: int, every: int) -> list[int]:
-    """One run out of each stretch of `every`, at a random but always the same place of it; all of them if that is 1.
+    """Indices of one run out of each stretch of `every`, at a random but always the same place of it.
 
     Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places that shift by an
     even step, may all be of the same few kinds; runs at random places are of all kinds in proportion.
-
-    Args:
-        count: Number of runs.
-        every: Length of a stretch; the last may be shorter.
-
-    Returns:
-        Indices of the chosen runs, ascending.
     """
     starts = np.arange(0, count, every)
     places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))

@@ -106,15 +106,7 @@ def named_columns(
     numbers: Callable[[], Mapping[str, Float[Array, " T"]]] = dict,
     issues: tuple[TelemetryIssue, ...] = (),
 ) -> NamedColumns:
-    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are dropped.
-
-    Args:
-        names: The file's own names.
-        load: Gives some columns by their indices.
-        source: The file, for messages.
-        numbers: All columns of numbers by their own names.
-        issues: What was found when it was opened.
-    """
+    """The columns of a table that holds numbers only; rows that are mostly NaN or infinite are dropped."""
 
     def read(chosen: Mapping[int, str]) -> Table:
         columns = dict(zip(chosen.values(), load(list(chosen)), strict=True))

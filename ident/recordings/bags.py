@@ -37,11 +37,6 @@ Columns = dict[str, Float[Array, " T"]]
 def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColumns:
     """The joint states of a bag, or the topics that `[columns]` names; all topics without settings.
 
-    Args:
-        path: A bag folder, or a lone .db3, .mcap or .bag file.
-        settings: Names of foreign columns; None where these are to be found out.
-        topic: The topic of the joint states.
-
     Raises:
         RecordingError: Not a bag, a damaged one, or no joint states with torque on the topic.
     """
@@ -237,12 +232,7 @@ def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, f
 
 
 def merge(streams: Sequence[Columns], leading: Sequence[bool], path: Path) -> tuple[Columns, list[list[str]]]:
-    """All streams on one clock, that of the most talkative of the leading ones; the others are interpolated.
-
-    Args:
-        streams: Time and columns of each.
-        leading: Whose clock may be taken: those of the torque.
-        path: The bag, for messages.
+    """All streams on one clock, that of the most talkative leading one (of the torque); the others are interpolated.
 
     Returns:
         The columns while all of them speak, and the names of those that each other stream gave by interpolation.

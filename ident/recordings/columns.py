@@ -23,10 +23,6 @@ def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session,
     Names that are equal match. If none is, names that differ only in what stands before a common ending match
     (`fer_joint1` is `panda_joint1`), provided that every joint of the robot finds its own.
 
-    Args:
-        session: The recordings.
-        joint_names: The robot's joints.
-
     Returns:
         The session with the robot's joints that it has, and what was renamed, left out, or is missing. The caller
         locks the missing ones at their neutral positions.
@@ -126,18 +122,10 @@ def joint_of(column: str) -> str:
 
 
 def native_names(names: Sequence[str], session_file: SessionFile, where: str | Path) -> dict[int, str]:
-    """Which columns of a table are used, and under which native names.
+    """Which columns of a table are used: index -> native name.
 
     `[columns]` comes first, by name or 1-based number. A joint whose position column is renamed keeps its other
     native columns: `"fer_joint1/position" = "panda_joint1/position"` renames the joint.
-
-    Args:
-        names: The table's own column names ("1", "2", … where it has no header).
-        session_file: The session's settings.
-        where: File, for messages.
-
-    Returns:
-        Index of the column -> native name.
 
     Raises:
         RecordingError: A column is there twice, or a column that `[columns]` names is missing.
@@ -200,12 +188,6 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     """Makes a recording of a file's columns: time, joints in the order of their position columns, torque.
 
     The torque is `sign * effort`, or `sign * gain * current` where a joint has no effort column.
-
-    Args:
-        name: Name of the run.
-        columns: What the file holds.
-        session_file: Columns' native names, drive gains, effort signs, sampling rate.
-        source: The file.
 
     Raises:
         RecordingError: No joint at all, a missing column, or settings of a joint that is not there.

@@ -67,10 +67,7 @@ def load_parts(
 ) -> Iterator[Session]:
     """The same as one session or, where it is long, as several of consecutive runs, each read when it is asked for.
 
-    Args:
-        path, topic, session_file: As for `load_session`.
-        most: A part ends with the run that fills so many samples.
-        with_effort: As for `load_session`.
+    A part ends with the run that fills so many samples.
 
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
@@ -141,12 +138,7 @@ def load_recording(path: str | Path, session_file: SessionFile | None = None, to
 
 
 def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> NamedColumns:
-    """The columns of one run, whatever the format of its file.
-
-    Args:
-        path: The file, or a bag's folder.
-        settings: Of the session; None where what the columns are is still to be found out.
-        topic: Topic of the joint states, for bags.
+    """The columns of one run, whatever the format of its file; no settings where the columns are still to be found out.
 
     Raises:
         RecordingError: The file can't be used.

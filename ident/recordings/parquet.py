@@ -196,13 +196,7 @@ def _not_whole(path: Path, error: Exception) -> Exception:
 
 
 def spread_list(name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()) -> dict[str, Column]:
-    """A column of lists as columns of numbers; any other column as it is.
-
-    Args:
-        name: Its name.
-        column: Lists of the same length; shorter ones lack numbers.
-        labels: What the numbers are called; 0, 1, … if there are not as many.
-    """
+    """A column of lists as columns of numbers; any other column as it is."""
     kind, length = column.type, 0
     if pa.types.is_fixed_size_list(kind):
         length = int(kind.list_size)

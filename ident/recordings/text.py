@@ -29,12 +29,6 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
     Blank lines are skipped. A carriage return within a line would part it once more: it is made a letter, which spoils
     its cell alone.
 
-    Args:
-        path: The file, for messages.
-        data: Its bytes.
-        layout: How it is written.
-        chosen: Index of the column -> native name.
-
     Raises:
         RecordingError: No row, or hardly any, can be read.
     """
@@ -86,16 +80,7 @@ def _parse(
     skipped: int = 0,
     quoted: str | bool = '"',
 ) -> list[pa.ChunkedArray]:
-    """The chosen columns by Arrow's reader; raises `ArrowInvalid` at the first cell or row that is none of its kind.
-
-    Args:
-        data: The file's bytes, or those of its good lines.
-        layout: How it is written.
-        chosen: Index of the column -> native name.
-        kinds: What the cells of a native name are; floats where it has no entry.
-        skipped: Lines before the first row.
-        quoted: What cells may be quoted by.
-    """
+    """The chosen columns by Arrow's reader; raises `ArrowInvalid` at the first cell or row that is none of its kind."""
     positions = [f"f{index}" for index in range(len(layout.names))]
     types = {positions[index]: kinds.get(native, pa.float64()) for index, native in chosen.items()}
     table = pacsv.read_csv(

@@ -72,16 +72,7 @@ def compute_regressor(
     ddq: Float[Array, "T n"],
     columns: Sequence[int] | None = None,
 ) -> Float[Array, "T n k"]:
-    """Torque regressor of a chain.
-
-    Args:
-        chain: The chain.
-        q, dq, ddq: Joint states [rad, rad/s, rad/s²].
-        columns: Which of the 10 n columns are wanted, in this order; all of them if None.
-
-    Returns:
-        Y with τ = Y π [N m per unit of π].
-    """
+    """Y with τ = Y π [N m per unit of π]; of all of its 10 n columns, or those asked for, in their order."""
     samples, n = np.shape(q)
     chosen = range(PER_LINK * n) if columns is None else columns
     place = np.full(PER_LINK * n, -1.0)

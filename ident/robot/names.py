@@ -185,13 +185,7 @@ def _described(name: str) -> Path:
 
 
 def robot_argument(name: str, source: Path | None, tip: str = "") -> str:
-    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF, and its last joint.
-
-    Args:
-        name: The arm's name.
-        source: Its URDF file, if it has one.
-        tip: The joint by which one of several arms is named, if it was.
-    """
+    """What `--robot` takes for an arm, quoted for a shell: its name or its URDF's path, and its last joint if given."""
     known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
     robot = known or (name if source is None else str(source))
     return shlex.quote(f"{robot}:{tip}" if tip else robot)

@@ -26,12 +26,7 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def check_urdf(root: ET.Element, where: str) -> None:
-    """Raises RobotError for a URDF whose tree, numbers or limits can't be right.
-
-    Args:
-        root: The `<robot>` element.
-        where: The file, for the message.
-    """
+    """Raises RobotError for a URDF whose tree, numbers or limits can't be right."""
     if not root.get("name"):
         raise RobotError(where, "<robot> has no name", 'add name="…"')
     count = len(root.findall("joint"))
@@ -222,12 +217,7 @@ def gripper_joints(root: ET.Element) -> list[str]:
 
 
 def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]:
-    """Locks every joint at zero that is not on the way from the base to one joint.
-
-    Args:
-        text: URDF of a robot of several arms.
-        tip: Name of the last joint of the arm that is meant.
-        where: The file, for messages.
+    """A URDF with every joint locked at zero that is not on the way from the base to one joint, and these joints.
 
     Returns:
         The URDF, and the joints that were locked, with their positions [rad or m].

@@ -149,12 +149,7 @@ class _Rows:
 
 
 def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoint, ...]:
-    """All joints.
-
-    Args:
-        runs: The runs.
-        arm: The arm, whose gravity bends the joints; None where nobody knows it.
-    """
+    """All joints."""
     joints = runs[0].motion.joints
     tests = len(joints) * (len(COLUMNS) + 1)
     gravity = [None if arm is None else run.motion.filtered(arm.gravity(run.motion.q)) for run in runs]
