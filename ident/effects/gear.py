@@ -38,7 +38,7 @@ LARGEST_TWIST = 1.0
 FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
 
 
-_integrate = compiled("f1 f1 f1 f1 f f f f i f1 f1")(integrate_twist)
+_integrate = compiled("f2 f1 f i f2")(integrate_twist)
 
 
 def mean_inertia(session: SessionContext, joint: int) -> float:
@@ -50,13 +50,11 @@ def deflect(
     run: RunContext, joint: int, stiffness: float, damping: float, gap: float
 ) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
     """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
-    position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
-    load = np.ascontiguousarray(run.link[:, joint])
+    slopes = (part[:, joint, joint] for part in reversed(run.derivatives))
+    signals, found = np.array([run.link[:, joint], *slopes]), np.empty((2, len(run.link)))
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
-    twist, rate = np.empty(len(load)), np.empty(len(load))
-    _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps, twist, rate)
-    if not np.abs(twist).max() < LARGEST_TWIST:
-        return np.zeros(len(load)), np.zeros(len(load))
+    _integrate(signals, np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
+    twist, rate = found if np.abs(found[0]).max() < LARGEST_TWIST else np.zeros_like(found)
     return twist, rate
 
 

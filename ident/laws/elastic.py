@@ -53,18 +53,21 @@ def _felt(m: MovingArm, j: int, twist: Array, rate: Array) -> Array:
 def _deflect(m: MovingArm, j: int, stiffness: float, damping: float, half: float) -> tuple[Array, Array]:
     """Deflection of an elastic joint with play and its rate [rad, rad/s]."""
     interval = m.sampled("an elastic joint")
-    position, velocity, inertia = (part[:, j].tolist() for part in _slopes(m, j))
-    twist, rate = [0.0] * len(inertia), [0.0] * len(inertia)
-    gear, steps = (stiffness, damping, half), max(1, ceil(interval / LONGEST_STEP))
-    integrate_twist(m.rigid[:, j].tolist(), inertia, velocity, position, *gear, interval, steps, twist, rate)
-    return np.array(twist), np.array(rate)
+    signals = [m.rigid[:, j].tolist(), *(part[:, j].tolist() for part in reversed(_slopes(m, j)))]
+    found = [[0.0] * len(m.q), [0.0] * len(m.q)]
+    integrate_twist(signals, (stiffness, damping, half), interval, max(1, ceil(interval / LONGEST_STEP)), found)
+    return np.array(found[0]), np.array(found[1])
 
 
-def integrate_twist(load, inertia, velocity, position, stiffness, damping, half, interval, steps, twist, rate):  # type: ignore[no-untyped-def]
+def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-untyped-def]
     """Newmark's method, in balance at first; the gear pushes only beyond ±half, and damps only there.
 
-    `twist` and `rate` are the result. Signals are sequences of numbers, loops plain: the diagnosis compiles this.
+    Signals are the load, then M, V and P; the gear is its stiffness, its damping and half its play; `found` takes the
+    deflection and its rate. All are sequences of numbers, loops plain: the diagnosis compiles this.
     """
+    load, inertia, velocity, position = signals[0], signals[1], signals[2], signals[3]
+    stiffness, damping, half = gear[0], gear[1], gear[2]
+    twist, rate = found[0], found[1]
     gamma, beta = 0.5, 0.25
     h = interval / steps
     x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import chain, pairwise
-from typing import Generic, TypeVar, overload
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -41,11 +41,7 @@ class OnDemand(Sequence[T], ABC, Generic[T]):
     def _make(self, index: int) -> T:
         """The entry of an index that exists."""
 
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[T, ...]: ...
-    def __getitem__(self, index: int | slice) -> T | tuple[T, ...]:
+    def __getitem__(self, index: Any) -> Any:
         at = range(len(self))[index]
         return self._make(at) if isinstance(at, int) else tuple(self._make(k) for k in at)
 

@@ -136,7 +136,7 @@ def open_table(path: Path) -> NamedColumns:
                 lists[name] = list(spread_list(name, pa.chunked_array([column])))
             homes = [(name, own) for name in file.schema_arrow.names for own in lists.get(name, (name,))]
     except FAILURES as error:
-        raise _not_whole(path, error) from None
+        raise RecordingError(path, *_not_whole(error)) from None
     names = tuple(own for _, own in homes)
 
     def load(chosen: Sequence[int]) -> list[Float[Array, " T"]]:
@@ -185,14 +185,12 @@ def _cells(path: Path, labels: Mapping[str, Sequence[str]], names: list[str] | N
                 raise ValueError(f"the column {name!r} stands twice")
             found.update(spread_list(name, table.column(name), labels.get(name, ())))
     except FAILURES as error:
-        raise _not_whole(path, error) from None
+        raise RecordingError(path, *_not_whole(error)) from None
     return found
 
 
-def _not_whole(path: Path, error: Exception) -> Exception:
-    if isinstance(error, RecordingError):
-        return error
-    return RecordingError(path, f"not a whole Parquet file ({first_line(error)})", "write the file again")
+def _not_whole(error: Exception) -> tuple[str, str]:
+    return f"not a whole Parquet file ({first_line(error)})", "write the file again"
 
 
 def spread_list(name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()) -> dict[str, Column]:

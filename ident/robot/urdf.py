@@ -27,34 +27,35 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 def check_urdf(root: ET.Element, where: str) -> None:
     """Raises RobotError for a URDF whose tree, numbers or limits can't be right."""
-    if not root.get("name"):
-        raise RobotError(where, "<robot> has no name", 'add name="…"')
-    count = len(root.findall("joint"))
-    if count > MOST_JOINTS:
-        raise RobotError(where, f"it has {count} joints, fixed ones counted", "give the URDF of one arm")
-    moving = sum(joint.get("type") != "fixed" for joint in root.findall("joint"))
-    if moving > MOST_MOVING:
-        raise RobotError(where, f"it has {moving} joints that move", "give the URDF of one arm")
+    _require(root.get("name"), where, "<robot> has no name", 'add name="…"')
+    joints = root.findall("joint")
+    moving = sum(joint.get("type") != "fixed" for joint in joints)
+    one_arm = "give the URDF of one arm"
+    _require(len(joints) <= MOST_JOINTS, where, f"it has {len(joints)} joints, fixed ones counted", one_arm)
+    _require(moving <= MOST_MOVING, where, f"it has {moving} joints that move", one_arm)
     for kind in ("link", "joint"):
-        counts = Counter(element.get("name") or "" for element in root.findall(kind))
-        if "" in counts:
-            raise RobotError(where, f"a <{kind}> has no name", 'add name="…"')
-        twice = next((name for name, count in counts.items() if count > 1), None)
-        if twice is not None:
-            raise RobotError(where, f"two {kind}s are named {twice!r}", "rename one")
+        ((name, count),) = Counter(element.get("name") or "" for element in root.findall(kind)).most_common(1) or [
+            ("-", 0)
+        ]
+        _require(all(one.get("name") for one in root.findall(kind)), where, f"a <{kind}> has no name", 'add name="…"')
+        _require(count < 2, where, f"two {kind}s are named {name!r}", "rename one")
     for link in root.findall("link"):
         _check_inertial(link, where)
         _check_shapes(link, where)
-    for joint in root.findall("joint"):
+    for joint in joints:
         _check_joint(joint, where)
     for element in root.findall("transmission/actuator/mechanicalReduction"):
         try:
             usable = np.isfinite(float(element.text or "")) and float(element.text or "") != 0.0
         except ValueError:
             usable = False
-        if not usable:
-            raise RobotError(where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
+        _require(usable, where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
     _check_tree(root, where)
+
+
+def _require(fine: object, where: str, what: str, remedy: str) -> None:
+    if not fine:
+        raise RobotError(where, what, remedy)
 
 
 def _numbers(element: ET.Element | None, key: str, default: str, count: int, place: str, where: str) -> np.ndarray:
@@ -64,9 +65,8 @@ def _numbers(element: ET.Element | None, key: str, default: str, count: int, pla
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.array([])
-    if len(values) != count or not np.all(np.isfinite(values)):
-        wanted = "a number" if count == 1 else f"{count} numbers"
-        raise RobotError(where, f"{place} is {text!r}", f"give {wanted}")
+    fine = len(values) == count and np.all(np.isfinite(values))
+    _require(fine, where, f"{place} is {text!r}", "give a number" if count == 1 else f"give {count} numbers")
     return values
 
 
@@ -77,8 +77,8 @@ def _check_inertial(link: ET.Element, where: str) -> None:
     mass, inertia, origin = (inertial.find(tag) for tag in ("mass", "inertia", "origin"))
     if mass is None or inertia is None:
         raise RobotError(where, f"{name}: <inertial> lacks <mass> or <inertia>", "add it")
-    if _numbers(mass, "value", "", 1, f"{name}: mass", where)[0] < 0:
-        raise RobotError(where, f"{name}: mass is {mass.get('value')}", "give a mass of zero or more")
+    weight = _numbers(mass, "value", "", 1, f"{name}: mass", where)[0]
+    _require(weight >= 0, where, f"{name}: mass is {mass.get('value')}", "give a mass of zero or more")
     for key in MOMENTS:
         _numbers(inertia, key, "", 1, f"{name}: {key}", where)
     for key in ("xyz", "rpy"):
@@ -101,24 +101,21 @@ def _check_shapes(link: ET.Element, where: str) -> None:
 
 def _check_joint(joint: ET.Element, where: str) -> None:
     name, kind = f"joint {joint.get('name')!r}", joint.get("type")
-    if kind not in JOINT_TYPES:
-        raise RobotError(where, f"{name}: type is {kind!r}", f"use one of: {', '.join(JOINT_TYPES)}")
+    _require(kind in JOINT_TYPES, where, f"{name}: type is {kind!r}", f"use one of: {', '.join(JOINT_TYPES)}")
     for key in ("xyz", "rpy"):
         _numbers(joint.find("origin"), key, "0 0 0", 3, f"{name}: origin {key}", where)
     if kind in ("fixed", "floating"):
         return
-    if not np.any(_numbers(joint.find("axis"), "xyz", "1 0 0", 3, f"{name}: axis", where)):
-        raise RobotError(where, f"{name}: axis is zero", "give a direction")
-    limit = joint.find("limit")
-    if limit is None and kind in ("revolute", "prismatic"):
-        raise RobotError(where, f"{name} has no <limit>", "add one, or make a revolute joint continuous")
+    axis, limit = _numbers(joint.find("axis"), "xyz", "1 0 0", 3, f"{name}: axis", where), joint.find("limit")
+    _require(np.any(axis), where, f"{name}: axis is zero", "give a direction")
     if limit is None:
+        bounded = kind in ("revolute", "prismatic")
+        _require(not bounded, where, f"{name} has no <limit>", "add one, or make a revolute joint continuous")
         return
     lower, upper = (_numbers(limit, key, "0", 1, f"{name}: limit {key}", where)[0] for key in ("lower", "upper"))
     for key in ("effort", "velocity"):
         _numbers(limit, key, "", 1, f"{name}: limit {key}", where)
-    if lower > upper:
-        raise RobotError(where, f"{name}: lower limit {lower:g} is above upper limit {upper:g}", "swap them")
+    _require(lower <= upper, where, f"{name}: lower limit {lower:g} is above upper limit {upper:g}", "swap them")
 
 
 def _check_tree(root: ET.Element, where: str) -> None:
@@ -127,21 +124,15 @@ def _check_tree(root: ET.Element, where: str) -> None:
     children: set[str] = set()
     for joint in root.findall("joint"):
         for tag in ("parent", "child"):
-            end = joint.find(tag)
-            link = None if end is None else end.get("link")
-            if not link:
-                raise RobotError(where, f"joint {joint.get('name')!r} names no {tag} link", f"add <{tag} link=…/>")
-            if link not in links:
-                what = f"joint {joint.get('name')!r}: there is no {tag} link {link!r}"
-                raise RobotError(where, what, "add the link, or correct the name")
-            if tag == "child" and link in children:
-                raise RobotError(where, f"link {link!r} hangs from two joints", "an arm has no loops: remove one")
-            if tag == "child":
-                children.add(link)
+            link, name = link_of(joint, tag), f"joint {joint.get('name')!r}"
+            _require(link, where, f"{name} names no {tag} link", f"add <{tag} link=…/>")
+            known = link in links
+            _require(known, where, f"{name}: there is no {tag} link {link!r}", "add the link, or correct the name")
+        _require(link not in children, where, f"link {link!r} hangs from two joints", "an arm has no loops: remove one")
+        children.add(link)
     bases = [link for link in links if link not in children]
-    if len(bases) != 1:
-        what = f"it has {len(bases)} base links" + (f" ({', '.join(map(str, bases[:4]))})" if bases else "")
-        raise RobotError(where, what, "join all links to one base")
+    what = f"it has {len(bases)} base links" + (f" ({', '.join(map(str, bases[:4]))})" if bases else "")
+    _require(len(bases) == 1, where, what, "join all links to one base")
 
 
 # A URDF brought into the one form that the rest works on: a chain of one-axis joints.
@@ -155,8 +146,8 @@ MOST_FINGER_JOINTS = 4
 def parse_urdf(text: str, where: str) -> ET.Element:
     """The `<robot>` element of a URDF text."""
     root = read_xml(text, where, "give a URDF file", RobotError)
-    if root.tag != "robot":
-        raise RobotError(where, f"the root element is <{root.tag}>, not <robot>", "give a URDF file (expand xacro)")
+    what = f"the root element is <{root.tag}>, not <robot>"
+    _require(root.tag == "robot", where, what, "give a URDF file (expand xacro)")
     check_urdf(root, where)
     return root
 
@@ -265,7 +256,7 @@ def _way(root: ET.Element, joint: ET.Element) -> list[str]:
 
 
 def link_of(joint: ET.Element, end: str) -> str:
-    """Name of a joint's parent or child link; `parse_urdf` has checked that it is there."""
+    """Name of a joint's parent or child link; empty where there is none, which `parse_urdf` refuses."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 

@@ -38,56 +38,35 @@ def require_plain(value: Any) -> Any:
     while left:
         one = left.pop()
         count += len(one) if isinstance(one, str) else 1
-        if count > MOST_PARTS:
-            raise HarmfulExpression("an expression grows beyond any description")
-        if type(one) is int and one.bit_length() > MOST_BITS:
-            raise HarmfulExpression("a number of too many digits")
+        _require(count <= MOST_PARTS, "an expression grows beyond any description")
+        _require(type(one) is not int or one.bit_length() <= MOST_BITS, "a number of too many digits")
         if isinstance(one, dict):
             left += [*one.keys(), *one.values()][: MOST_PARTS + 1]
         elif type(one) in (list, tuple):
             left += one[: MOST_PARTS + 1]
-        elif type(one) not in (int, float, str, bool, type(None)):
-            raise HarmfulExpression(f"a value of the kind {type(one).__name__}")
+        else:
+            plain = type(one) in (int, float, str, bool, type(None))
+            _require(plain, f"a value of the kind {type(one).__name__}")
     return value
 
 
+def _require(fits: bool, what: str) -> bool:
+    """True where something is as it must be.
+
+    Raises:
+        HarmfulExpression: It is not; says what.
+    """
+    if not fits:
+        raise HarmfulExpression(what)
+    return True
+
+
 def _times(a: Any, b: Any) -> Any:
-    parts = [len(one) if isinstance(one, str | list | tuple) else None for one in (a, b)]
-    for count, other in ((parts[0], b), (parts[1], a)):
-        if count is not None and (not isinstance(other, int) or count * other > MOST_PARTS):
-            raise HarmfulExpression("a text or list of too many parts")
+    for one, other in ((a, b), (b, a)):
+        if isinstance(one, str | list | tuple):
+            fits = isinstance(other, int) and len(one) * other <= MOST_PARTS
+            _require(fits, "a text or list of too many parts")
     return a * b
-
-
-def _power(a: Any, b: Any) -> Any:
-    if not isinstance(b, int | float) or abs(b) > LARGEST_POWER:
-        raise HarmfulExpression(f"a power that is no number up to {LARGEST_POWER}")
-    return a**b
-
-
-def _remainder(a: Any, b: Any) -> Any:
-    if not isinstance(a, int | float):
-        raise HarmfulExpression("% of a text: use str() and +")
-    return a % b
-
-
-def _range(*bounds: int) -> list[int]:
-    found = range(*bounds)
-    if len(found) > MOST_PARTS:
-        raise HarmfulExpression("a range of too many parts")
-    return list(found)
-
-
-def _round(value: Any, digits: int = 0) -> Any:
-    if abs(digits) > MOST_DIGITS:
-        raise HarmfulExpression("round to too many digits")
-    return round(value, digits) if digits else round(value)
-
-
-def _replace(text: str, old: str, new: str) -> str:
-    if len(text) * (len(new) + 1) > MOST_PARTS:
-        raise HarmfulExpression("a text of too many parts")
-    return text.replace(old, new)
 
 
 def _tokenize(text: str, separators: str = ",; ", skip_empty: bool = True) -> list[str]:
@@ -96,8 +75,14 @@ def _tokenize(text: str, separators: str = ",; ", skip_empty: bool = True) -> li
     return [part for part in text.split(separators[0]) if part or not skip_empty]
 
 
-def _fatal(*words: Any) -> None:
-    raise HarmfulExpression("the description itself says: " + " ".join(map(str, words)))
+def _round(value: Any, digits: int = 0) -> Any:
+    _require(abs(digits) <= MOST_DIGITS, "round to too many digits")
+    return round(value, digits) if digits else round(value)
+
+
+def _replace(text: str, old: str, new: str) -> str:
+    _require(len(text) * (len(new) + 1) <= MOST_PARTS, "a text of too many parts")
+    return text.replace(old, new)
 
 
 MATHEMATICS = "acos asin atan atan2 ceil copysign cos cosh degrees exp fabs floor fmod hypot isfinite isnan log log10"
@@ -109,14 +94,14 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(math, name) for name in MATHEMATICS.split()},
     **{one.__name__: one for one in (abs, all, any, bool, dict, float, int, len, list, max, min, sorted, str, tuple)},
     "enumerate": lambda values: [*enumerate(values)],
-    "range": _range,
+    "range": lambda *ends: _require(len(range(*ends)) <= MOST_PARTS, "a range of too many parts") and [*range(*ends)],
     "reversed": lambda values: [*reversed(values)],
     "round": _round,
     "sum": lambda values: sum(values),
     "zip": lambda *lists: [*zip(*lists, strict=False)],
     "tokenize": _tokenize,
     "dotify": dict,
-    "fatal": _fatal,
+    "fatal": lambda *words: _require(False, "the description itself says: " + " ".join(map(str, words))),
     **dict.fromkeys(("message", "warning", "error"), lambda *words: ""),
 }
 # Methods of texts and tables, by the kind of their object.
@@ -136,8 +121,13 @@ OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Mult: _times,
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
-    ast.Mod: _remainder,
-    ast.Pow: _power,
+    ast.Mod: lambda a, b: _require(isinstance(a, int | float), "% of a text: use str() and +") and a % b,
+    ast.Pow: lambda a, b: (
+        _require(
+            isinstance(b, int | float) and abs(b) <= LARGEST_POWER, f"a power that is no number up to {LARGEST_POWER}"
+        )
+        and a**b
+    ),
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Not: operator.not_,
@@ -167,8 +157,7 @@ def evaluate(text: str, lookup: Lookup, functions: Functions, check_time: Callab
         HarmfulExpression: It holds what no description needs.
         SyntaxError: It is no expression.
     """
-    if len(text) > LONGEST:
-        raise HarmfulExpression("an expression of too many characters")
+    _require(len(text) <= LONGEST, "an expression of too many characters")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tree = ast.parse(text.strip(), mode="eval")
@@ -189,8 +178,7 @@ class _Evaluator(ast.NodeVisitor):
     def value(self, node: ast.AST) -> Any:
         """The value of one node."""
         self.depth, self.steps = self.depth + 1, self.steps + 1
-        if self.depth > DEEPEST or self.steps > MOST_STEPS:
-            raise HarmfulExpression("too many steps")
+        _require(self.depth <= DEEPEST and self.steps <= MOST_STEPS, "too many steps")
         self.check_time()
         found = require_plain(self.visit(node))
         self.depth -= 1
@@ -222,28 +210,24 @@ class _Evaluator(ast.NodeVisitor):
                 if len(names) == 2 and names[0] in NAMESPACES and names[1] in CONSTANTS:
                     return CONSTANTS[names[1]]
         table = self.value(node.value)
-        if not isinstance(table, dict) or node.attr not in table:
-            raise HarmfulExpression(f"no key {node.attr!r}")
+        _require(isinstance(table, dict) and node.attr in table, f"no key {node.attr!r}")
         return table[node.attr]
 
     def visit_Call(self, node: ast.Call) -> Any:
         given = [self.value(one) for one in node.args]
-        if any(one.arg is None for one in node.keywords):
-            raise HarmfulExpression("** has no place")
+        _require(all(one.arg is not None for one in node.keywords), "** has no place")
         keywords = {str(one.arg): self.value(one.value) for one in node.keywords}
         names = _names(node.func)
         if len(names) == 1 or (len(names) == 2 and names[0] in NAMESPACES):
-            function = self.functions.get(names[-1])
-            if function is None or (keywords and names[-1] != "dict"):
-                raise HarmfulExpression(f"a call of {names[-1]!r} has no place")
-            return function(*given, **keywords)
+            known = names[-1] in self.functions and (not keywords or names[-1] == "dict")
+            _require(known, f"a call of {names[-1]!r} has no place")
+            return self.functions[names[-1]](*given, **keywords)
         if not isinstance(node.func, ast.Attribute) or keywords:
             raise HarmfulExpression("a call of a value has no place")
         owner = self.value(node.func.value)
-        method = METHODS.get((dict if isinstance(owner, dict) else type(owner), node.func.attr))
-        if method is None:
-            raise HarmfulExpression(f"a call of {node.func.attr!r} has no place")
-        return method(owner, *given)
+        method = dict if isinstance(owner, dict) else type(owner), node.func.attr
+        _require(method in METHODS, f"a call of {node.func.attr!r} has no place")
+        return METHODS[method](owner, *given)
 
     def visit_Subscript(self, node: ast.Subscript) -> Any:
         owner = self.value(node.value)
@@ -269,10 +253,8 @@ class _Evaluator(ast.NodeVisitor):
         return found
 
     def operator(self, sign: ast.AST) -> Callable[..., Any]:
-        found = OPERATORS.get(type(sign))
-        if found is None:
-            raise HarmfulExpression(f"{type(sign).__name__} has no place")
-        return found
+        _require(type(sign) in OPERATORS, f"{type(sign).__name__} has no place")
+        return OPERATORS[type(sign)]
 
     def visit_BoolOp(self, node: ast.BoolOp) -> Any:
         for one in node.values:
@@ -291,14 +273,13 @@ class _Evaluator(ast.NodeVisitor):
     visit_Tuple = visit_List
 
     def visit_Dict(self, node: ast.Dict) -> Any:
-        if None in node.keys:
-            raise HarmfulExpression("** has no place")
+        _require(None not in node.keys, "** has no place")
         return {self.value(key): self.value(one) for key, one in zip(node.keys, node.values, strict=True) if key}
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> Any:
+        inner = [one for one in node.values if isinstance(one, ast.FormattedValue)]
+        _require(not any(one.format_spec or one.conversion >= 0 for one in inner), "a format: use round()")
         parts = [one.value if isinstance(one, ast.FormattedValue) else one for one in node.values]
-        if any(isinstance(one, ast.FormattedValue) and (one.format_spec or one.conversion >= 0) for one in node.values):
-            raise HarmfulExpression("a format: use round()")
         return "".join(str(self.value(one)) for one in parts)
 
     def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> Any:
