@@ -164,8 +164,8 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     if flipped:
         worst = max(flipped, key=lambda j: wrong[j].explained)
         lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
-        shares = {"wrong": wrong[worst].explained, "right": max(right[worst].explained, 0.0)}
-        issues.append(issue_of("sign", session, flipped, worst, lines=lines, **shares))
+        shares = (wrong[worst].explained, max(right[worst].explained, 0.0))
+        issues.append(issue_of("sign", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
     upright = right | {j: wrong[j] for j in flipped}
     return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
 
@@ -201,8 +201,8 @@ def _check_scale(
     issues = []
     if deaf:
         worst = min(deaf, key=lambda j: fits[j].explained)
-        shares = {"explained": max(fits[worst].explained, 0.0), "change": states.gravity[:, worst].std()}
-        issues.append(issue_of("deaf", session, deaf, worst, **shares))
+        explained, change = max(fits[worst].explained, 0.0), states.gravity.std(axis=0)
+        issues.append(issue_of("deaf", session, deaf, worst, explained=explained, change=change))
     if off:
         worst = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
         issues.append(issue_of("unit", session, off, worst, scale=fits[worst].gravity))

@@ -9,6 +9,8 @@ Source: Marquardt, Generalized inverses, ridge regression, biased linear estimat
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import qr
 
@@ -129,7 +131,8 @@ class Amount:
         if self._blocks < FEWEST_BLOCKS:
             runs, blocks = plural(self._runs, "run"), plural(self._blocks, "block")
             least = {"least": FEWEST_BLOCKS, "block": SHORTEST_BLOCK_S, "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
-            found.append(issue_of("too_few", first, seconds=self._seconds, runs=runs, blocks=blocks, **least))
+            seen: dict[str, Any] = least | {"seconds": self._seconds, "runs": runs, "blocks": blocks}
+            found.append(issue_of("too_few", first, **seen))
         still = np.flatnonzero(travel < self._settings.least_travel)
         none_moves = len(still) == len(first.joints)
         if len(still):
@@ -157,7 +160,7 @@ class Amount:
         if not found:
             return []
         columns = [j for j, _ in found]
-        others = "".join(f"; so {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else "")
+        others = f"; so {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
         severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
         return [issue_of("dependent", first, columns, columns[0], severity, told=found[0][1], others=others)]
 
