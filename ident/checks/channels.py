@@ -86,10 +86,9 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
             usual_lag = float(np.quantile(np.abs(run.position_command - run.position)[moves, joint], LIMIT.lag_share))
         for first, last in long:
             stretch = slice(first, last + 1)
-            travel = _hidden_travel(run, joint, stretch, usual_lag)
             jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
-            if travel > LIMIT.hidden_travel or jump > max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad):
-                frozen[stretch, joint] = True
+            jumps = jump > max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad)
+            frozen[stretch, joint] = jumps or _hidden_travel(run, joint, stretch, usual_lag) > LIMIT.hidden_travel
     return frozen
 
 
@@ -112,14 +111,11 @@ def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float)
 def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
     """Samples in which a torque is frozen, not at its extremes, although its joint moves."""
     frozen = np.zeros(run.effort.shape, dtype=bool)
-    for joint in range(len(run.joints)):
-        tau = run.effort[:, joint]
+    for joint, tau in enumerate(run.effort.T):
         for first, last in _long_holds(tau, run.time):
-            stretch = slice(first, last + 1)
-            whole = last - first + 1 > 0.9 * len(tau)
+            stretch, whole = slice(first, last + 1), last - first + 1 > 0.9 * len(tau)
             extreme = tau[first] in (tau.min(), tau.max()) and not whole
-            if not extreme and np.ptp(run.position[stretch, joint]) > LIMIT.hidden_travel:
-                frozen[stretch, joint] = True
+            frozen[stretch, joint] = not extreme and np.ptp(run.position[stretch, joint]) > LIMIT.hidden_travel
     return frozen
 
 

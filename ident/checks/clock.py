@@ -229,9 +229,9 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
 
 
-def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
+def _sure_ratio(states: States, joint: int) -> float | None:
     """a_i / a_g of one joint if every leave-one-piece-out fit is on the same side of the limits."""
-    edges = np.linspace(0, len(states.q), pieces + 1).astype(int)
+    edges = np.linspace(0, len(states.q), 9).astype(int)
     ratios = []
     for start, end in pairwise(edges):
         rows = np.r_[0:start, end : len(states.q)]

@@ -215,7 +215,6 @@ def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     if not found:
         return []
     found.sort(key=lambda one: -abs(np.log(max(one[1], 1e-9))))
-    told = "; ".join(
-        f"{session.joints[j]} reads {k:.2f} ± {2.0 * e:.2f} of the model's gravity torque" for j, k, e in found
-    )
+    words = "{} reads {:.2f} ± {:.2f} of the model's gravity torque"
+    told = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
     return [issue_of("scale", session, [j for j, _, _ in found], told=told)]

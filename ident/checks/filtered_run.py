@@ -85,7 +85,7 @@ MOVING_RAD_S = 0.02
 # An even grid is at most so many times as long as the samples that it is made of.
 MOST_GRID = 100.0
 # Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
-_KEPT: WeakKeyDictionary[Recording, dict[float, FilteredRun | None]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Recording, FilteredRun | None] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,25 +101,24 @@ class FilteredRun:
     dq_measured: Float[Array, "T n"] | None  # measured velocity through the same filter [rad/s], or None
 
 
-def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
-    """Brings a run to an even grid, low-passes it without phase and thins it out.
+def filter_run(run: Recording) -> FilteredRun | None:
+    """Brings a run to an even grid, low-passes it without phase and thins it out; its cells must be finite.
 
     Returns:
         The motion without the filter's transients, or None where the run is too short to have any.
     """
-    kept = _KEPT.setdefault(run, {})
-    if cutoff not in kept:
-        kept[cutoff] = _filter(run, cutoff)
-    return kept[cutoff]
+    if run not in _KEPT:
+        _KEPT[run] = _filter(run)
+    return _KEPT[run]
 
 
-def _filter(run: Recording, cutoff: float) -> FilteredRun | None:
+def _filter(run: Recording) -> FilteredRun | None:
     if len(run) < LEAST_SAMPLES or run.duration <= 0.0:
         return None
     interval = run.sample_interval
     if not interval > 0.0 or run.duration > MOST_GRID * interval * len(run):
         return None  # the clock leaps or falls: nothing even lies over it
-    cutoff = min(cutoff, 0.2 / interval)
+    cutoff = min(CUTOFF_HZ, 0.2 / interval)  # lower where the sampling is too slow for it
     grid = np.arange(run.time[0], run.time[-1], interval)
     edge = int(EDGE_PERIODS / cutoff / interval)
     step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))

@@ -69,22 +69,16 @@ class Repeats:
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 
 
-def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
-    """Checks a session, mends what can be mended safely, and compares it with the robot's model where one is given.
+def inspect_sessions(
+    sessions: Sequence[Session], arm: ArmModel | None = None, settings: TelemetrySettings = USUAL_TELEMETRY
+) -> tuple[TelemetryReport, ...]:
+    """Checks sessions that are to be used together, mends what can be mended safely, and compares them with the robot.
 
-    Returns:
-        The issues, the mended session in the robot's joints, and the robot as the session needs it.
+    What they lack together is told with the first.
 
     Raises:
         RecordingError: No joint of the robot is recorded.
     """
-    return inspect_sessions([session], arm)[0]
-
-
-def inspect_sessions(
-    sessions: Sequence[Session], arm: ArmModel | None = None, settings: TelemetrySettings = USUAL_TELEMETRY
-) -> tuple[TelemetryReport, ...]:
-    """Checks sessions that are to be used together; what they lack together is told with the first."""
     together = _Together(arm, settings)
     first, *others = [together.inspect(session) for session in sessions]
     return replace(first, issues=(*first.issues, *together.issues())), *others

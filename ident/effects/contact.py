@@ -27,7 +27,7 @@ EDGE = 0.1  # Time in which the force sets in and fades [s].
 LARGEST_FORCE_SHARE = 3.5
 # Screening: stretches whose mean square is this many times the usual one are candidates: over all joints, or at one.
 SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
-MOST_PUSHES = 3
+MOST_PUSHES, MOST_WINDOWS = 3, 8
 # Samples, evenly over the session, that tell what is usually left.
 USUAL_SAMPLES = 200_000
 # A constant force at a link's point must explain this much of what changes in its window, over all joints.
@@ -105,7 +105,7 @@ class ExternalContact(Effect):
         return {name: float(true[name]) + start for name in ("start_s", "end_s") if np.isfinite(start)}
 
 
-def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], most: int = 8) -> tuple[Push, ...]:
+def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> tuple[Push, ...]:
     """Windows in which much more torque is left unexplained than usual, the strongest first."""
     usual = _usual(leftover)
     found: list[tuple[float, Push]] = []
@@ -126,7 +126,7 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
             inside = around[fine[around] > 0.25 * power[cells].mean()]
             start, end = _changes(time, values / usual, float(time[inside[0]]), float(time[inside[-1]]))
             found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * EDGE))))
-    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[:most])
+    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[:MOST_WINDOWS])
 
 
 def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:

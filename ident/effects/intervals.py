@@ -92,10 +92,10 @@ def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2
 
 
 def linear_interval(
-    weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], shift: float = 0.0
+    weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
 ) -> Interval:
     """Interval of a linear combination of coefficients."""
-    return _about(float(weights @ coefficients) + shift, weights @ covariance @ weights)
+    return _about(float(weights @ coefficients), weights @ covariance @ weights)
 
 
 def beside_prior(
@@ -124,19 +124,13 @@ def drawn_interval(
     return Interval(value, min(value, float(low)), max(value, float(high)))
 
 
-def delta_interval(
-    function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
-) -> Interval:
+def delta_interval(function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
     """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
     if not covariance.any():
         return Interval(*3 * (float(function(coefficients)),))
-    size = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * step / 1e-2
-    gradient = np.array(
-        [
-            (function(coefficients + size[i] * unit) - function(coefficients - size[i] * unit)) / (2 * size[i])
-            for i, unit in enumerate(np.eye(len(coefficients)))
-        ]
-    )
+    sizes = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * 1e-4 / 1e-2
+    ends = [(function(coefficients + step), function(coefficients - step)) for step in np.diag(sizes)]
+    gradient = np.array([(up - down) / (2 * size) for (up, down), size in zip(ends, sizes, strict=True)])
     return _about(float(function(coefficients)), gradient @ covariance @ gradient)
 
 

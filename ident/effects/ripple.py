@@ -36,8 +36,8 @@ LEAST_TRAVEL = 0.2
 PADDING = 4
 # Lines on either side of one that tell what is usual there.
 AROUND = 50
-# Of a line among noise that stands out so far.
-CHANCE = 0.01
+# Of a line among noise that stands out so far; lines of a joint.
+CHANCE, MOST_LINES = 0.01, 2
 # Of a line, so that its phase shows; noise of the position beyond which it doesn't [rad].
 LEAST_CYCLES, LARGEST_PHASE_NOISE = 3.0, 0.7
 
@@ -138,7 +138,7 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
 
 
 def find_lines(
-    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2, chance: float = CHANCE
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, chance: float = CHANCE
 ) -> tuple[tuple[float, ...], int]:
     """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at."""
     angles, speeds, left = [], [], []
@@ -162,7 +162,7 @@ def find_lines(
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // PADDING)
     found: list[float] = []
-    while len(found) < most and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
+    while len(found) < MOST_LINES and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
         best = int(np.argmax(above))
         found.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0

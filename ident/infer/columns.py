@@ -96,9 +96,7 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
     for name in names:
         for template, label in _readings(name, shorts):
             members[template].setdefault(label, name)
-    found = [
-        family for template, by_label in members.items() if (family := _family(template, by_label, shorts)) is not None
-    ]
+    found = filter(None, (_family(template, by_label, shorts) for template, by_label in members.items()))
     return sorted(found, key=lambda family: family.doubt)
 
 
@@ -158,27 +156,19 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
             chosen[channel] = family
     if not {"effort", "current"} & set(chosen):
         goals = "; an arm that logs goal and position only is for `ident servo`" if "position_command" in chosen else ""
-        raise RecordingError(
-            table.source,
-            f"no columns are named as torque or current of the {count} joints",
-            f"name them in [columns] of session.toml yourself{goals}; there are: {listed(names)}",
-        )
+        what = f"no columns are named as torque or current of the {count} joints"
+        remedy = f"name them in [columns] of session.toml yourself{goals}; there are: {listed(names)}"
+        raise RecordingError(table.source, what, remedy)
     joints, why = _joints(position, arm, count)
     columns = {}
     for channel, family in chosen.items():  # in the order of the position's joints, where the labels are the same
         own, wanted = dict(zip(family.labels, family.columns, strict=True)), position.labels[:count]
         columns[channel] = tuple(own[one] for one in wanted) if {*wanted} <= {*own} else family.columns[:count]
-    reasons = [
-        Reason(
-            channel,
-            f"{columns[channel][0]!r} to {columns[channel][-1]!r}",
-            f"named {family.template.replace('#', '…')!r}",
-        )
-        for channel, family in chosen.items()
-    ]
     time = np.arange(len(table.columns[names[0]]), dtype=float) if clock is None else table.columns[clock]
-    if clock is not None:
-        reasons.insert(0, Reason("time", repr(clock), "its name says so"))
+    reasons = [] if clock is None else [Reason("time", repr(clock), "its name says so")]
+    for channel, family in chosen.items():
+        span = f"{columns[channel][0]!r} to {columns[channel][-1]!r}"
+        reasons.append(Reason(channel, span, f"named {family.template.replace('#', '…')!r}"))
     reasons.append(Reason("joints", ", ".join(joints), why))
     tables = {channel: np.column_stack([table.columns[name] for name in own]) for channel, own in columns.items()}
     return Signals(joints, columns, tables, clock, time, tuple(reasons))
@@ -241,12 +231,10 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
     """
     names, values = list(table.columns), np.column_stack(list(table.columns.values()))
     clock = None
-    for i in range(len(names)) if len(values) > 1 else ():
-        steps = np.diff(values[:, i])
-        usual = float(np.median(steps))
-        if usual > 0.0 and np.mean((steps > 0.0) & (np.abs(steps - usual) < EVEN * usual)) > NEARLY_ALL:
-            clock = i
-            break
+    if len(values) > 1:
+        steps, usual = np.diff(values, axis=0), np.median(np.diff(values, axis=0), axis=0)
+        even = np.mean((steps > 0.0) & (np.abs(steps - usual) < EVEN * usual), axis=0)
+        clock = next((i for i in range(len(names)) if usual[i] > 0.0 and even[i] > NEARLY_ALL), None)
     time = np.arange(len(values), dtype=float) if clock is None else values[:, clock]
     start = 0 if clock is None else clock + 1
     count = (len(names) - start) // arm.n

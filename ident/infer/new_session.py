@@ -143,9 +143,8 @@ def _largest(path: Path) -> Path:
 def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Guess:
     """Units, signs and order of the signals, as columns and settings."""
     whole = np.isfinite(np.column_stack([signals.time, *signals.tables.values()])).all(axis=1)
-    signals = replace(
-        signals, time=signals.time[whole], tables={name: values[whole] for name, values in signals.tables.items()}
-    )
+    tables = {name: values[whole] for name, values in signals.tables.items()}
+    signals = replace(signals, time=signals.time[whole], tables=tables)
     time, angle = time_unit(signals), angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
@@ -160,8 +159,8 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         joints, order = joint_order(signals, arm)
         known = tuple(name for name in arm.joint_names if name in joints)
         states = states_of(signals, arm, joints)
-        channel, tables, seen = torque_settings(signals, states, known, nominal)
-        settings |= tables
+        channel, found, seen = torque_settings(signals, states, known, nominal)
+        settings |= found
         reasons += [order, *seen]
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
@@ -209,9 +208,8 @@ def write_text(guess: Guess) -> str:
     for name, native in guess.columns.items():
         own = native.rpartition("/")[2]
         if own != channel:
-            why_so = [
-                reason for reason in guess.reasons if reason.what == own or (own, reason.what) == ("current", "effort")
-            ]
+            named = (own, "effort") if own == "current" else (own,)
+            why_so = [reason for reason in guess.reasons if reason.what in named]
             lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in why_so]
             channel = own
         lines.append(f"{toml_key(name)} = {json.dumps(native, ensure_ascii=False)}")

@@ -57,31 +57,26 @@ def time_unit(signals: Signals) -> Unit:
 def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     """Radians or degrees, by the robot's limits, else by what no arm can do."""
     far = np.abs(signals.tables["position"]).max(axis=0)
-    sliding = np.zeros(len(far), dtype=bool)
+    turning, reach = np.ones(len(far), dtype=bool), np.full(len(far), FARTHEST_RAD)
     if arm is not None:
         known = [arm.joint_names.index(joint) for joint in signals.joints]
-        sliding = arm.sliding_joints[known]
-        reach = np.maximum(np.abs(arm.lower), np.abs(arm.upper))[known]
-        reach = np.where(reach < FARTHEST_RAD, reach, FARTHEST_RAD)
-    else:
-        reach = np.full(len(far), FARTHEST_RAD)
-    turning = ~sliding
+        turning = ~arm.sliding_joints[known]
+        reach = np.minimum(np.maximum(np.abs(arm.lower), np.abs(arm.upper))[known], FARTHEST_RAD)
     beyond = turning & (far > 1.1 * reach)
     largest = far[turning].max(initial=0.0)
+    span = float(np.ptp(signals.tables["position"], axis=0)[turning].max()) if beyond.any() else 0.0
     if not beyond.any():
         within = "the robot's limits" if arm is not None else "three turns"
         seen = f"the largest angle is {largest:.3g}, within {within} in radians"
-        return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
-    span = float(np.ptp(signals.tables["position"], axis=0)[turning].max())
-    if span < LEAST_SPAN_DEG and largest < FARTHEST_RAD:
+    elif span < LEAST_SPAN_DEG and largest < FARTHEST_RAD:
         outside = ", ".join(name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off)
         seen = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
-        return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
-    j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
-    seen = (
-        f"{signals.joints[j]} goes to {far[j]:.4g}; its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
-    )
-    return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", seen))
+    else:
+        j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
+        limit = f"its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
+        seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
+        return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", seen))
+    return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
 
 
 def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None]:

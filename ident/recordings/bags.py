@@ -141,7 +141,7 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
         evidence = f"{path.name}: {', '.join(apart)} come in messages of their own, interpolated"
         issues.append(TelemetryIssue("jitter", apart, "note", evidence, "none needed"))
     joints = [joint_of(name) for name in columns if name.endswith("/position")]
-    silent = [j for j in joints if f"{j}/effort" not in columns or np.isnan(columns[f"{j}/effort"]).all()]
+    silent = [j for j in joints if np.isnan(columns.get(f"{j}/effort", np.nan)).all()]
     if len(silent) == len(joints):
         what = f"the messages on {topic} have no {'effort' if joints else 'position'}"
         raise RecordingError(path, what, "let the driver publish position and effort")
@@ -210,11 +210,8 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns
 
 def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
     """Every number of a message with its dotted name; headers, texts and large arrays are passed over."""
-    for name in (one for one in message if one in NAMING):
-        values = message[name]
-        if isinstance(values, list) and values and all(isinstance(value, str) for value in values):
-            labels = tuple(values)
-            break
+    naming = (value for name, value in message.items() if name in NAMING and isinstance(value, list) and value)
+    labels = next((tuple(one) for one in naming if all(isinstance(value, str) for value in one)), labels)
     for name, value in message.items():
         if name != "header" and name not in NAMING:
             yield from _flat(value, f"{prefix}{name}", labels)

@@ -36,11 +36,9 @@ def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session,
         if not renamed:
             old, new = session.joints[0], joint_names[0]
             example = f"{toml_key(f'{old}/position')} = {json.dumps(f'{new}/position', ensure_ascii=False)}"
-            raise RecordingError(
-                session.path or session.name,
-                f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})",
-                f"give another --robot, or name each joint in [columns] of session.toml: {example}",
-            )
+            what = f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})"
+            remedy = f"give another --robot, or name each joint in [columns] of session.toml: {example}"
+            raise RecordingError(session.path or session.name, what, remedy)
         joints = tuple(renamed.get(joint, joint) for joint in session.joints)
         session = session.replace(runs=[run.replace(joints=joints) for run in session.runs])
         pairs = ", ".join(f"{old} is {new}" for old, new in renamed.items())
@@ -72,11 +70,8 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
             beginnings[old[: len(old) - common], new[: len(new) - common]] = None
     mappings: list[dict[str, str]] = []
     for before, after in beginnings:
-        mapping = {
-            old: after + old[len(before) :]
-            for old in recorded
-            if old.startswith(before) and after + old[len(before) :] in wanted
-        }
+        mapping = {old: after + old.removeprefix(before) for old in recorded if old.startswith(before)}
+        mapping = {old: new for old, new in mapping.items() if new in wanted}
         if len(set(mapping.values())) == len(mapping) == len(wanted) and mapping not in mappings:
             mappings.append(mapping)
     return mappings[0] if len(mappings) == 1 else {}
@@ -134,11 +129,9 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
     renamed: dict[str, str] = {}
     for foreign, native in session_file.columns.items():
         if not is_native(native):
-            raise RecordingError(
-                session_file.where,
-                f"[columns] {foreign} = {native!r} is no native column",
-                f'use "time" or "<joint>/<channel>" with a channel of: {", ".join(CHANNELS)}',
-            )
+            what = f"[columns] {foreign} = {native!r} is no native column"
+            remedy = f'use "time" or "<joint>/<channel>" with a channel of: {", ".join(CHANNELS)}'
+            raise RecordingError(session_file.where, what, remedy)
         chosen[_find(foreign, names, session_file, where)] = native
         if foreign.endswith("/position") and native.endswith("/position"):
             renamed[joint_of(foreign)] = joint_of(native)
@@ -171,10 +164,10 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
     raise RecordingError(where, what, f"its columns are: {listed(names)}")
 
 
-def listed(names: Sequence[str], limit: int = 12) -> str:
-    """The first of some names, and how many there are."""
-    shown = ", ".join(names[:limit])
-    return shown if len(names) <= limit else f"{shown}, … ({len(names)} in all)"
+def listed(names: Sequence[str]) -> str:
+    """The first twelve of some names, and how many there are."""
+    shown = ", ".join(names[:12])
+    return shown if len(names) <= 12 else f"{shown}, … ({len(names)} in all)"
 
 
 def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
@@ -258,12 +251,10 @@ def _without_gaps_in_temperature(columns: Mapping[str, Float[Array, " T"]]) -> d
     """Interpolates the empty cells of temperatures, which are often logged more slowly; drops empty columns."""
     filled = {}
     for name, values in columns.items():
-        known = np.isfinite(values)
-        if not name.endswith("/temperature") or known.all():
-            filled[name] = values
-        elif known.any():
-            rows = np.arange(len(values))
-            filled[name] = np.interp(rows, rows[known], values[known])
+        rows = np.arange(len(values))
+        known = np.isfinite(values) if name.endswith("/temperature") else np.ones(len(values), dtype=bool)
+        if known.any() or not len(values):
+            filled[name] = values if known.all() else np.interp(rows, rows[known], values[known])
     return filled
 
 

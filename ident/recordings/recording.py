@@ -77,15 +77,11 @@ class Recording:
         object.__setattr__(self, "time", freeze(self.time))
         expected = (len(self.time), len(self.joints))
         for name in CHANNELS:
-            values = getattr(self, name)
-            if values is None:
+            if (values := getattr(self, name)) is None:
                 continue
             if np.shape(values) != expected:
-                raise RecordingError(
-                    self.name,
-                    f"{name} has shape {np.shape(values)}, not {expected}",
-                    "give arrays of (samples, joints), as many rows as times",
-                )
+                what = f"{name} has shape {np.shape(values)}, not {expected}"
+                raise RecordingError(self.name, what, "give arrays of (samples, joints), as many rows as times")
             object.__setattr__(self, name, freeze(values))
 
     def __len__(self) -> int:
@@ -172,9 +168,9 @@ FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need 
 SHORTEST_BLOCK_S = 1.5  # a shorter block holds less than one swing of an arm and is a copy of its neighbours
 
 
-def count_blocks(session: Session, shortest: float = SHORTEST_BLOCK_S) -> int:
-    """How many blocks of at least this length [s] the runs can be cut into."""
-    return sum(max(1, int(run.duration / shortest)) for run in session.runs if run.duration >= shortest)
+def count_blocks(session: Session) -> int:
+    """How many blocks of at least the shortest length the runs can be cut into."""
+    return sum(int(run.duration / SHORTEST_BLOCK_S) for run in session.runs)
 
 
 def cut_before(run: Recording, rows: Int[Array, " k"]) -> tuple[Recording, ...]:

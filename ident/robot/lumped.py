@@ -107,10 +107,9 @@ def _along_link(link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array)
     return float(direction @ pose.rotation @ link.lever), tuple(float(moment) for moment in moments)
 
 
-def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) -> ArmModel:
+def build_lumped_arm(arm: ArmModel) -> ArmModel:
     """The lumped model as an `ArmModel` with the names and limits of the arm's first three joints."""
-    p = parameters or lumped_parameters(arm)
-    half, names = np.pi / 2, arm.joint_names[:3]
+    p, half, names = lumped_parameters(arm), np.pi / 2, arm.joint_names[:3]
     m34 = p.m3 + p.m4
     com34 = (p.m3 * p.l3 + p.m4 * p.a3) / m34
     # Link 3 and the point mass as one body: parallel axes about the common centre of mass.

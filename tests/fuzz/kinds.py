@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
-from ident.checks import inspect
+from ident.checks import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
@@ -168,7 +168,7 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
 
     def load(path: Path) -> TelemetryReport:
         session = load_session(path)
-        return TelemetryReport(session, (), arm) if _skipped(path) else inspect(session, arm)
+        return TelemetryReport(session, (), arm) if _skipped(path) else inspect_sessions([session], arm)[0]
 
     def bag(path: Path) -> TelemetryReport:
         return load(path.parent)

@@ -6,9 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ident.checks import TelemetryReport, inspect_sessions
 from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
 
 Column = Callable[[np.ndarray], np.ndarray]
+
+
+def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
+    return inspect_sessions([session], arm)[0]
 
 
 def spoil(session: Session, change: Callable[[Recording], Recording], run: int | None = None) -> Session:

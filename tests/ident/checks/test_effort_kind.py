@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from ident.api.inspecting import inspect as inspect_files
-from ident.checks import inspect
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
-from tests.ident.checks.faults import spoil, without_velocity
+from tests.ident.checks.faults import inspect, spoil, without_velocity
 from tests.ident.made_up import joint, link, urdf
 
 LOGS = Path(__file__).parents[3] / "logs/tm5_900"

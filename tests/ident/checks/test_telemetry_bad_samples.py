@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from faults import Column, spoil, spoil_column
+from faults import Column, inspect, spoil, spoil_column
 
 from ident.arrays import Array
-from ident.checks import TelemetryReport, inspect, inspect_sessions
+from ident.checks import TelemetryReport, inspect_sessions
 from ident.checks.angles import mend_absurd, mend_channel_spikes
 from ident.checks.clock import mend_clock_jumps, mend_order, mend_time_unit, split_at_gaps
 from ident.checks.excitation import Amount, Independence

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import spoil, spoil_column
+from faults import inspect, spoil, spoil_column
 
-from ident.checks import TelemetryReport, inspect, inspect_sessions
+from ident.checks import TelemetryReport, inspect_sessions
 from ident.errors import InputError, RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session, cut_before

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from faults import Column, freeze_rows, spoil, spoil_column, without_velocity
+from faults import Column, freeze_rows, inspect, spoil, spoil_column, without_velocity
 
-from ident.checks import TelemetryReport, inspect, inspect_sessions
+from ident.checks import TelemetryReport, inspect_sessions
 from ident.checks.channels import stuck_positions
 from ident.checks.filtered_run import EffortSettings, ExcitationSettings, TelemetrySettings
 from ident.errors import RecordingError
