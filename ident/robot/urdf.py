@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio as pin
 
 from ident.errors import RobotError
 from ident.safe_read import read_xml
@@ -262,18 +261,25 @@ def link_of(joint: ET.Element, end: str) -> str:
 
 
 def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rotation matrix, shape (3, 3)."""
-    return pin.AngleAxis(float(angle), axis / np.linalg.norm(axis)).matrix()
+    """Rotation matrix by Rodrigues' formula, shape (3, 3)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def rpy_to_matrix(rpy: np.ndarray) -> np.ndarray:
     """Rotation of URDF's fixed-axis roll, pitch and yaw [rad]."""
-    return pin.rpy.rpyToMatrix(np.asarray(rpy, dtype=float))
+    unit = np.eye(3)
+    return rotation_about(unit[2], rpy[2]) @ rotation_about(unit[1], rpy[1]) @ rotation_about(unit[0], rpy[0])
 
 
 def matrix_to_rpy(rotation: np.ndarray) -> np.ndarray:
     """Inverse of `rpy_to_matrix` [rad]."""
-    return pin.rpy.matrixToRpy(rotation)
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    if np.hypot(rotation[0, 0], rotation[1, 0]) < 1e-12:  # gimbal lock: yaw is free, set to zero
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
 def read_vector(element: ET.Element | None, key: str, default: str = "0 0 0") -> np.ndarray:
