@@ -131,11 +131,11 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
         root = ET.fromstring(text)
     except ET.ParseError as failed:
         raise error(where, f"not XML ({failed})", remedy) from None
-    level, depth = [root], 0
-    while level:
-        level, depth = [child for element in level for child in element], depth + 1
-        if depth > DEEPEST:
-            raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+    if level:
+        raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
     return root
 
 

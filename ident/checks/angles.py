@@ -19,6 +19,7 @@ from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
+from ident.recordings.columns import ANGLES
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -73,13 +74,9 @@ def speed(run: Recording) -> Float[Array, " n"]:
 
 def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"], derivatives: bool = True) -> Session:
     """Multiplies positions of some joints, and their derivatives or not."""
-    scale = np.where(columns, factor, 1.0)
-    names: tuple[str, ...] = ("position", "position_command")
-    if derivatives:
-        names += ("velocity", "acceleration", "velocity_command")
-    return session.replace(
-        runs=[run.replace(**{k: v * scale for k, v in run.channels().items() if k in names}) for run in session.runs]
-    )
+    scale, names = np.where(columns, factor, 1.0), ANGLES if derivatives else ("position", "position_command")
+    scaled = [{name: v * scale for name, v in run.channels().items() if name in names} for run in session.runs]
+    return session.replace(runs=[run.replace(**own) for run, own in zip(session.runs, scaled, strict=True)])
 
 
 def mend_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -145,12 +142,10 @@ def _within_limits(q: Float[Array, "T n"], arm: ArmModel | None) -> Float[Array,
     """Moves whole runs by turns where only so they lie within the joint's limits."""
     if arm is None:
         return q
-    low, high = q.min(axis=0), q.max(axis=0)
-    for turns in (-1.0, 1.0):
-        outside = (low < arm.lower) | (high > arm.upper)
-        fits = (low + TURN * turns >= arm.lower) & (high + TURN * turns <= arm.upper)
-        q = q + TURN * turns * (outside & fits)
+    for turn in (-TURN, TURN):
         low, high = q.min(axis=0), q.max(axis=0)
+        outside = (low < arm.lower) | (high > arm.upper)
+        q = q + turn * (outside & (low + turn >= arm.lower) & (high + turn <= arm.upper))
     return q
 
 

@@ -44,13 +44,11 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
 
     Of a body at the variant's place, or, where it has none, of more of the link's own density.
     """
-    if all(name in variant.shape for name in PLACE):
-        place = place_of(variant)
-        return np.column_stack([point_mass(place), moment_change(place)])
     parameters = arm.inertial_parameters[10 * link : 10 * link + 10]
-    mass = float(parameters[0])
-    if mass <= 0.0:
-        return np.column_stack([point_mass(np.zeros(3)), moment_change(np.zeros(3))])
+    mass, placed_there = float(parameters[0]), all(name in variant.shape for name in PLACE)
+    if placed_there or mass <= 0.0:
+        place = place_of(variant) if placed_there else np.zeros(3)
+        return np.column_stack([point_mass(place), moment_change(place)])
     return np.column_stack([parameters / mass, moment_change(parameters[1:4] / mass)])
 
 
@@ -101,8 +99,7 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
     changed = (regressor @ session.tuned).ravel()
     found = {}
     for link in links:
-        own = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)
-        variant, place = Variant(), None
+        own, variant = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10), Variant()
         for _ in range(PLACE_STEPS):
             law = link_law(arm, link, variant)
             body = law[:4] @ np.linalg.lstsq(own @ law, changed, rcond=1e-9)[0]
@@ -110,8 +107,8 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
             if place is None:
                 break
             variant = Variant(shape=dict(zip(PLACE, map(float, place), strict=True)))
-        if place is not None:
-            found[link] = place
+        else:
+            found[link] = place_of(variant)
     return found
 
 

@@ -9,7 +9,7 @@ only another set-up of the arm parts them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, Literal
@@ -166,22 +166,16 @@ class Range:
 def read_row(effect: str) -> dict[str, Any]:
     """Class attributes of an effect by its row of `effects.toml`; none where there is no such row."""
 
-    def read(key: str, value: Any) -> Any:
-        if key == "typical":
-            return Typical(**{name: _frozen(one) for name, one in value.items()})
-        if key == "doubt":
-            return Doubt(**dict[str, Any](value | {"exact": frozenset(value.get("exact", ()))}))
-        if key == "formats":
-            return {form: Expression(*one) for form, one in value.items()}
-        if key == "as_change":
-            return AsChange(**value)
-        if key == "states":
-            return KINDS[effect]
-        if key == "set_ups":
-            return {other: TABLE["set_ups"][one] for other, one in value.items()}
-        return frozenset(value) if key in ("incomparable", "opposite") else _frozen(value)
-
-    return {key: read(key, value) for key, value in TABLE["effects"].get(effect, {}).items()}
+    readers: dict[str, Callable[[Any], Any]] = {
+        "typical": lambda value: Typical(**{name: _frozen(one) for name, one in value.items()}),
+        "doubt": lambda value: Doubt(**{**value, "exact": frozenset(value.get("exact", ()))}),
+        "formats": lambda value: {form: Expression(*one) for form, one in value.items()},
+        "as_change": lambda value: AsChange(**value),
+        "states": lambda value: KINDS[effect],
+        "set_ups": lambda value: {other: TABLE["set_ups"][one] for other, one in value.items()},
+        **dict.fromkeys(("incomparable", "opposite"), frozenset),
+    }
+    return {key: readers.get(key, _frozen)(value) for key, value in TABLE["effects"].get(effect, {}).items()}
 
 
 def _frozen(value: Any) -> Any:
@@ -207,8 +201,7 @@ def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
     by_id = {effect.id: effect for effect in known}
     asked = [by_id[effect] for effect in effects if effect in by_id]
     for one, other in combinations(asked, 2):
-        family = one.parted_by.get(other.id) or other.parted_by.get(one.id)
-        if family:
+        if family := one.parted_by.get(other.id) or other.parted_by.get(one.id):
             return family
     families = [effect.shown_by for effect in asked]
     return max(families, key=families.count) if families else "wide"

@@ -101,20 +101,17 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
         session: The runs.
         joint: The joint.
     """
-    name = session.joint_names[joint]
+    name, reasons = session.joint_names[joint], list[str | None]()
     for need, least in needs.items():
-        reason = None
         if need == "moves":
-            reason = hardly_moves(session, joint)
+            reasons.append(hardly_moves(session, joint))
         elif need == "poses":
-            reason = near_one_pose(session)
+            reasons.append(near_one_pose(session))
         elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < least:
-            reason = f"{name} covers {covered:.2f} rad; {least:g} are needed"
+            reasons.append(f"{name} covers {covered:.2f} rad; {least:g} are needed")
         elif need == "top_speed" and (fastest := top_speed(session, joint)) < least:
-            reason = f"{name} moves no faster than {fastest:.3f} rad/s"
-        if reason is not None:
-            return reason
-    return None
+            reasons.append(f"{name} moves no faster than {fastest:.3f} rad/s")
+    return next(filter(None, reasons), None)
 
 
 def travel(session: SessionContext, joint: int) -> tuple[float, float]:
@@ -149,9 +146,8 @@ def sampled_states(session: SessionContext) -> tuple[Float[Array, "t n"], Float[
     """Some states (q, dq, ddq), evenly over the session."""
     total = sum(len(run.motion.time) for run in session.runs)
     step = max(1, total // SAMPLED_STATES)
-    q, dq, ddq = (
-        np.concatenate([getattr(run.motion, name)[::step] for run in session.runs]) for name in ("q", "dq", "ddq")
-    )
+    motions = [run.motion for run in session.runs]
+    q, dq, ddq = (np.concatenate([getattr(one, name)[::step] for one in motions]) for name in ("q", "dq", "ddq"))
     return q, dq, ddq
 
 

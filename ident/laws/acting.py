@@ -107,11 +107,9 @@ def point_mass(centre: Array) -> Array:
 
 def moment_change(centre: Array) -> Array:
     """Change of the ten numbers per change of the first moment, for a body that is shifted, shape (10, 3)."""
-    columns = []
-    for axis in np.eye(3):
-        inertia = 2.0 * (centre @ axis) * np.eye(3) - np.outer(centre, axis) - np.outer(axis, centre)
-        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
-    return np.stack(columns, axis=1)
+    axes = np.eye(3)
+    inertias = [2.0 * (centre @ a) * axes - np.outer(centre, a) - np.outer(a, centre) for a in axes]
+    return np.stack([np.concatenate([[0.0], a, _six(one)]) for a, one in zip(axes, inertias, strict=True)], axis=1)
 
 
 def _six(inertia: Array) -> Array:

@@ -131,14 +131,13 @@ class NamedLaw:
         Raises:
             KeyError, TypeError, ValueError: It is damaged.
         """
-        joint, triples = record["joint"], []
+        joint = record["joint"]
         if not isinstance(joint, int) or not 0 <= joint < joints:
             raise ValueError(f"{record['effect']} is of joint {joint!r}, which the arm has not")
-        for value, low, high in record["coefficients"]:
-            triples.append((float(value), float(low), float(high)))
+        triples = tuple((float(value), float(low), float(high)) for value, low, high in record["coefficients"])
         if not triples:
             raise ValueError(f"{record['effect']} has no coefficients")
-        return cls(str(record["effect"]), joint, dict(record["shape"]), tuple(triples))
+        return cls(str(record["effect"]), joint, dict(record["shape"]), triples)
 
     def describe(self, joints: Sequence[str]) -> str:
         """In words, with coefficients and intervals."""

@@ -114,13 +114,13 @@ def _settled(new: Covariance, old: Covariance) -> bool:
     )
 
 
-@compiled("f1 f1 i f1 f2 f2 f1", _predict, _update, _settled)
-def _filter(z: Array, dt: Array, regular: int, noise: Array, states: Array, history: Array, sums: Array) -> None:
+@compiled("f1 f1 f1 f2 f2 f1", _predict, _update, _settled)
+def _filter(z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array) -> None:
     """Filtered states of one joint in one run, shape (T, 3), and what its likelihood is made of.
 
-    `noise` holds s, r and the deviations of the first velocity and acceleration; `history` keeps the six numbers of
-    each covariance and 1 / S until they settle. To `sums` the logarithms of innovation variances and the squares of
-    normalised innovations are added, and it gets the number of rows of the history that are kept.
+    `noise` holds s, r, the deviations of the first velocity and acceleration, and whether the sampling is regular;
+    `history` keeps the six numbers of each covariance and 1 / S until they settle. To `sums` the logarithms of
+    innovation variances and the squares of normalised innovations are added, and it gets the number of rows kept.
     """
     s, r = noise[0], noise[1]
     p = (r, 0.0, 0.0, noise[2] * noise[2], 0.0, noise[3] * noise[3])
@@ -137,7 +137,7 @@ def _filter(z: Array, dt: Array, regular: int, noise: Array, states: Array, hist
             p = _update(ahead, r)
             history[k, 0], history[k, 1], history[k, 2], history[k, 3], history[k, 4], history[k, 5] = p
             history[k, 6] = 1.0 / variance
-            kept, settled = k + 1, regular != 0 and _settled(p, before)
+            kept, settled = k + 1, noise[4] > 0.0 and _settled(p, before)
         x0 += h * x1 + 0.5 * h * h * x2
         x1 += h * x2
         innovation = z[k] - x0
@@ -148,14 +148,14 @@ def _filter(z: Array, dt: Array, regular: int, noise: Array, states: Array, hist
     sums[2] = kept
 
 
-@compiled("f1 f1 f1 f2 f2 i f1", _predict)
-def _smooth(z: Array, dt: Array, noise: Array, states: Array, history: Array, kept: int, middle: Array) -> None:
-    """Makes filtered states smoothed ones, in place, and gives their variances in the middle of the run.
+@compiled("f1 f1 f1 f2 f2 f1", _predict)
+def _smooth(z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array) -> None:
+    """Makes filtered states smoothed ones, in place; variances in the middle of the run are the last three of `sums`.
 
     Backwards by adjoints (Bryson and Frazier): x̂ = x − P λ with λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S), which inverts
     nothing and needs no smoothed covariance; Λ, that of λ, is carried to the middle only.
     """
-    samples, s, r = len(z), noise[0], noise[1]
+    samples, s, r, kept = len(z), noise[0], noise[1], int(sums[2])
     l0, l1, l2 = 0.0, 0.0, 0.0
     m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(samples - 1, -1, -1):
@@ -163,11 +163,11 @@ def _smooth(z: Array, dt: Array, noise: Array, states: Array, history: Array, ke
         a, b, c, d, e, f = history[i, 0], history[i, 1], history[i, 2], history[i, 3], history[i, 4], history[i, 5]
         if k == samples // 2:
             w0, w1, w2 = m00 * a + m01 * b + m02 * c, m01 * a + m11 * b + m12 * c, m02 * a + m12 * b + m22 * c
-            middle[0] = a - (a * w0 + b * w1 + c * w2)
+            sums[3] = a - (a * w0 + b * w1 + c * w2)
             w0, w1, w2 = m00 * b + m01 * d + m02 * e, m01 * b + m11 * d + m12 * e, m02 * b + m12 * d + m22 * e
-            middle[1] = d - (b * w0 + d * w1 + e * w2)
+            sums[4] = d - (b * w0 + d * w1 + e * w2)
             w0, w1, w2 = m00 * c + m01 * e + m02 * f, m01 * c + m11 * e + m12 * f, m02 * c + m12 * e + m22 * f
-            middle[2] = f - (c * w0 + e * w1 + f * w2)
+            sums[5] = f - (c * w0 + e * w1 + f * w2)
         if k < samples - 1:
             states[k, 0] -= a * l0 + b * l1 + c * l2
             states[k, 1] -= b * l0 + d * l1 + e * l2
@@ -262,17 +262,16 @@ def _fit_one_joint(
     settings: MotionSettings,
 ) -> tuple[float, float]:
     count, longest = sum(len(one) - 1 for one in columns), max(map(len, columns))
-    states, history, sums = np.empty((longest, 3)), np.empty((longest, 7)), np.empty(3)
+    states, history, sums = np.empty((longest, 3)), np.empty((longest, 7)), np.zeros(6)
 
     def ratio(log_frequency: float) -> float:
         return float((2 * np.pi * np.exp(log_frequency)) ** 6 * interval)
 
     def profile(log_frequency: float) -> tuple[float, float]:
         # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
-        noise = np.array([ratio(log_frequency), 1.0, FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4])
-        sums[:2] = 0.0
+        first, sums[:2] = (FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4), 0.0
         for z, (dt, regular) in zip(columns, steps, strict=True):
-            _filter(z, dt, regular, noise, states, history, sums)
+            _filter(z, dt, np.array([ratio(log_frequency), 1.0, *first, regular]), states, history, sums)
         found = max(float(sums[1]) / count, LEAST_NOISE**2)
         return count * np.log(found) + float(sums[0]), found
 
@@ -297,21 +296,21 @@ def smooth(
     samples, n = position.shape
     states, std = np.zeros((3, samples, n)), np.zeros((3, n))
     # Pages of the history that a settled filter never reaches cost nothing.
-    track, history, variances, sums = np.empty((samples, 3)), np.empty((samples, 7)), np.empty(3), np.zeros(3)
+    track, history, sums = np.empty((samples, 3)), np.empty((samples, 7)), np.zeros(6)
     for j in range(n):
         z = np.ascontiguousarray(position[:, j], dtype=float)
         if levels.jerk[j] == 0.0:
             states[0, :, j] = z.mean()
             std[0, j] = np.sqrt(levels.position[j] / samples)
             continue
-        noise = np.array([levels.jerk[j], levels.position[j], FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD])
+        noise = np.array([levels.jerk[j], levels.position[j], FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD, regular])
         if method == "fast":
-            _filter(z, dt, regular, noise, track, history, sums)
-            _smooth(z, dt, noise, track, history, int(sums[2]), variances)
+            _filter(z, dt, noise, track, history, sums)
+            _smooth(z, dt, noise, track, history, sums)
         else:
-            _smooth_filterpy(z, dt, noise, track, variances)
+            _smooth_filterpy(z, dt, noise, track, sums[3:])
         states[:, :, j] = track.T
-        std[:, j] = np.sqrt(variances)
+        std[:, j] = np.sqrt(sums[3:])
     return Smoothed(freeze(states[0]), freeze(states[1]), freeze(states[2]), freeze(std))
 
 
@@ -321,7 +320,7 @@ def _smooth_filterpy(z: Array, dt: Array, noise: Array, states: Array, middle: A
 
     (s, r), kalman = noise[:2], KalmanFilter(dim_x=3, dim_z=1)
     kalman.H, kalman.R = np.array([[1.0, 0.0, 0.0]]), np.array([[r]])
-    first, start = np.diag([r, *noise[2:] ** 2]), np.array([[z[0]], [0.0], [0.0]])
+    first, start = np.diag([r, *noise[2:4] ** 2]), np.array([[z[0]], [0.0], [0.0]])
     kalman.x, kalman.P = start.copy(), first.copy()
     steps = [np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]]) for h in dt]
     noises = [

@@ -38,7 +38,6 @@ CHANNEL_OF = {
     "action": "position_command",
 }
 ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
-BEGINNINGS = ("main_", "follower_")
 # Two turns: no joint of an arm turns farther [rad].
 MOST_RADIANS = 12.6
 EPISODE, CLOCK = "episode_index", "timestamp"
@@ -126,9 +125,7 @@ def joint_name(label: str) -> str:
     """The joint that a label speaks of."""
     for ending in ENDINGS:
         label = label.removesuffix(ending)
-    for beginning in BEGINNINGS:
-        label = label.removeprefix(beginning)
-    return label
+    return label.removeprefix("main_").removeprefix("follower_")
 
 
 def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:

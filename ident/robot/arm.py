@@ -333,24 +333,21 @@ class ArmModel:
         q = np.array([fixed.get(name, 0.0) for name in self.joint_names])
         data = self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        inertias = {}
-        anchor = 0
+        inertias, anchor = {}, 0
         for i, name in enumerate(self.joint_names, start=1):
             if name not in fixed:
-                anchor = i
+                anchor, held = i, name
                 inertias[name] = pin.Inertia(self.model.inertias[i])  # a copy: Pinocchio hands out references
             elif anchor:
-                placed = data.oMi[anchor].actInv(data.oMi[i]).act(self.model.inertias[i])
-                held = self.joint_names[anchor - 1]
-                inertias[held] = inertias[held] + placed
+                inertias[held] = inertias[held] + data.oMi[anchor].actInv(data.oMi[i]).act(self.model.inertias[i])
         return np.concatenate([inertias[name].toDynamicParameters() for name in reduced.joint_names])
 
     def _require_joints(self, joints: Sequence[str]) -> None:
         """Raises RobotError unless all are joints of this arm."""
-        unknown = next((name for name in joints if name not in self.joint_names), None)
-        if unknown is not None:
-            what, remedy = f"no moving joint {unknown!r}", f"its joints are: {', '.join(self.joint_names)}"
-            raise RobotError(self.source or self.name, what, remedy)
+        for name in joints:
+            if name not in self.joint_names:
+                remedy = f"its joints are: {', '.join(self.joint_names)}"
+                raise RobotError(self.source or self.name, f"no moving joint {name!r}", remedy)
 
     def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
         fixed = self.locked_joints if locked is None else locked

@@ -28,20 +28,16 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     `package://P/rest` is looked for in every folder above the URDF, in example-robot-data, and, where no folder is
     called P, as `rest` beside the URDF and above it.
     """
-    if name.startswith("file://"):
-        path = Path(name.removeprefix("file://"))
-        return path if path.is_file() else None
+    relative = Path(name.removeprefix("file://").removeprefix("package://"))
     here = [] if source is None else list(source.resolve().parents)
-    packages = example_robots_folder()
-    package = name.startswith("package://")
-    relative = Path(name.removeprefix("package://"))
-    folders = [*here, packages, packages.parent.parent]
-    tried = [folder / relative for folder in (folders if package else here[:2])]
-    if package:
-        rest = Path(*relative.parts[1:])
+    if name.startswith("package://"):
+        packages, rest = example_robots_folder(), Path(*relative.parts[1:])
+        tried = [folder / relative for folder in (*here, packages, packages.parent.parent)]
         tried += [folder / rest for folder in here[:3]]
-    elif relative.is_absolute():
+    elif name.startswith("file://") or relative.is_absolute():
         tried = [relative]
+    else:
+        tried = [folder / relative for folder in here[:2]]
     return next((path for path in tried if path.is_file()), None)
 
 

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from ident.checks.arrangement import mend_mount
 from ident.checks.effort import collect_states
 from ident.checks.effort_kind import fit_scale
-from ident.checks.inspection import inspect_alone, inspect_sessions
+from ident.checks.inspection import inspect_alone as found
+from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TelemetryReport
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
@@ -33,10 +34,6 @@ REAL = {
 @pytest.fixture(scope="module")
 def session() -> Session:
     return load_session(data_path("logs/tm5_900/E1"))
-
-
-def found(session: Session, arm: ArmModel) -> TelemetryReport:
-    return inspect_alone(session, arm)
 
 
 def changed(session: Session, channel: str, change: object) -> Session:
@@ -146,13 +143,8 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     joint: int, factor: float, session: Session, arm: ArmModel
 ) -> None:
     """Law: the scale that is told follows the planted factor to 1e-9; the interval is of its size."""
-    from ident.checks.effort import collect_states
-    from ident.checks.effort_kind import fit_scale
-
-    def scaled(values: np.ndarray) -> np.ndarray:
-        return values * np.where(np.arange(6) == joint, factor, 1.0)
-
-    report = found(changed(session, "effort", scaled), arm)
+    gains = np.where(np.arange(6) == joint, factor, 1.0)
+    report = found(changed(session, "effort", lambda effort: effort * gains), arm)
     first = report.issues[0]
     assert first.issue == "torque_scale"
     assert session.joints[joint] in first.joints

@@ -24,10 +24,6 @@ def compensated(session: Session, arm: ArmModel) -> Session:
     return spoil(session, lambda run: run.replace(effort=run.effort - arm.gravity(run.position)))
 
 
-def kinds(session: Session, arm: ArmModel) -> set[str]:
-    return {one.kind for one in inspect(session, arm).effort}
-
-
 @pytest.mark.parametrize("velocity", [True, False])
 def test_gravity_that_was_taken_out_is_found_and_put_back(clean: Session, arm: ArmModel, velocity: bool) -> None:
     """Neither another unit nor another time base: the torque comes back to rounding."""
@@ -94,8 +90,9 @@ def test_an_arm_that_gravity_does_not_load_is_not_judged(clean: Session) -> None
 
     session = Session("scara", tuple(turned(run) for run in clean.runs))
     assert np.abs(scara.gravity(session.runs[0].position)).max() < 1e-9
-    assert not inspect(session, scara).find("effort_gravity_compensated")
-    assert "gravity_compensated" not in kinds(session, scara)
+    report = inspect(session, scara)
+    assert not report.find("effort_gravity_compensated")
+    assert "gravity_compensated" not in {one.kind for one in report.effort}
 
 
 def test_session_toml_says_so_where_the_motion_cannot(clean: Session, arm: ArmModel, tmp_path: Path) -> None:
@@ -130,14 +127,6 @@ def test_an_unknown_kind_is_refused(clean: Session, tmp_path: Path) -> None:
         load_session(tmp_path / "session")
 
 
-def commanded(run: Recording) -> Recording:
-    return run.replace(effort_command=run.effort)
-
-
-def currents(run: Recording) -> Recording:
-    return run.replace(current=run.effort / 12.0)
-
-
 def frictionless(run: Recording, arm: ArmModel) -> Recording:
     """As a sensor behind the gear has it, with its noise: what a model explains to the last is no measurement."""
     ddq = np.gradient(np.asarray(run.velocity), run.time, axis=0)
@@ -157,10 +146,10 @@ def at_rest(run: Recording) -> Recording:
 KINDS = {
     "motor_torque": lambda run, arm: run,
     "joint_torque": frictionless,
-    "motor_current": lambda run, arm: currents(run),
+    "motor_current": lambda run, arm: run.replace(current=run.effort / 12.0),
     "gravity_compensated": lambda run, arm: run.replace(effort=run.effort - arm.gravity(run.position)),
     "external_torque": lambda run, arm: run.replace(effort=np.random.default_rng(3).normal(size=run.effort.shape)),
-    "commanded": lambda run, arm: commanded(run),
+    "commanded": lambda run, arm: run.replace(effort_command=run.effort),
     "unknown": lambda run, arm: at_rest(run),
 }
 
