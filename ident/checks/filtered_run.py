@@ -12,6 +12,8 @@ from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.recordings.recording import Recording, Session
 from ident.settings import Settings, number, read_group
 
+LIMIT = read_group(__file__, "filter")
+
 
 @dataclass(frozen=True)
 class EffortSettings(Settings, table="effort"):
@@ -68,22 +70,8 @@ EFFORT_KIND = read_group(__file__, "effort_kind")
 ARRANGEMENT = read_group(__file__, "arrangement")
 
 
-# The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out.
-# And how its measured velocity goes with its positions' derivative.
-# Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.
-CUTOFF_HZ = 5.0
-# The filter's transient at both ends of a run, in periods of the cut-off.
-EDGE_PERIODS = 1.5
-# Samples kept per period of the cut-off: twice Nyquist's two, so that nothing folds.
-SAMPLES_PER_PERIOD = 4
-LEAST_SAMPLES = 30
-FILTER_ORDER = 4
 # Samples by which both ends are extended: three times the filter's own.
-PADDING = 3 * (FILTER_ORDER + 1)
-# A joint's velocity is compared where it moves: at rest both are noise. [rad/s]
-MOVING_RAD_S = 0.02
-# An even grid is at most so many times as long as the samples that it is made of.
-MOST_GRID = 100.0
+PADDING = 3 * (LIMIT.filter_order + 1)
 # Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
 _KEPT: WeakKeyDictionary[Recording, FilteredRun | None] = WeakKeyDictionary()
 
@@ -113,18 +101,18 @@ def filter_run(run: Recording) -> FilteredRun | None:
 
 
 def _filter(run: Recording) -> FilteredRun | None:
-    if len(run) < LEAST_SAMPLES or run.duration <= 0.0:
+    if len(run) < LIMIT.least_samples or run.duration <= 0.0:
         return None
     interval = run.sample_interval
-    if not interval > 0.0 or run.duration > MOST_GRID * interval * len(run):
+    if not interval > 0.0 or run.duration > LIMIT.most_grid * interval * len(run):
         return None  # the clock leaps or falls: nothing even lies over it
-    cutoff = min(CUTOFF_HZ, 0.2 / interval)  # lower where the sampling is too slow for it
+    cutoff = min(LIMIT.cutoff_hz, 0.2 / interval)  # lower where the sampling is too slow for it
     grid = np.arange(run.time[0], run.time[-1], interval)
-    edge = int(EDGE_PERIODS / cutoff / interval)
-    step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))
-    if len(grid) < 2 * edge + 8 * step or len(grid) < LEAST_SAMPLES:
+    edge = int(LIMIT.edge_periods / cutoff / interval)
+    step = max(1, int(1.0 / (LIMIT.samples_per_period * cutoff * interval)))
+    if len(grid) < 2 * edge + 8 * step or len(grid) < LIMIT.least_samples:
         return None
-    sections = design_lowpass(FILTER_ORDER, cutoff, 1.0 / interval)
+    sections = design_lowpass(LIMIT.filter_order, cutoff, 1.0 / interval)
 
     def smooth(values: Float[Array, "T n"]) -> Float[Array, "T n"]:
         even = np.column_stack([np.interp(grid, run.time, column) for column in values.T])
@@ -157,5 +145,5 @@ def compare_velocities(session: Session) -> Velocities | None:
     measured = np.concatenate([motion.dq_measured for motion in motions if motion.dq_measured is not None])
     xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
     # A wrong time base scales the derivative, so moving is told by either of the two.
-    moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > MOVING_RAD_S
+    moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > LIMIT.moving_rad_s
     return Velocities(moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300)))

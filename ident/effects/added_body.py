@@ -23,17 +23,13 @@ from ident.effects.intervals import amplitude_interval
 from ident.effects.typical_sizes import arm_mass, arm_reach, rated_torque, sampled_states
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
+
+LIMIT = read_group(__file__, "added_body")
 
 PLACE = ("x_m", "y_m", "z_m")
 # Distance of a tool's centre from the flange, as a share of the arm's reach.
 LARGEST_TOOL_SHARE = 0.5
-# A body's mass that is this share of the arm's is none: its place can't be told [1].
-LEAST_MASS_SHARE = 1e-4
-# A column whose torque is less than this share of its link's largest acts on nothing.
-LEAST_COLUMN = 1e-6
-STRUCTURE_STATES = 30
-# Steps of Gauss and Newton towards a body's place.
-PLACE_STEPS = 4
 
 Places = Mapping[int, Float[Array, " 3"]]
 """Of each link of the arm by its number, where a body was found on it, in its joint's frame [m]."""
@@ -55,7 +51,7 @@ def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]
 def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
     """Which columns of a law act on some torque: a matter of the arm, not of the motion."""
     size = np.sqrt(np.mean((_structure(arm, link) @ law) ** 2, axis=0))
-    return [int(k) for k in np.flatnonzero(size > LEAST_COLUMN * max(float(size.max()), 1e-12))]
+    return [int(k) for k in np.flatnonzero(size > LIMIT.least_column * max(float(size.max()), 1e-12))]
 
 
 def moment_about_axis(
@@ -82,7 +78,7 @@ def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
 
 def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
     """Where a body of such mass and moment is, no farther out than a tool's centre; None of what weighs nothing."""
-    if abs(mass) < LEAST_MASS_SHARE * arm_mass(arm):
+    if abs(mass) < LIMIT.least_mass_share * arm_mass(arm):
         return None
     place = moment / mass
     far = LARGEST_TOOL_SHARE * arm_reach(arm)
@@ -100,7 +96,7 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
     found = {}
     for link in links:
         own, variant = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10), Variant()
-        for _ in range(PLACE_STEPS):
+        for _ in range(LIMIT.place_steps):
             law = link_law(arm, link, variant)
             body = law[:4] @ np.linalg.lstsq(own @ law, changed, rcond=1e-9)[0]
             place = centre_of(arm, float(body[0]), body[1:])
@@ -122,12 +118,12 @@ def weighs(arm: ArmModel, link: int) -> bool:
     own = _structure(arm, link)
     mass, others = own[:, 0], own[:, 1:]
     left = mass - others @ np.linalg.lstsq(others, mass, rcond=None)[0]
-    return bool(np.linalg.norm(left) > LEAST_COLUMN * max(float(np.linalg.norm(own)), 1e-12))
+    return bool(np.linalg.norm(left) > LIMIT.least_column * max(float(np.linalg.norm(own)), 1e-12))
 
 
 @lru_cache(maxsize=64)
 def _structure(arm: ArmModel, link: int) -> Float[Array, "M 10"]:
     """What a link's numbers do to all torques in some states."""
     rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, STRUCTURE_STATES, arm.n))
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, LIMIT.structure_states, arm.n))
     return freeze(arm.regressor(q, dq, ddq, range(10 * link, 10 * link + 10)).reshape(-1, 10))

@@ -20,20 +20,9 @@ from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.typical_sizes import arm_reach, rated_torque
 from ident.laws.acting import point_mass
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
 
-SHORTEST_WINDOW = 0.5  # [s]
-EDGE = 0.1  # Time in which the force sets in and fades [s].
-# Of the force with which the strongest joint's rated torque pushes at the arm's reach: near the base links bear more.
-LARGEST_FORCE_SHARE = 3.5
-# Screening: stretches whose mean square is this many times the usual one are candidates: over all joints, or at one.
-SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
-MOST_PUSHES, MOST_WINDOWS = 3, 8
-# Samples, evenly over the session, that tell what is usually left.
-USUAL_SAMPLES = 200_000
-# A constant force at a link's point must explain this much of what changes in its window, over all joints.
-LEAST_EXPLAINED = 0.6
-# What is left just before and after a window is left during it, too: friction that is another in this run [s].
-AROUND = 0.5
+LIMIT = read_group(__file__, "contact")
 
 
 @dataclass(frozen=True)
@@ -60,10 +49,10 @@ class ExternalContact(Effect):
     id = "external_contact"
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
-        cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / SHORTEST_WINDOW
+        cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / LIMIT.shortest_window
         located = [locate(session, leftover, push) for push in screen_windows(session, leftover)]
-        found = tuple(best for best, explained in located if explained >= LEAST_EXPLAINED)
-        return replace(self, pushes=found[:MOST_PUSHES], screens=max(1, round(cells * len(_points(session.n)))))
+        found = tuple(best for best, explained in located if explained >= LIMIT.least_explained)
+        return replace(self, pushes=found[: LIMIT.most_pushes], screens=max(1, round(cells * len(_points(session.n)))))
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         shapes: list[dict[str, float]] = [
@@ -80,7 +69,7 @@ class ExternalContact(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         start, end = variant.shape["start_s"], variant.shape["end_s"]
-        doubt = EDGE + 0.1 * (end - start)
+        doubt = LIMIT.edge + 0.1 * (end - start)
         return {
             "start_s": Interval(start, start - doubt, start + doubt),
             "end_s": Interval(end, end - doubt, end + doubt),
@@ -111,30 +100,30 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
     found: list[tuple[float, Push]] = []
     for run, values in zip(session.runs, leftover, strict=True):
         time = run.motion.time[run.motion.coarse]
-        step = max(1, round(SHORTEST_WINDOW / 2 / (run.interval * run.motion.lowpass.factor)))
+        step = max(1, round(LIMIT.shortest_window / 2 / (run.interval * run.motion.lowpass.factor)))
         squares = (values / usual) ** 2
         power = np.mean(squares, axis=1)
         count = len(power) // step
         cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
-        strong = (cell.mean(axis=1) > SCREEN_RATIO) | (cell.max(axis=1) > SCREEN_ONE_RATIO)
+        strong = (cell.mean(axis=1) > LIMIT.screen_ratio) | (cell.max(axis=1) > LIMIT.screen_one_ratio)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], strong.astype(int), [0]])))
-        fine = uniform_filter1d(power, max(1, round(EDGE * step / (SHORTEST_WINDOW / 2))))
+        fine = uniform_filter1d(power, max(1, round(LIMIT.edge * step / (LIMIT.shortest_window / 2))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             cells = slice(first * step, last * step)
             # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
             around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
             inside = around[fine[around] > 0.25 * power[cells].mean()]
             start, end = _changes(time, values / usual, float(time[inside[0]]), float(time[inside[-1]]))
-            found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * EDGE))))
-    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[:MOST_WINDOWS])
+            found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * LIMIT.edge))))
+    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[: LIMIT.most_windows])
 
 
 def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
     """The part of a window, and of the time around it, in which the mean differs most from the rest."""
-    near = np.flatnonzero((time >= start - AROUND) & (time <= end + AROUND))
+    near = np.flatnonzero((time >= start - LIMIT.around) & (time <= end + LIMIT.around))
     counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near] != 0.0, axis=0)])
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
-    least = max(2, int(2 * EDGE / max(float(np.median(np.diff(time[near]))), 1e-9)))
+    least = max(2, int(2 * LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
     first, last = np.triu_indices(len(near) + 1, least)
     inside, total = counts[last] - counts[first], counts[-1]
     outside = total - inside
@@ -162,9 +151,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     at = [run.motion.name for run in session.runs].index(push.run)
     run, left = session.runs[at], leftover[at]
     time = run.motion.time[run.motion.coarse]
-    near = np.flatnonzero((time > push.start - AROUND) & (time < push.end + AROUND))
+    near = np.flatnonzero((time > push.start - LIMIT.around) & (time < push.end + LIMIT.around))
     # While the force sets in and fades it is neither there nor away.
-    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > EDGE / 2]
+    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2]
     during = (time[near] > push.start) & (time[near] < push.end)
     if np.count_nonzero(during) < 3:
         return push, 0.0
@@ -212,12 +201,12 @@ def _points(n: int) -> list[tuple[int, float]]:
 def _largest_force(session: SessionContext) -> float:
     """Force that no arm of such motors bears [N]."""
     strongest = max(rated_torque(session, joint) for joint in range(session.n))
-    return LARGEST_FORCE_SHARE * strongest / max(arm_reach(session.runs[0].arm), 1e-3)
+    return LIMIT.largest_force_share * strongest / max(arm_reach(session.runs[0].arm), 1e-3)
 
 
 def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
     """Robust standard deviation of what is usually left at each joint [N m]."""
-    every = max(1, sum(len(values) for values in leftover) // USUAL_SAMPLES)
+    every = max(1, sum(len(values) for values in leftover) // LIMIT.usual_samples)
     squares = np.concatenate([values[::every] for values in leftover]) ** 2
     middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
     return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
@@ -231,7 +220,7 @@ def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
     inside = np.flatnonzero((time > start) & (time < end))
     if f"run {run.motion.name}" not in variant.shape or len(inside) == 0:
         return columns
-    edge = min(EDGE, (end - start) / 4)
+    edge = min(LIMIT.edge, (end - start) / 4)
     ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
     envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
     force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), variant.shape["outward"])

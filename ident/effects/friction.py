@@ -24,12 +24,9 @@ from ident.effects.typical_sizes import (
     typical_load,
     usual_speed,
 )
+from ident.settings import read_group
 
-LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
-# A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
-LEAST_LOAD_RANGE = 0.004
-# Speeds below this leave nothing of a curve over speed [rad/s].
-LEAST_TOP_SPEED = 0.05
+LIMIT = read_group(__file__, "friction")
 
 
 class StribeckFriction(StatesEffect):
@@ -69,7 +66,7 @@ class LoadDependentFriction(StatesEffect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         span = float(np.diff(np.quantile(np.abs(joined(session, "link", joint)), [0.05, 0.95]))[0])
         steady = f"load of {session.joint_names[joint]} varies by {span:.2f} N m only"
-        enough = span >= LEAST_LOAD_RANGE * rated_torque(session, joint)
+        enough = span >= LIMIT.least_load_range * rated_torque(session, joint)
         return super().untestable(session, joint) or (None if enough else steady)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -89,7 +86,7 @@ class LoadDependentFriction(StatesEffect):
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(int(variant.shape["terms"]), LARGEST_LOAD_SHARE)
+        return np.full(int(variant.shape["terms"]), LIMIT.largest_load_share)
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
@@ -165,16 +162,6 @@ class AsymmetricFriction(StatesEffect):
         return {} if least >= 0.0 else {name: Range(-most, most, reason) for name, most in limits}
 
 
-VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
-# Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).
-KNEES = ((0.05, 0.2), (0.05, 0.5), (0.2, 0.2), (0.2, 0.5), (0.6, 0.2))
-# Of finer grids: knees about a law's own, knees of one that has none, steps of the exponent, which knees make up for.
-FINE_KNEE_FACTORS, FINE_KNEES = (0.4, 0.63, 1.0, 1.6, 2.5), (0.02, 0.05, 0.1)
-FINE_BENT_STEPS = (-0.3, -0.15, -0.07, 0.0, 0.07, 0.15, 0.3)
-FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
-LEAST_EXPONENT = 0.05
-
-
 class NonlinearViscousFriction(StatesEffect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
@@ -189,24 +176,30 @@ class NonlinearViscousFriction(StatesEffect):
     id = "nonlinear_viscous_friction"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        powers = tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
+        powers = tuple(Variant({"exponent": exponent}) for exponent in LIMIT.viscous_exponents)
         fastest, rest = top_speed(session, joint), least_rest_speed(session, joint)
         return powers + tuple(
             Variant({"exponent": exponent}, shape={"knee_rad_s": knee})
-            for knee, exponent in KNEES
+            for knee, exponent in LIMIT.knees
             if rest < knee < fastest
         )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         middle, knee = variant.inner["exponent"], variant.shape.get("knee_rad_s")
-        knees = [factor * knee for factor in FINE_KNEE_FACTORS] if knee else [*FINE_KNEES] if middle < 1.0 else []
+        knees = (
+            [factor * knee for factor in LIMIT.fine_knee_factors]
+            if knee
+            else [*LIMIT.fine_knees]
+            if middle < 1.0
+            else []
+        )
         bent = [
             Variant({"exponent": middle + step}, shape={"knee_rad_s": one})
             for one in knees
-            for step in FINE_BENT_STEPS
-            if LEAST_EXPONENT <= middle + step < 1.0
+            for step in LIMIT.fine_bent_steps
+            if LIMIT.least_exponent <= middle + step < 1.0
         ]
-        powers = [] if knee else [Variant({"exponent": middle + step}) for step in FINE_EXPONENT_STEPS]
+        powers = [] if knee else [Variant({"exponent": middle + step}) for step in LIMIT.fine_exponent_steps]
         # A look at a finer grid begins in its middle: near it lies the point itself.
         return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
 
@@ -217,14 +210,14 @@ class NonlinearViscousFriction(StatesEffect):
         half, whole = (self.at_state(shape, dq=v) for v in (speed, 2.0 * speed))
         return {
             "coefficient": coefficient_interval(0, coefficients, covariance),
-            "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
+            "exponent": grid_interval(variant.inner["exponent"], LIMIT.viscous_exponents),
             "knee_rad_s": exactly(variant.shape.get("knee_rad_s", 0.0)),
             "bend_Nm": linear_interval(half - 0.5 * whole, coefficients, covariance),
             "at_speed_rad_s": exactly(speed),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
+        fastest = max(top_speed(session, joint), LIMIT.least_top_speed)
         exponent = figures["exponent"].value
         # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
         at = exponent ** (1.0 / (1.0 - exponent))  # where u^e lies farthest from u
@@ -234,5 +227,5 @@ class NonlinearViscousFriction(StatesEffect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
-        speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
+        speed = max(top_speed(session, joint), LIMIT.least_top_speed)
         return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])

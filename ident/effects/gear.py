@@ -30,12 +30,9 @@ from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval
 from ident.effects.typical_sizes import high_passed, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.elastic import LONGEST_STEP, integrate_twist
+from ident.settings import read_group
 
-# The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning made negative,
-# swing it up without bound, it says nothing of any arm [rad].
-LARGEST_TWIST = 1.0
-# Factors of the finer grids around the best stiffness or gap.
-FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+LIMIT = read_group(__file__, "gear")
 
 
 _integrate = compiled("f2 f1 f i f2")(integrate_twist)
@@ -54,7 +51,7 @@ def deflect(
     signals, found = np.array([run.link[:, joint], *slopes]), np.empty((2, len(run.link)))
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
     _integrate(signals, np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
-    twist, rate = found if np.abs(found[0]).max() < LARGEST_TWIST else np.zeros_like(found)
+    twist, rate = found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found)
     return twist, rate
 
 
@@ -67,18 +64,6 @@ def felt_torque(
     return (-(inertia * change + velocity * rate + position * twist) / unit).T
 
 
-# Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
-RESONANCES = (2.2, 4.5, 6.5, 9.0, 12.5, 18.0, 30.0)
-# Wind-up of a gear at its joint's rated torque: of springs in series, and of what is as good as rigid [rad].
-LARGEST_WIND_UP, LEAST_WIND_UP = 2.0, 1e-4
-# Damping ratios: of the search, and of the finer grid; beyond that, this many times more or less looks the same.
-DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
-DAMPING_DOUBT = 4.0
-# Torque above this frequency shows elasticity; less of it than this share of the rated torque does not.
-LOW_FREQUENCY = 2.0  # [Hz]
-LEAST_HIGH_SHARE = 0.002
-
-
 class JointElasticity(Effect):
     """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the compliance 1/K.
 
@@ -88,21 +73,25 @@ class JointElasticity(Effect):
     id = "joint_elasticity"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        high = root_mean_square([high_passed(run.link[:, joint], run.interval, LOW_FREQUENCY) for run in session.runs])
-        slow = f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LOW_FREQUENCY:g} Hz)"
-        return slow if high < LEAST_HIGH_SHARE * rated_torque(session, joint) else None
+        high = root_mean_square(
+            [high_passed(run.link[:, joint], run.interval, LIMIT.low_frequency) for run in session.runs]
+        )
+        slow = (
+            f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LIMIT.low_frequency:g} Hz)"
+        )
+        return slow if high < LIMIT.least_high_share * rated_torque(session, joint) else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         inertia = mean_inertia(session, joint)
-        found = np.unique(np.clip(inertia * (2 * np.pi * np.array(RESONANCES)) ** 2, *_bounds(session, joint)))
-        return tuple(_elastic(float(k), inertia, DAMPING_RATIO) for k in found)
+        found = np.unique(np.clip(inertia * (2 * np.pi * np.array(LIMIT.resonances)) ** 2, *_bounds(session, joint)))
+        return tuple(_elastic(float(k), inertia, LIMIT.damping_ratio) for k in found)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         inertia = mean_inertia(session, joint)
         return tuple(
             _elastic(factor * variant.shape["stiffness_Nm_rad"], inertia, ratio)
-            for ratio in FINE_DAMPING_RATIOS
-            for factor in FINE_FACTORS
+            for ratio in LIMIT.fine_damping_ratios
+            for factor in LIMIT.fine_factors
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -123,7 +112,7 @@ class JointElasticity(Effect):
         damping = variant.shape["damping_Nms_rad"]
         return {
             "stiffness_Nm_rad": Interval(value, low, high),
-            "damping_Nms_rad": Interval(damping, damping / DAMPING_DOUBT, damping * DAMPING_DOUBT),
+            "damping_Nms_rad": Interval(damping, damping / LIMIT.damping_doubt, damping * LIMIT.damping_doubt),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
@@ -139,7 +128,7 @@ class JointElasticity(Effect):
 def _bounds(session: SessionContext, joint: int) -> tuple[float, float]:
     """Stiffness of the softest gear that turns at all, and of one as good as rigid [N m/rad]."""
     rated = rated_torque(session, joint)
-    return rated / LARGEST_WIND_UP, rated / LEAST_WIND_UP
+    return rated / LIMIT.largest_wind_up, rated / LIMIT.least_wind_up
 
 
 def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
@@ -148,21 +137,7 @@ def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
     return Variant(shape={"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
 
 
-# Full widths of play [rad]. The link is through a narrow gap before the filter sees it: what is left is proportional
-# to the width. It falls through a wide one for so long that each width looks different.
-NARROW_GAPS = (0.0005, 0.002)
 WIDE_GAPS = tuple(float(gap) for gap in np.geomspace(0.0025, 0.06, 15))
-# Of the wide ones those go on to the search that look most like what the tuned model leaves.
-WIDE_KEPT = 2
-# Play of a gear that is worn but still turns; new ones have some mrad [rad].
-LARGEST_PLAY = 0.06
-# Stiffness of the gear in contact, in rated torques a radian, and its damping ratio: tooth contact hardly rebounds.
-CONTACT_STIFFNESS = 150.0
-CONTACT_DAMPING_RATIO, FINE_CONTACT_RATIOS = 0.3, (0.3, 0.6, 1.0)
-WIDE_CONTACT_RATIO = 1.0
-# Load to either side of zero that counts, as a share of the rated torque.
-LEAST_LOAD_SHARE = 0.002
-FINE_WIDE_FACTORS = (0.82, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.2)
 
 
 @dataclass(frozen=True)
@@ -185,30 +160,30 @@ class Backlash(Effect):
             () if self.untestable(session, joint) else _widths(session.survey, some, joint)
             for joint in range(session.n)
         )
-        return replace(self, widths=found, screens=len(WIDE_GAPS) // WIDE_KEPT)
+        return replace(self, widths=found, screens=len(WIDE_GAPS) // LIMIT.wide_kept)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        least, load = LEAST_LOAD_SHARE * rated_torque(session, joint), joined(session, "link", joint)
+        least, load = LIMIT.least_load_share * rated_torque(session, joint), joined(session, "link", joint)
         one_sided = (
             f"load of {session.joint_names[joint]} never changes sign ({load.min():.2f} to {load.max():.2f} N m)"
         )
         return one_sided if load.min() > -least or load.max() < least else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        narrow = _contact(session, joint, CONTACT_DAMPING_RATIO)
-        wide = _contact(session, joint, WIDE_CONTACT_RATIO)
+        narrow = _contact(session, joint, LIMIT.contact_damping_ratio)
+        wide = _contact(session, joint, LIMIT.wide_contact_ratio)
         widths = self.widths[joint] if self.widths else ()
         return (
-            *(Variant(shape={"gap_rad": gap, **narrow}) for gap in NARROW_GAPS),
+            *(Variant(shape={"gap_rad": gap, **narrow}) for gap in LIMIT.narrow_gaps),
             *(Variant({"gap_rad": gap}, shape=wide) for gap in widths),
         )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        contacts = [_contact(session, joint, ratio) for ratio in FINE_CONTACT_RATIOS]
+        contacts = [_contact(session, joint, ratio) for ratio in LIMIT.fine_contact_ratios]
         if variant.inner:
-            wide = [factor * variant.inner["gap_rad"] for factor in FINE_WIDE_FACTORS]
+            wide = [factor * variant.inner["gap_rad"] for factor in LIMIT.fine_wide_factors]
             return tuple(Variant({"gap_rad": gap}, shape=contact) for contact in contacts for gap in wide)
-        narrow = [factor * variant.shape["gap_rad"] for factor in FINE_FACTORS]
+        narrow = [factor * variant.shape["gap_rad"] for factor in LIMIT.fine_factors]
         return tuple(Variant(shape={**contact, "gap_rad": gap}) for contact in contacts for gap in narrow)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -219,7 +194,7 @@ class Backlash(Effect):
 
 def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, float]:
     """Stiffness and damping of the teeth."""
-    stiffness = CONTACT_STIFFNESS * rated_torque(session, joint)
+    stiffness = LIMIT.contact_stiffness * rated_torque(session, joint)
     damping = 2 * ratio * float(np.sqrt(stiffness * mean_inertia(session, joint)))
     return {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
 
@@ -244,7 +219,7 @@ def _knock(
 
 def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int) -> tuple[float, ...]:
     """The wide gaps whose torque looks most like what is left at a joint, by differences from sample to sample."""
-    stiffness = _contact(session, joint, WIDE_CONTACT_RATIO)
+    stiffness = _contact(session, joint, LIMIT.wide_contact_ratio)
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
     along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
     for run, left in zip(session.runs, leftover, strict=True):
@@ -255,5 +230,5 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
         along += steps @ change
         power += np.sum(change**2, axis=0)
     score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)
-    best = np.argsort(-score, kind="stable")[:WIDE_KEPT]
+    best = np.argsort(-score, kind="stable")[: LIMIT.wide_kept]
     return tuple(sorted(WIDE_GAPS[k] for k in best if score[k] > 0.0))

@@ -13,22 +13,12 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
 from ident.effects.typical_sizes import coulomb_level, friction_level
 from ident.model.linearisation import stop_operator
+from ident.settings import read_group
 
-TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
-FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
-# Time constants beyond this many sessions are straight lines, all the same.
-LONGEST_TIME_CONSTANT = 4.0
-LEAST_SESSION = 60.0  # [s]
-LEAST_TEMPERATURE_RANGE = 1.0  # [K]
-# Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
-TEMPERATURE_AVERAGE = 5.0
-DISPLACEMENTS = (0.0006, 0.002, 0.006, 0.018, 0.05)  # [rad]
-# How many stops of neighbouring ranges a build-up is made of.
-STOPS_SIDE_BY_SIDE = (1, 2, 3)
+LIMIT = read_group(__file__, "memory")
+
 # Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted by its area.
 SMOOTH_SHARE = 2.0 / 3.0
-# Position noise that a stop operator bears, as a share of its range.
-LARGEST_NOISE_SHARE = 0.3
 
 
 class ThermalFriction(Effect):
@@ -55,7 +45,7 @@ class ThermalFriction(Effect):
         why = "no temperature" if measured is None else f"temperature of {session.joint_names[joint]} hardly varies"
         if not session.common_clock:
             return f"{why}, and the runs share no clock"
-        if _span(session) < LEAST_SESSION:
+        if _span(session) < LIMIT.least_session:
             return f"{why}, and the session lasts {_span(session):.0f} s only"
         return None
 
@@ -63,14 +53,14 @@ class ThermalFriction(Effect):
         measured = _measured(session, joint)
         if measured is not None and _warms(measured):
             return (Variant(shape=_scale(measured)),)
-        longest = max(LONGEST_TIME_CONSTANT * max(_span(session), LEAST_SESSION), TIME_CONSTANTS[0])
-        return _of_constants(session, joint, [constant for constant in TIME_CONSTANTS if constant <= longest])
+        longest = max(LIMIT.longest_time_constant * max(_span(session), LIMIT.least_session), LIMIT.time_constants[0])
+        return _of_constants(session, joint, [constant for constant in LIMIT.time_constants if constant <= longest])
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         if "time_constant_s" not in variant.inner:
             return (variant,)
         return _of_constants(
-            session, joint, [factor * variant.inner["time_constant_s"] for factor in FINE_TIME_FACTORS]
+            session, joint, [factor * variant.inner["time_constant_s"] for factor in LIMIT.fine_time_factors]
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -97,7 +87,7 @@ class ThermalFriction(Effect):
             for k, (name, level) in enumerate((("viscous_change", viscous), ("coulomb_change", coulomb)))
         }
         if "time_constant_s" in variant.inner:
-            found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], TIME_CONSTANTS)
+            found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], LIMIT.time_constants)
         return found
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
@@ -130,7 +120,7 @@ class PreslidingHysteresis(Effect):
         if not _usable(session, joint):
             return f"position of {name} is too noisy to follow some mrad after a reversal"
         for run in session.runs:
-            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), min(DISPLACEMENTS), count)
+            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), min(LIMIT.displacements), count)
         return f"{name} reverses fewer than three times" if count[0] < 3 else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -142,7 +132,7 @@ class PreslidingHysteresis(Effect):
         The shortest one alone is none: it can't be told from dry friction that turns round at once.
         """
         sizes = list(variant.shape.values())
-        stretches = [range(k, k + width) for width in STOPS_SIDE_BY_SIDE for k in range(len(sizes) - width + 1)]
+        stretches = [range(k, k + width) for width in LIMIT.stops_side_by_side for k in range(len(sizes) - width + 1)]
         told = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
         return [(_of_ranges([sizes[k] for k in some]), some) for some in told]
 
@@ -172,7 +162,7 @@ class PreslidingHysteresis(Effect):
             return float(kept @ np.clip(where.value / sizes, 0.0, 2.0))
 
         where = drawn_interval(displacement, coefficients, covariance)
-        reach = grid_interval(where.value, DISPLACEMENTS)
+        reach = grid_interval(where.value, LIMIT.displacements)
         strength = drawn_interval(amplitude, coefficients, covariance)
         if delta_interval(lambda k: float(k @ sizes), coefficients, covariance).low <= 0.0:
             strength = replace(strength, low=0.0)  # draws that are not negative can't tell that there may be none
@@ -204,9 +194,9 @@ class PreslidingHysteresis(Effect):
         parts, ranges = tuple(coefficients), list(shape.values())
         if not parts:
             where, amplitude = reported["displacement_rad"], reported["amplitude_Nm"]
-            within = [size for size in DISPLACEMENTS[:-1] if size <= where]
+            within = [size for size in LIMIT.displacements[:-1] if size <= where]
             at = max(len(within) - 1, 0)
-            ranges = [DISPLACEMENTS[at], DISPLACEMENTS[at + 1]]
+            ranges = [LIMIT.displacements[at], LIMIT.displacements[at + 1]]
             share = min(1.0, max(0.0, (where - ranges[0]) / (ranges[1] - ranges[0])))
             parts = amplitude * (1.0 - share), amplitude * share
         found = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
@@ -220,7 +210,7 @@ def _of_ranges(sizes: Sequence[float]) -> Variant:
 def _usable(session: SessionContext, joint: int) -> list[float]:
     """Ranges that stand clear of the noise of the position."""
     noise = max(float(run.motion.std[0, joint]) for run in session.runs)
-    return [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
+    return [size for size in LIMIT.displacements if noise < LIMIT.largest_noise_share * size]
 
 
 @compiled("f1 f f1")
@@ -281,7 +271,7 @@ def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] |
     for run in session.runs:
         if run.temperature is None or not np.all(np.isfinite(run.temperature[:, joint])):
             return None
-        width = max(1, round(TEMPERATURE_AVERAGE / run.interval))
+        width = max(1, round(LIMIT.temperature_average / run.interval))
         found.append(uniform_filter1d(run.temperature[:, joint], min(width, len(run.temperature)), mode="nearest"))
     return found
 
@@ -291,7 +281,7 @@ def _warms(measured: Sequence[Float[Array, " T"]] | None) -> bool:
     if measured is None:
         return False
     coldest, warmest = min(values.min() for values in measured), max(values.max() for values in measured)
-    return bool(warmest - coldest >= LEAST_TEMPERATURE_RANGE)
+    return bool(warmest - coldest >= LIMIT.least_temperature_range)
 
 
 def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:

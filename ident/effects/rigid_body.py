@@ -26,17 +26,10 @@ from ident.effects.intervals import SizePrior, beside_prior, coefficient_interva
 from ident.effects.typical_sizes import arm_mass, arm_reach
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
 
-# Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].
-PAYLOAD_REACHES = (0.03, 0.12)
-# Of the arm's moving mass: what it carries at most, as makers rate arms (a sixth to a half), and at least.
-LARGEST_PAYLOAD_SHARE, LEAST_PAYLOAD_SHARE = 0.5, 0.003
-LARGEST_LEVER_SHARE = 0.27  # of the arm's reach: of a load's centre from the flange
-LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
-# Links lighter and shorter than these shares of the arm's mass and reach have no scale of their own.
-LEAST_LINK_SHARE, LEAST_LINK_LENGTH = 0.005, 0.09
-# Deviation of a link's change in units of that, where the recordings do not determine it: most of the link itself.
-WIDEST = 2.0
+LIMIT = read_group(__file__, "rigid_body")
+
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.
 LIKE_LINK = "like_link"
@@ -69,7 +62,7 @@ class UnknownPayload(Effect):
         """Places of a point mass."""
         found = placed(self.places, session.runs[0].arm, session.n - 1)
         # As many points as without: the place was found, not chosen among more.
-        usual = PAYLOAD_REACHES[: len(PAYLOAD_REACHES) - len(found)]
+        usual = LIMIT.payload_reaches[: len(LIMIT.payload_reaches) - len(found)]
         return (*(Variant(shape={"reach_m": reach}) for reach in usual), *found)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
@@ -131,8 +124,8 @@ class UnknownPayload(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
-        levers = np.full(len(_acting_axes(arm)), LARGEST_LEVER_SHARE * arm_reach(arm))
-        return LARGEST_PAYLOAD_SHARE * arm_mass(arm) * np.concatenate([[1.0], levers])
+        levers = np.full(len(_acting_axes(arm)), LIMIT.largest_lever_share * arm_reach(arm))
+        return LIMIT.largest_payload_share * arm_mass(arm) * np.concatenate([[1.0], levers])
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
         """A hundredth of the arm's mass is as likely as a half, its centre anywhere in a tool's reach.
@@ -148,8 +141,8 @@ class UnknownPayload(Effect):
             mass = float(coefficients[0])
             if mass <= 0.0:
                 return -np.inf
-            beyond = np.log(mass / np.clip(mass, LEAST_PAYLOAD_SHARE * most, most)) / np.log(2.0)
-            inside = np.log(mass * np.log(1.0 / LEAST_PAYLOAD_SHARE)) + axes * np.log(2.0 * far * mass)
+            beyond = np.log(mass / np.clip(mass, LIMIT.least_payload_share * most, most)) / np.log(2.0)
+            inside = np.log(mass * np.log(1.0 / LIMIT.least_payload_share)) + axes * np.log(2.0 * far * mass)
             return -float(inside + 0.5 * beyond**2)
 
         return SizePrior(0.5 * largest, log_density)
@@ -186,7 +179,7 @@ class LinkInertialError(Effect):
     ) -> dict[str, Interval]:
         arm = session.runs[0].arm
         change = _acting_law(arm, joint, variant)
-        widest = WIDEST * self.prior_scale(session, joint, variant)
+        widest = LIMIT.widest * self.prior_scale(session, joint, variant)
         coefficients, covariance = beside_prior(coefficients, covariance, widest)
         mass = linear_interval(change[0], coefficients, covariance)
         if not weighs(arm, joint):
@@ -229,8 +222,8 @@ class LinkInertialError(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
         link = arm.inertial_parameters[10 * joint : 10 * joint + 10]
-        mass = LARGEST_INERTIA_SHARE * max(float(link[0]), LEAST_LINK_SHARE * arm_mass(arm))
-        least = LEAST_LINK_LENGTH * arm_reach(arm)
+        mass = LIMIT.largest_inertia_share * max(float(link[0]), LIMIT.least_link_share * arm_mass(arm))
+        least = LIMIT.least_link_length * arm_reach(arm)
         lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), least)
         law = link_law(arm, joint, variant)
         return np.array([mass, mass * lever, mass * lever, mass * lever])[acting(arm, joint, law)]

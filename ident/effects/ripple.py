@@ -22,24 +22,12 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_figures
 from ident.effects.typical_sizes import travel, typical_load, wave
+from ident.settings import read_group
 
-RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
+LIMIT = read_group(__file__, "ripple")
+
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
-# Cycles a turn that are looked at: below lie laws of position; above no encoder tells the phase.
-FEWEST, MOST = 8.0, 600.0
-# Samples are sorted into octaves of speed: of each line those count that pass it slowly enough.
-OCTAVES = 8
-# A joint that turns less shows no line apart from its neighbours [rad].
-LEAST_TRAVEL = 0.2
-# Zeros that the angle is continued by, so that a line between two points of the sum is not missed.
-PADDING = 4
-# Lines on either side of one that tell what is usual there.
-AROUND = 50
-# Of a line among noise that stands out so far; lines of a joint.
-CHANCE, MOST_LINES = 0.01, 2
-# Of a line, so that its phase shows; noise of the position beyond which it doesn't [rad].
-LEAST_CYCLES, LARGEST_PHASE_NOISE = 3.0, 0.7
 
 
 @dataclass(frozen=True)
@@ -54,7 +42,7 @@ class TorqueRipple(Effect):
     lines: tuple[tuple[float, ...], ...] = ()  # cycles a turn of each joint that stand out
     screens: int = 1  # number of lines that were looked at to find them
     # Of a line among noise that stands out so far as one must; as many as were looked at: the best, always.
-    chance: float = CHANCE
+    chance: float = LIMIT.chance
 
     id = "torque_ripple"
 
@@ -68,12 +56,12 @@ class TorqueRipple(Effect):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         why = "is never slow enough: the ripple lies above the filter's corner or the position's noise"
-        shows = _ripple_shows(session, joint, _gear(session, joint) or FEWEST)
+        shows = _ripple_shows(session, joint, _gear(session, joint) or LIMIT.fewest)
         return None if shows else f"{session.joint_names[joint]} {why}"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         gear = _gear(session, joint)
-        turns = [order * gear for order in RIPPLE_ORDERS] if gear else []
+        turns = [order * gear for order in LIMIT.ripple_orders] if gear else []
         turns = [one for one in turns if _ripple_shows(session, joint, one)]
         low, high = travel(session, joint)
         apart = np.pi / max(high - low, 1e-6)
@@ -86,7 +74,7 @@ class TorqueRipple(Effect):
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """A line that was found lies between points of a sum; that of a known gear is where it is."""
         turns, gear = variant.shape["turns"], _gear(session, joint)
-        if gear and any(np.isclose(turns, order * gear) for order in RIPPLE_ORDERS):
+        if gear and any(np.isclose(turns, order * gear) for order in LIMIT.ripple_orders):
             return (variant,)
         low, high = travel(session, joint)
         near = [turns + share * 2.0 * np.pi / max(high - low, 1e-6) for share in FINE_LINES]
@@ -122,7 +110,7 @@ class TorqueRipple(Effect):
 def _gear(session: SessionContext, joint: int) -> float | None:
     """A joint's gear ratio, if it is known: one is what URDFs hold where their writers did not know it."""
     ratio = np.nan if session.gear_ratios is None else float(session.gear_ratios[joint])
-    return ratio if ratio >= FEWEST else None
+    return ratio if ratio >= LIMIT.fewest else None
 
 
 def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
@@ -134,11 +122,11 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
         slow = (speed > run.motion.rest_speed[joint]) & (speed * turns / (2 * np.pi) < corner)
         cycles += float(speed[slow].sum()) * run.interval * turns / (2 * np.pi)
     noise = max(float(run.motion.std[0, joint]) for run in session.runs)
-    return cycles >= LEAST_CYCLES and turns * noise < LARGEST_PHASE_NOISE
+    return cycles >= LIMIT.least_cycles and turns * noise < LIMIT.largest_phase_noise
 
 
 def find_lines(
-    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, chance: float = CHANCE
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, chance: float = LIMIT.chance
 ) -> tuple[tuple[float, ...], int]:
     """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at."""
     angles, speeds, left = [], [], []
@@ -149,20 +137,22 @@ def find_lines(
         left.append(values[counts, joint])
     angle, speed, residual = map(np.concatenate, (angles, speeds, left))
     covered = float(np.ptp(angle)) if len(angle) else 0.0
-    if covered < LEAST_TRAVEL:
+    if covered < LIMIT.least_travel:
         return (), 1
     motion = session.runs[0].motion
     corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
     turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
-    shows = (cycles * step >= LEAST_CYCLES) & (turns * spread < LARGEST_PHASE_NOISE) & (turns >= FEWEST)
+    shows = (
+        (cycles * step >= LIMIT.least_cycles) & (turns * spread < LIMIT.largest_phase_noise) & (turns >= LIMIT.fewest)
+    )
     if not shows.any():
         return (), 1
-    usual = median_filter(power, 2 * AROUND * PADDING + 1, mode="nearest") / (2.0 * np.log(2.0))
+    usual = median_filter(power, 2 * LIMIT.around * LIMIT.padding + 1, mode="nearest") / (2.0 * np.log(2.0))
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
-    looked = max(1, int(shows.sum()) // PADDING)
+    looked = max(1, int(shows.sum()) // LIMIT.padding)
     found: list[float] = []
-    while len(found) < MOST_LINES and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
+    while len(found) < LIMIT.most_lines and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
         best = int(np.argmax(above))
         found.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0
@@ -173,13 +163,13 @@ def _spectrum(
     angle: Float[Array, " t"], speed: Float[Array, " t"], residual: Float[Array, " t"], corner: float
 ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
     """Lines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
-    width = np.pi / MOST
+    width = np.pi / LIMIT.most
     bins = int(angle.max() / width) + 1
-    length = 1 << int(np.ceil(np.log2(PADDING * bins)))
+    length = 1 << int(np.ceil(np.log2(LIMIT.padding * bins)))
     turns = 2.0 * np.pi * np.arange(length // 2 + 1) / (length * width)
     sums, counts, cycles = np.zeros(len(turns), dtype=complex), np.zeros(len(turns)), np.zeros(len(turns))
     # Of each octave the slowest line that it blurs.
-    edges = 2.0 * np.pi * corner / (MOST / 2.0 ** np.arange(OCTAVES + 1))
+    edges = 2.0 * np.pi * corner / (LIMIT.most / 2.0 ** np.arange(LIMIT.octaves + 1))
     octave = np.searchsorted(edges, speed)
     place = (angle / width).astype(int)
     for k, edge in enumerate(edges):

@@ -16,24 +16,12 @@ from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
+from ident.settings import read_group
 
-# Of the rated torque.
-LARGEST_OFFSET = 0.3
-# Modelled torque that varies by less than this share of the rated torque is as good as an offset.
-LEAST_TORQUE_VARIATION = 0.004
+LIMIT = read_group(__file__, "sensing")
+
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
-SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
-# Drives bend into their limit: it may lie this share above the largest reading.
-KNEE_SHARE = 0.05
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
-LEAST_PEAK_SHARE = 0.1  # of the rated torque
-# What zeros are off by on arms that were calibrated once [rad].
-LARGEST_ENCODER_OFFSET = 0.07
-# An offset whose secant is tried beside the slope at zero [rad], and shares of it on the finer grid.
-LARGE_OFFSET = 0.25
-FINE_OFFSETS = (-2.4, -2.0, -1.6, -1.2, -0.8, -0.4, -0.2, 0.0, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4)
-# Torque that the largest offset must make, as a share of the rated torque of some joint.
-LEAST_ENCODER_SHARE = 5e-4
 
 
 class TorqueGainError(Effect):
@@ -45,7 +33,7 @@ class TorqueGainError(Effect):
         # Of friction alone nobody can tell a gain: it is fitted.
         variation = float(np.std(joined(session, "rigid", joint)))
         reason = f"rigid torque of {session.joint_names[joint]} varies by {variation:.2f} N m only"
-        return reason if variation < LEAST_TORQUE_VARIATION * rated_torque(session, joint) else None
+        return reason if variation < LIMIT.least_torque_variation * rated_torque(session, joint) else None
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.total[:, [joint]] for run in session.runs]
@@ -85,7 +73,7 @@ class TorqueOffset(Effect):
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        most = LARGEST_OFFSET * rated_torque(session, joint)
+        most = LIMIT.largest_offset * rated_torque(session, joint)
         lasts = float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
         reason = "a sensor so far off is broken"
         return {
@@ -109,11 +97,11 @@ class TorqueSaturation(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         share = _peak(session, joint) / rated_torque(session, joint)
         reason = f"torque of {session.joint_names[joint]} stays below {100 * share:.0f} % of its rated torque"
-        return reason if share < LEAST_PEAK_SHARE else None
+        return reason if share < LIMIT.least_peak_share else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         peak = _peak(session, joint)
-        return tuple(Variant(shape={"knee_Nm": knee * peak}) for knee in SATURATION_KNEES)
+        return tuple(Variant(shape={"knee_Nm": knee * peak}) for knee in LIMIT.saturation_knees)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         return tuple(Variant(shape={"knee_Nm": factor * variant.shape["knee_Nm"]}) for factor in FINE_KNEE_FACTORS)
@@ -127,17 +115,17 @@ class TorqueSaturation(Effect):
     ) -> dict[str, Interval]:
         peak, knee = _peak(session, joint), variant.shape["knee_Nm"]
         growing = (1.0 - float(np.clip(coefficients[0], 0.0, 1.0))) * max(peak - knee, 0.0)
-        lowest = grid_interval(knee, [share * peak for share in SATURATION_KNEES]).low
+        lowest = grid_interval(knee, [share * peak for share in LIMIT.saturation_knees]).low
         limit = knee + growing
         return {
-            "limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + KNEE_SHARE) * limit + growing),
+            "limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + LIMIT.knee_share) * limit + growing),
             "at_knee_Nm": exactly(knee),
             "at_peak_Nm": exactly(max(peak, knee)),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         peak = _peak(session, joint)
-        return {"limit_Nm": Range(0.0, (1.0 + KNEE_SHARE) * peak, "no reading came near it")}
+        return {"limit_Nm": Range(0.0, (1.0 + LIMIT.knee_share) * peak, "no reading came near it")}
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
@@ -165,8 +153,8 @@ class EncoderOffset(Effect):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         slope = session.runs[0].arm.derivatives(*sampled_states(session))[0][:, :, joint]
-        seen = LARGEST_ENCODER_OFFSET * np.sqrt(np.mean(slope**2, axis=0))
-        if all(seen[j] < LEAST_ENCODER_SHARE * rated_torque(session, j) for j in range(session.n)):
+        seen = LIMIT.largest_encoder_offset * np.sqrt(np.mean(slope**2, axis=0))
+        if all(seen[j] < LIMIT.least_encoder_share * rated_torque(session, j) for j in range(session.n)):
             return f"no torque depends on the angle of {session.joint_names[joint]}"
         return super().untestable(session, joint)
 
@@ -174,7 +162,7 @@ class EncoderOffset(Effect):
         return (Variant(shape={"about_rad": 0.0}),)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        return tuple(Variant(shape={"about_rad": share * LARGE_OFFSET}) for share in FINE_OFFSETS)
+        return tuple(Variant(shape={"about_rad": share * LIMIT.large_offset}) for share in LIMIT.fine_offsets)
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
         about = variant.shape["about_rad"]
@@ -189,13 +177,6 @@ class EncoderOffset(Effect):
             moved = run.arm.inverse_dynamics(run.motion.q + offset, run.motion.dq, run.motion.ddq)
             found.append(((moved - run.rigid) / about)[:, :, None])
         return found
-
-
-DELAYS = (0.002, 0.008, 0.02, 0.05)  # [s]
-# What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
-TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
-# Samples of a stretch of which a spectrum is taken; from which share of the corner on torque that is smooth is gone.
-SPECTRUM_SAMPLES, NEAR_CORNER = 512, 0.6
 
 
 class TorqueDelay(Effect):
@@ -214,19 +195,19 @@ class TorqueDelay(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         for j in range(session.n):
             change = root_mean_square([np.gradient(run.total[:, j], run.interval) for run in session.runs])
-            if change * TYPICAL_DELAY > LEAST_DELAY_SHARE * rated_torque(session, j):
+            if change * LIMIT.typical_delay > LIMIT.least_delay_share * rated_torque(session, j):
                 return None
         return "torque changes too slowly in all joints"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant(shape={"delay_s": delay}) for delay in DELAYS)
+        return tuple(Variant(shape={"delay_s": delay}) for delay in LIMIT.delays)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         delay = variant.shape["delay_s"]
         return [((shifted(run.total, delay, run.interval) - run.total) / delay)[:, :, None] for run in session.runs]
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
-        return is_near(variant.shape["delay_s"], float(coefficients[0]), DELAYS[0])
+        return is_near(variant.shape["delay_s"], float(coefficients[0]), LIMIT.delays[0])
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -247,9 +228,9 @@ def share_of_steps(session: SessionContext) -> float:
     rated = np.array([rated_torque(session, j) for j in range(session.n)])
     for run in session.survey.runs:
         corner, rate = run.motion.lowpass.cutoff, np.diff(run.total, axis=0) / run.interval / rated
-        frequency, density = mean_spectrum(rate, run.motion.lowpass.rate, min(SPECTRUM_SAMPLES, len(rate)))
+        frequency, density = mean_spectrum(rate, run.motion.lowpass.rate, min(LIMIT.spectrum_samples, len(rate)))
         below = density[frequency <= corner].sum(axis=1)
-        high = below[frequency[frequency <= corner] >= NEAR_CORNER * corner]
+        high = below[frequency[frequency <= corner] >= LIMIT.near_corner * corner]
         steps += len(rate) * len(below) * float(high.mean() if len(high) else below.mean())
         change += len(rate) * float(below.sum())
     return min(steps / max(change, 1e-300), 1.0)

@@ -30,18 +30,13 @@ from ident.effects.typical_sizes import (
     travel,
     usual_speed,
 )
+from ident.settings import read_group
 
-# Two joints whose velocities are this alike can't be told apart.
-LARGEST_CORRELATION = 0.98
-# Width of the sign of a sum of two joints' speeds in a patch [rad/s].
-COUPLING_WIDTH = 0.01
+LIMIT = read_group(__file__, "transmission")
+
 STRAIGHT, BENT, PERIODIC = range(3)
 # Figures of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
-# Joints farther apart than those of one arm share no gear, belt or cable: of a long chain, pairs would be most of all.
-FARTHEST = 6
-LEAST_SPRING_RANGE = 0.2  # [rad]
-LARGEST_SPRING_SHARE = 0.1  # of the rated torque, over a radian
 
 
 class JointCoupling(Effect):
@@ -64,8 +59,8 @@ class JointCoupling(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         dq = np.concatenate([run.motion.dq for run in session.runs])
         power = np.maximum(np.sqrt(np.sum(dq**2, axis=0)), 1e-12)
-        apart = np.abs(dq.T @ dq[:, joint]) / (power * power[joint]) < LARGEST_CORRELATION
-        near = [o for o in range(session.n) if 0 < abs(o - joint) <= FARTHEST and apart[o]]
+        apart = np.abs(dq.T @ dq[:, joint]) / (power * power[joint]) < LIMIT.largest_correlation
+        near = [o for o in range(session.n) if 0 < abs(o - joint) <= LIMIT.farthest and apart[o]]
         others = [o for o in near if hardly_moves(session, o) is None]
         single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
         if hardly_moves(session, joint) is not None:
@@ -122,7 +117,7 @@ class JointCoupling(Effect):
     ) -> dict[str, float]:
         """Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign."""
         mix = float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0
-        return {"mix": mix, "width_rad_s": COUPLING_WIDTH}
+        return {"mix": mix, "width_rad_s": LIMIT.coupling_width}
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
         """Friction of both joints' sum or difference is told at the other joint's speed."""
@@ -179,7 +174,7 @@ class SpringTorque(Effect):
         centre = variant.shape["centre_rad"]
         if variant.shape["law"] == BENT:
             seen = travel(session, joint)
-            reach = max(np.ptp(seen), LEAST_SPRING_RANGE)
+            reach = max(np.ptp(seen), LIMIT.least_spring_range)
             stiffness = delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance)
             if stiffness.value > 0.0:  # it pulls towards its rest, however unsure its slope there is
                 stiffness = replace(stiffness, low=max(stiffness.low, 0.0))
@@ -214,14 +209,14 @@ class SpringTorque(Effect):
         """
         seen = travel(session, joint)
         low, high = joint_range(session, joint, seen)
-        most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LEAST_SPRING_RANGE)
+        most = 2.0 * rated_torque(session, joint) / max(seen[1] - seen[0], LIMIT.least_spring_range)
         return {
             "stiffness_Nm_rad": Range(0.0, most, "a spring that pushes away from its rest, or is beyond the motor"),
             "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))
+        largest = max(LIMIT.largest_spring_share * rated_torque(session, joint), coulomb_level(session, joint))
         return np.full({STRAIGHT: 2, BENT: 4, PERIODIC: 3}[int(variant.shape["law"])], largest)
 
     def law_figures(

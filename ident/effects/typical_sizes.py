@@ -11,23 +11,14 @@ from ident.effects.context import RunContext, SessionContext
 from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.laws.carried import JointStates, states_of
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
 
-# Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
-TYPICAL_COULOMB_SHARE = 0.05
-# ... and viscous friction as what adds as much again at this speed [rad/s].
-TYPICAL_VISCOUS_SPEED = 2.0
+LIMIT = read_group(__file__, "typical")
+
 # A joint that covers less than this shows nothing of its friction [rad or m].
 LEAST_TRAVEL = 0.03
-# Speed in multiples of the speed of rest that a joint must reach to count as moving.
-LEAST_SPEED_RATIO = 3.0
-# Poses that lie nearer to each other than this are one [rad or m].
-LEAST_POSES = 0.1
-# Samples of a session by which structure and typical sizes are judged.
-SAMPLED_STATES = 200
 # An effect that takes more than this share of what a joint can give leaves a joint that hardly moves by itself.
 LARGEST_TORQUE_SHARE = 0.5
-# A secant is right within this factor of where it was taken: inner grids are about as wide.
-NEAR = 2.5
 
 
 def rated_torque(session: SessionContext, joint: int) -> float:
@@ -71,10 +62,10 @@ def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
         gram += x.T @ x
         right += x.T @ run.friction[:, joint]
     coulomb, viscous = np.linalg.lstsq(gram, right, rcond=None)[0]
-    typical = TYPICAL_COULOMB_SHARE * rated_torque(session, joint)
+    typical = LIMIT.typical_coulomb_share * rated_torque(session, joint)
     # A tenth of the typical level is the least that a share may refer to.
     coulomb = max(float(coulomb), 0.1 * typical) if gram.any() and right.any() else typical
-    return coulomb, max(float(viscous), 0.1 * coulomb / TYPICAL_VISCOUS_SPEED)
+    return coulomb, max(float(viscous), 0.1 * coulomb / LIMIT.typical_viscous_speed)
 
 
 def coulomb_level(session: SessionContext, joint: int) -> float:
@@ -89,7 +80,7 @@ def hardly_moves(session: SessionContext, joint: int) -> str | None:
     if high - low < LEAST_TRAVEL:
         return f"{name} covers only {high - low:.3f} rad"
     ratio = max(float(np.abs(run.motion.dq[:, joint]).max() / run.motion.rest_speed[joint]) for run in session.runs)
-    return f"{name} hardly moves faster than its velocity noise" if ratio < LEAST_SPEED_RATIO else None
+    return f"{name} hardly moves faster than its velocity noise" if ratio < LIMIT.least_speed_ratio else None
 
 
 def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> str | None:
@@ -123,7 +114,11 @@ def travel(session: SessionContext, joint: int) -> tuple[float, float]:
 def near_one_pose(session: SessionContext) -> str | None:
     """The reason why nothing that varies from pose to pose can show, if the arm stays near one."""
     widest = max(high - low for low, high in (travel(session, joint) for joint in range(session.n)))
-    return f"the arm stays near one pose: no joint covers more than {widest:.2f} rad" if widest < LEAST_POSES else None
+    return (
+        f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
+        if widest < LIMIT.least_poses
+        else None
+    )
 
 
 def top_speed(session: SessionContext, joint: int) -> float:
@@ -145,7 +140,7 @@ def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
 def sampled_states(session: SessionContext) -> tuple[Float[Array, "t n"], Float[Array, "t n"], Float[Array, "t n"]]:
     """Some states (q, dq, ddq), evenly over the session."""
     total = sum(len(run.motion.time) for run in session.runs)
-    step = max(1, total // SAMPLED_STATES)
+    step = max(1, total // LIMIT.sampled_states)
     motions = [run.motion for run in session.runs]
     q, dq, ddq = (np.concatenate([getattr(one, name)[::step] for one in motions]) for name in ("q", "dq", "ddq"))
     return q, dq, ddq
@@ -168,7 +163,7 @@ def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
 def is_near(point: float, found: float, least: float) -> bool:
     """Whether a figure that was found is about the one at which its law was made linear; all near zero are."""
     ratio = found / point
-    return (abs(point) <= least and ratio < NEAR) or 1.0 / NEAR < ratio < NEAR
+    return (abs(point) <= least and ratio < LIMIT.near) or 1.0 / LIMIT.near < ratio < LIMIT.near
 
 
 def arm_mass(arm: ArmModel) -> float:

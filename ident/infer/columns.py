@@ -23,6 +23,9 @@ from ident.recordings.columns import listed, map_by_ending
 from ident.recordings.lerobot import ENDINGS, joint_name
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
+
+LIMIT = read_group(__file__, "unnamed")
 
 # Words -> the channel that they speak of, in the order in which they count.
 WORDS: dict[str, tuple[str, ...]] = {
@@ -206,19 +209,6 @@ def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | Non
     return tuple(renamed[label] for label in labels) if set(labels) <= set(renamed) else None
 
 
-# Columns without names: what their numbers say.
-# Time rises evenly. Velocity is the derivative of position. Torque or current follows what the robot's model needs
-# for that motion. Columns that belong together stand side by side, one a joint.
-# Steps of a clock differ from their median by less than this many medians, for nearly all samples.
-EVEN, NEARLY_ALL = 3.0, 0.99
-# Derivative and velocity are the same signal from this correlation on.
-SAME_MOTION = 0.9
-# Steps over which a derivative is taken: noise of encoders weighs less over several samples.
-STRIDE = 5
-# Position, its derivative, and what follows the model: without names fewer can't be made out.
-FEWEST_CHANNELS = 3
-# Two torques of which the model explains nearly the same share are the same one, commanded and measured.
-AS_GOOD = 0.05
 HINT = "name its columns in [columns] of session.toml yourself"
 ONE_TABLE = f"put them side by side in one table or .npz (time, position, velocity, effort); without velocity, {HINT}"
 
@@ -233,14 +223,14 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
     clock = None
     if len(values) > 1:
         steps, usual = np.diff(values, axis=0), np.median(np.diff(values, axis=0), axis=0)
-        even = np.mean((steps > 0.0) & (np.abs(steps - usual) < EVEN * usual), axis=0)
-        clock = next((i for i in range(len(names)) if usual[i] > 0.0 and even[i] > NEARLY_ALL), None)
+        even = np.mean((steps > 0.0) & (np.abs(steps - usual) < LIMIT.even * usual), axis=0)
+        clock = next((i for i in range(len(names)) if usual[i] > 0.0 and even[i] > LIMIT.nearly_all), None)
     time = np.arange(len(values), dtype=float) if clock is None else values[:, clock]
     start = 0 if clock is None else clock + 1
     count = (len(names) - start) // arm.n
     blocks = [np.arange(start + k * arm.n, start + (k + 1) * arm.n) for k in range(count)]
-    if count < FEWEST_CHANNELS:
-        least = FEWEST_CHANNELS * arm.n
+    if count < LIMIT.fewest_channels:
+        least = LIMIT.fewest_channels * arm.n
         what = f"columns of numbers: {len(names)}; position, velocity and torque of {arm.n} joints are {least}"
         raise RecordingError(table.source, what, ONE_TABLE)
     pair = _find_motion(values, blocks, time)
@@ -272,15 +262,17 @@ def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, 
     found = []
     for p, v in permutations(range(len(blocks)), 2):
         q, dq = values[:, blocks[p]], values[:, blocks[v]]
-        derived = (q[STRIDE:] - q[:-STRIDE]) / np.maximum(time[STRIDE:] - time[:-STRIDE], 1e-12)[:, None]
-        middle = dq[STRIDE // 2 : len(dq) - STRIDE + STRIDE // 2]
+        derived = (q[LIMIT.stride :] - q[: -LIMIT.stride]) / np.maximum(
+            time[LIMIT.stride :] - time[: -LIMIT.stride], 1e-12
+        )[:, None]
+        middle = dq[LIMIT.stride // 2 : len(dq) - LIMIT.stride + LIMIT.stride // 2]
         moving = derived.std(axis=0) > 1e-9 * max(float(np.abs(derived).max()), 1e-300)
         if moving.any():
             one, other = (values[:, moving] - values[:, moving].mean(axis=0) for values in (derived, middle))
             scale = np.maximum(one.std(axis=0) * other.std(axis=0), 1e-300)
             match = float(np.median((one * other).mean(axis=0) / scale))
             found.append((match, _noise(dq), p, v))
-    good = [one for one in found if one[0] > SAME_MOTION]
+    good = [one for one in found if one[0] > LIMIT.same_motion]
     if not good:
         return None
     match, _, p, v = max(good, key=lambda one: one[1])
@@ -310,7 +302,7 @@ def _find_torque(
     if best is None:
         return None, "", ""
     # What is commanded follows the model as well as what is measured: only the measured one is noisy.
-    alike = [one for one in found if one[0] > best[0] - AS_GOOD]
+    alike = [one for one in found if one[0] > best[0] - LIMIT.as_good]
     _, _, k, channel, why = max(alike, key=lambda one: one[1])
     others = ", ".join(f"{blocks[one[2]][0] + 1} to {blocks[one[2]][-1] + 1}" for one in alike if one[2] != k)
     return k, channel, f"{why}; {others} as well, but smoother: a command" if others else why

@@ -16,19 +16,12 @@ from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import TIME_UNITS
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
 
-# Sampling of robots' logs, fastest and slowest step [s].
-FASTEST_S, SLOWEST_S = 2e-4, 0.5
+LIMIT = read_group(__file__, "units")
+
 # No joint of an arm turns farther than three turns to a side [rad].
 FARTHEST_RAD = 6 * math.pi
-# A log in which no joint turns farther is none of a moving arm (chosen) [degrees].
-LEAST_SPAN_DEG = 5.0
-# Velocity is in the positions' unit if its slope against their derivative is one within this, and it is that signal.
-SLOPE_OFF, SAME_SIGNAL = 0.1, 0.9
-# Joint order: another one is taken where the model explains so much more of the torque.
-CLEARLY_MORE = 0.2
-# A gain rests on gravity or inertia if the model explains at least this share of the joint's current.
-TRUSTED = 0.5
 GAINS = "drive_gain_Nm_per_A"
 
 
@@ -47,7 +40,7 @@ def time_unit(signals: Signals) -> Unit:
         return Unit("s", 1.0)
     step = float(np.median(np.diff(signals.time)))
     named = [unit for unit in TIME_UNITS if unit != "s" and unit in words_of(signals.clock)]
-    fitting = [unit for unit, factor in TIME_UNITS.items() if FASTEST_S <= step * factor <= SLOWEST_S]
+    fitting = [unit for unit, factor in TIME_UNITS.items() if LIMIT.fastest_s <= step * factor <= LIMIT.slowest_s]
     unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
     factor = TIME_UNITS[unit]
     seen = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
@@ -68,7 +61,7 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     if not beyond.any():
         within = "the robot's limits" if arm is not None else "three turns"
         seen = f"the largest angle is {largest:.3g}, within {within} in radians"
-    elif span < LEAST_SPAN_DEG and largest < FARTHEST_RAD:
+    elif span < LIMIT.least_span_deg and largest < FARTHEST_RAD:
         outside = ", ".join(name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off)
         seen = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
     else:
@@ -88,7 +81,7 @@ def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None
         return signals, None, None
     slope, match = (float(np.median(one[found.moving])) for one in (found.slope, found.correlation))
     seen = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
-    if abs(slope - 1.0) < SLOPE_OFF and match > SAME_SIGNAL:
+    if abs(slope - 1.0) < LIMIT.slope_off and match > LIMIT.same_signal:
         return signals, Reason("velocity", "in the positions' unit per second", seen), None
     return signals.without("velocity"), None, f"not used: {seen}; position is differentiated instead"
 
@@ -106,7 +99,7 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
     power = (steps**2).sum(axis=0)
     slope = (speed * steps).sum(axis=0)[power > 0] / power[power > 0]
     rate = float(np.median(slope)) if len(slope) else 0.0
-    if not FASTEST_S <= 1.0 / max(rate, 1e-9) <= SLOWEST_S:
+    if not LIMIT.fastest_s <= 1.0 / max(rate, 1e-9) <= LIMIT.slowest_s:
         return None, None
     rate = round(rate, 1)
     return rate, Reason("sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample")
@@ -129,7 +122,7 @@ def joint_order(signals: Signals, arm: ArmModel) -> tuple[tuple[str, ...], Reaso
         states = states_of(signals, arm, order)
         shares.append(0.0 if states is None else follow(states)[0])
     seen = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
-    best = orders[1] if shares[1] > shares[0] + CLEARLY_MORE else orders[0]
+    best = orders[1] if shares[1] > shares[0] + LIMIT.clearly_more else orders[0]
     return best, Reason("joints", ", ".join(best), seen)
 
 
@@ -152,10 +145,10 @@ def torque_settings(
     for j, joint in enumerate(joints):
         sides = {sign: fit_signed(states, j, float(sign)) for sign in (1, -1)}
         best = max(sides, key=lambda sign: sides[sign].explained)
-        least = max(USUAL_EFFORT.follows, sides[-best].explained + CLEARLY_MORE)
+        least = max(USUAL_EFFORT.follows, sides[-best].explained + LIMIT.clearly_more)
         clear = bool(states.alive[j] and sides[best].explained > least)
         fits[joint] = (best if clear else 1, sides[best], clear, bool(states.heavy[j]))
-    scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > TRUSTED]
+    scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > LIMIT.trusted]
     scale = float(np.median(scales)) if scales else 1.0
     channel = nominal if nominal == "current" or USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
     reasons = []

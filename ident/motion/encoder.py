@@ -22,6 +22,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_both_ways
 from ident.motion.smoothing import NoiseLevels
+from ident.settings import read_group
+
+LIMIT = read_group(__file__, "encoder")
 
 
 def mean_spectrum(
@@ -46,11 +49,6 @@ def mean_spectrum(
     total /= len(starts) * rate * np.sum(window**2)
     total[1 : -1 if length % 2 == 0 else None] *= 2.0
     return np.fft.rfftfreq(length, 1.0 / rate), total
-
-
-# How the cut is made decides nothing. Order of the cutting filter: steep, for what is half kept near the cut looks like
-# elasticity; how far a run is extended beyond its ends, and over how much its states fade in, in periods of the cut.
-FILTER_ORDER, PADDING_PERIODS, FADING_PERIODS = 10, 3.0, 2.0
 
 
 def find_signal_band(
@@ -90,15 +88,15 @@ def keep_band(
     """
     kept = states.copy()
     for j in np.flatnonzero(band < min(highest, 0.45 * rate)):
-        reach = min(len(states) - 1, round(PADDING_PERIODS * rate / float(band[j])))
-        sections = design_lowpass(FILTER_ORDER, float(band[j]), rate)
+        reach = min(len(states) - 1, round(LIMIT.padding_periods * rate / float(band[j])))
+        sections = design_lowpass(LIMIT.filter_order, float(band[j]), rate)
         column = states[:, j]
         time = np.arange(1, reach + 1) / rate
         longer = np.concatenate([_coasted(column[0], -time[::-1]), column, _coasted(column[-1], time)])
         cut = filter_both_ways(sections, longer, reach)[reach : reach + len(column)]
         # The smoother knows the ends of a run better than a filter does: there its states fade in.
         end = np.minimum(np.arange(len(column)), np.arange(len(column))[::-1]) * float(band[j]) / rate
-        trust = np.sin(0.5 * np.pi * np.clip(end / FADING_PERIODS, 0.0, 1.0))[:, None] ** 2
+        trust = np.sin(0.5 * np.pi * np.clip(end / LIMIT.fading_periods, 0.0, 1.0))[:, None] ** 2
         kept[:, j, 1:] = (trust * cut + (1.0 - trust) * column)[:, 1:]
     return kept
 
@@ -109,25 +107,17 @@ def _coasted(state: Float[Array, " 3"], time: Float[Array, " t"]) -> Float[Array
     return np.stack([q + dq * time + 0.5 * ddq * time**2, dq + ddq * time, np.full_like(time, ddq)], axis=1)
 
 
-# Changes from sample to sample are steps of a resolution where nearly all small ones are whole multiples of it. Of more
-# than so many steps at once no remainder can be told.
-STEPS_SHARE, WHOLE_WITHIN, MOST_STEPS = 0.98, 0.05, 10.0
-LEAST_CHANGES = 20
-# A finer step than this many standard deviations of the noise can't be told from none.
-LEAST_STEP = 1.0
-
-
 def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
     """Step of each joint's encoder as logged; 0 where there is none to be seen [rad]."""
     found = np.zeros(position.shape[1])
     for j, change in enumerate(np.abs(np.diff(position, axis=0)).T):
         moved = change[change > 1e-9]
-        if len(moved) < LEAST_CHANGES:
+        if len(moved) < LIMIT.least_changes:
             continue
         step = float(np.median(moved[moved < 1.5 * moved.min()]))
-        multiples = moved[moved < MOST_STEPS * step] / step
-        whole = np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN
-        if len(multiples) >= LEAST_CHANGES and np.mean(whole) > STEPS_SHARE:
+        multiples = moved[moved < LIMIT.most_steps * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < LIMIT.whole_within
+        if len(multiples) >= LIMIT.least_changes and np.mean(whole) > LIMIT.steps_share:
             found[j] = step
     return found
 
@@ -137,7 +127,7 @@ def draw_errors(
 ) -> Float[Array, "T n"]:
     """Errors of one more measurement of a smoothed motion by the same encoders; a resolution of 0 is none [rad]."""
     std = np.sqrt(levels.position)
-    coarse = resolution > LEAST_STEP * std
+    coarse = resolution > LIMIT.least_step * std
     steps = np.where(coarse, resolution, 1.0)
     # Steps alone have a variance of a twelfth of their square; what is beyond that is noise before the step.
     before = np.where(coarse, np.sqrt(np.maximum(levels.position - resolution**2 / 12, 0.0)), std)

@@ -26,11 +26,9 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.settings import read_group
 
-# Runs shorter than this in samples have no spectrum to speak of.
-LEAST_SAMPLES = 30
-# Share of the position's own spread by which a goal must differ from it to be one.
-SAME = 1e-6
+LIMIT = read_group(__file__, "servo")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ def load_goals(path: str | Path | Session) -> Session:
             raise RecordingError(where, what, "log the goal that each servo is given, or map it in [columns]")
         # A goal that is the position itself was written by a logger that had none.
         travel = np.ptp(run.position, axis=0)
-        same = np.abs(run.position_command - run.position).max(axis=0) <= SAME * np.maximum(travel, 1e-9)
+        same = np.abs(run.position_command - run.position).max(axis=0) <= LIMIT.same * np.maximum(travel, 1e-9)
         if (same & (travel > 0.0)).any():
             joint = run.joints[int(np.argmax(same & (travel > 0.0)))]
             what = f"{run.name}: the goal of {joint} is its position, sample for sample"
@@ -82,9 +80,9 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     """
     least, found = USUAL_MOTION.least_duration_s, []
     for session in sessions:
-        long = [run for run in session.runs if run.duration >= least and len(run) >= LEAST_SAMPLES]
+        long = [run for run in session.runs if run.duration >= least and len(run) >= LIMIT.least_samples]
         if not long:
-            what = f"no run lasts {least:g} s and {LEAST_SAMPLES} samples"
+            what = f"no run lasts {least:g} s and {LIMIT.least_samples} samples"
             raise RecordingError(str(session.path or session.name), what, "record longer motions")
         # Noise of positions is found as for other arms; the measured position stands where they have the torque.
         as_log = [run.replace(effort=run.position) for run in long]
@@ -108,14 +106,6 @@ UNITS = {
     "gain_Nm_rad": "N m/rad",
 }
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
-# Pieces whose errors are taken as independent [s]; fewer tell nothing; parts that are left out in turn.
-PIECE_S, LEAST_PIECES, PARTS = 1.5, 10, 10
-# Delays that are tried, up to this and in these steps [s]: a bus of hobby servos is read every 5 to 30 ms.
-LONGEST_DELAY, DELAY_STEP = 0.2, 0.002
-# A joint that moves less than this has no story to tell [rad]; gravity that changes less bends nothing [N m].
-LEAST_TRAVEL, LEAST_GRAVITY = 0.05, 0.02
-# Chance of any false figure over a whole arm; level of the intervals.
-FALSE, LEVEL = 0.05, 0.95
 
 
 class ServoFigure(NamedTuple):
@@ -158,17 +148,17 @@ def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoin
 
 def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, joint: str, tests: int) -> ServoJoint:
     travel = max(float(np.ptp(run.motion.q[:, j])) for run in runs)
-    if travel < LEAST_TRAVEL:
+    if travel < LIMIT.least_travel:
         return _silent(joint, f"it moves by {travel:.3f} rad only: move it farther")
-    delays = np.arange(0.0, LONGEST_DELAY, DELAY_STEP)
+    delays = np.arange(0.0, LIMIT.longest_delay, LIMIT.delay_step)
     table = [_rows(runs, gravity, j, float(delay)) for delay in delays]
     pieces = len(np.unique(table[0].piece))
-    if pieces < LEAST_PIECES:
-        what = f"{pieces} stretches of {PIECE_S:g} s in which it moves clear of reversals"
-        return _silent(joint, f"{what}: record {LEAST_PIECES} or more")
+    if pieces < LIMIT.least_pieces:
+        what = f"{pieces} stretches of {LIMIT.piece_s:g} s in which it moves clear of reversals"
+        return _silent(joint, f"{what}: record {LIMIT.least_pieces} or more")
     losses = np.stack([_held_out(rows) for rows in table])
     best = int(np.argmin(losses.sum(axis=1)))
-    reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * FALSE / tests))
+    reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * LIMIT.false / tests))
     near = np.array([_no_worse(losses[k], losses[best]) for k in range(len(delays))])
     low, high = float(delays[near].min()), float(delays[near].max())
     sure = not _no_worse(losses[0], losses[best], reach)
@@ -181,8 +171,8 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
         if 0 < best < len(delays) - 1:  # the lowest point of the parabola through the best delay and its neighbours
             before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
             bend = before - 2.0 * at + after
-            value += float(0.5 * DELAY_STEP * (before - after) / bend) if bend > 0.0 else 0.0
-        figures.append(ServoFigure("delay_s", value, max(low - DELAY_STEP, 0.0), high + DELAY_STEP))
+            value += float(0.5 * LIMIT.delay_step * (before - after) / bend) if bend > 0.0 else 0.0
+        figures.append(ServoFigure("delay_s", value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step))
     else:
         untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
     figures += _total_lag(table, near, best)
@@ -210,7 +200,7 @@ def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, dela
         goal = motion.filtered(run.goal_at(j, delay))
         errors.append((goal - motion.tau_filtered[:, j])[rows])
         tables.append(np.concatenate(columns, axis=1)[rows])
-        number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
+        number = ((motion.time[motion.coarse] - motion.time[0]) // LIMIT.piece_s).astype(int)
         pieces.append(first + number[rows])
         first += int(number[-1]) + 1
     known = COLUMNS if gravity[0] is not None else COLUMNS[:-1]
@@ -223,10 +213,10 @@ def _held_out(rows: _Rows, without: int | None = None) -> Float[Array, " P"]:
     x, scale = rows.columns[:, keep], np.linalg.norm(rows.columns[:, keep], axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
     names, index = np.unique(rows.piece, return_inverse=True)
-    part = (np.arange(len(names)) * PARTS // len(names))[index]
+    part = (np.arange(len(names)) * LIMIT.parts // len(names))[index]
     left = np.empty_like(rows.error)
     whole, target = x.T @ x, x.T @ rows.error
-    for k in range(PARTS):
+    for k in range(LIMIT.parts):
         out = part == k
         own = x[out]
         beta = least_squares(whole - own.T @ own, target - own.T @ rows.error[out], 1e-10)
@@ -238,7 +228,7 @@ def _no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | 
     """Whether an error on pieces is not surely larger than another, piece against piece."""
     apart = one - best
     count = len(apart)
-    reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL)) if reach is None else reach
+    reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level)) if reach is None else reach
     return bool(apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1)))
 
 
@@ -249,7 +239,7 @@ def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[Serv
     """
     beta, std, count = _solve(rows)
     whole = _held_out(rows)
-    usual = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
+    usual = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
     others = [_solve(one)[:2] for one in near]
     low = np.min([beta - usual * std, *(b - usual * s for b, s in others)], axis=0)
     high = np.max([beta + usual * std, *(b + usual * s for b, s in others)], axis=0)
@@ -263,7 +253,7 @@ def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[Serv
             untold[name] = REASONS[name]
     if "droop_rad_Nm" not in rows.names:
         untold["droop_rad_Nm"] = "nobody knows what the joint carries: give --robot"
-    elif float(np.std(rows.columns[:, -1])) < LEAST_GRAVITY:
+    elif float(np.std(rows.columns[:, -1])) < LIMIT.least_gravity:
         figures = [one for one in figures if one.name != "droop_rad_Nm"]
         untold["droop_rad_Nm"] = "gravity hardly changes at this joint: move the arm so that it carries more and less"
     return figures, untold
@@ -301,8 +291,8 @@ def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> li
     found = {}
     for k in {best, *map(int, np.flatnonzero(near))}:
         beta, std, count = _solve(table[k])
-        reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
-        middle = float(beta[1]) + k * DELAY_STEP
+        reach = float(stdtrit(count - 1, 0.5 + 0.5 * LIMIT.level))
+        middle = float(beta[1]) + k * LIMIT.delay_step
         found[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
     low, high = min(one[1] for one in found.values()), max(one[2] for one in found.values())
     return [ServoFigure("total_lag_s", found[best][0], low, high)] if low > 0.0 else []
