@@ -140,6 +140,7 @@ def diagnose(
         [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings],
         settings.verdict.loud,
     )
+    findings = in_order_of_gap(findings, next(iter(harm), ""))
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -312,7 +313,7 @@ def _findings(
                 slides=slides(item.group, arm),
             )
         )
-    return in_order_of_gap(findings)
+    return tuple(findings)
 
 
 def _spread(energies: Float[Array, "R k"]) -> float | None:

@@ -48,6 +48,7 @@ PASSES = 3
 # A candidate with friction between that of the others is called so, and after the one whose laws it has.
 BETWEEN = "between"
 SAID = {
+    "given": "the URDF as it is",
     "before": "the URDF's bodies with tuned losses",
     "tuned": "bodies and losses tuned without the effects",
     "after": "bodies, losses and effects together",
@@ -204,7 +205,8 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     """
     search = _Search(form, dict(options), runs, folder)
     for bodies in options:
-        search.improve(bodies)
+        if bodies != "given":  # its bodies are those of `before`
+            search.improve(bodies)
     bodies, joints = min(search.found, key=lambda key: search.cost(*key))
     gap = search.measure(bodies, joints, whole=True)
     most = zip(options["after"].nominal.joint_names, gap.over(search.others).T, strict=True)
@@ -266,11 +268,8 @@ class _Search:
         """
         stated = self.options[name]
         given = np.array([[one.losses.coulomb, one.losses.viscous] for one in self.options.values()])
-        low, high, found = (
-            given.min(axis=0),
-            given.max(axis=0),
-            np.array([stated.losses.coulomb, stated.losses.viscous]),
-        )
+        low, high = given.min(axis=0), given.max(axis=0)
+        found = np.array([stated.losses.coulomb, stated.losses.viscous])
         columns = [np.stack([stated.losses.direction(one.q, one.dq), one.dq], axis=-1) for one in self.runs]
         table = zip(self.runs, columns, strict=True)
         rows = np.concatenate([np.where(one.settled[..., None], one.filtered(two), 0.0) for one, two in table])

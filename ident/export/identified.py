@@ -342,6 +342,7 @@ class Diagnosed:
         """The arms that could be written, by name: without the effects, tuned to the same recordings, and with them."""
         arm = self.fit_to(arm)
         return {
+            "given": IdentifiedArm.as_urdf(arm),
             "before": IdentifiedArm.tuned_to(arm, self.urdf),
             "tuned": IdentifiedArm.tuned_to(arm, self.alone),
             "after": IdentifiedArm.tuned_to(arm, self.tuned, self.changes),

@@ -13,9 +13,9 @@ from ident.console import styled
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
 
-WHEN = {"before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
-# By state of the file: grey before, then ever nearer to what is written.
-COLOURS = ("#999999", "#e69f00", "#0072b2", "#009e73")
+WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
+# By state of the file: greys before, then ever nearer to what is written.
+COLOURS = dict(zip(WHEN, ("#cccccc", "#999999", "#e69f00", "#0072b2", "#009e73"), strict=True))
 
 
 def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
@@ -45,9 +45,8 @@ def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tu
     """Torque gaps for a picture: the joints, and for each file and state words, colour and values [N m]."""
     if not heldout:
         return [], {}
-    colours = iter(COLOURS * len(heldout["gaps"]))
     rows: dict[str, tuple[str, list[float | None]]] = {
-        f"{form}, {WHEN[when]}": (next(colours), list(gap["torque_rms_Nm"].values()))
+        f"{form}, {WHEN[when]}": (COLOURS[when], list(gap["torque_rms_Nm"].values()))
         for form, found in heldout["gaps"].items()
         for when, gap in found.items()
     }
@@ -94,7 +93,7 @@ def draw(result: Any) -> Any:
     checks = [one for one in record["checks"] if one["value"] is not None]
     shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
     names = [f"{one['figure']} {one['joint']}" for one in checks]
-    return draw_bars(names, {"share of its limit": (COLOURS[2], shares)}, "1", f"limits of {record['model']}")
+    return draw_bars(names, {"share of its limit": (COLOURS["after"], shares)}, "1", f"limits of {record['model']}")
 
 
 def _export(record: dict[str, Any], out: Path) -> list[str]:

@@ -51,6 +51,7 @@ NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
 LEAST_MISSED = 0.005
 # What the candidates are, in a record.
 CANDIDATES = {
+    "given": "the URDF as it is",
     "before": "the URDF's inertias, losses tuned without the effects",
     "tuned": "inertias and losses tuned without the effects",
     "after": "the written file",

@@ -1,4 +1,4 @@
-"""Limits of acceleration and jerk that makers publish for their arms: a URDF has no place for them."""
+"""Limits that makers publish for their arms: of acceleration and jerk, for which a URDF has no place, and of speed."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ class MakersLimits:
 
     Attributes:
         source: Where.
+        speed: Of each joint [rad/s]; None where it is the URDF's.
         acceleration: Of each joint [rad/s²]; None where the maker publishes none.
         jerk: Of each joint [rad/s³]; None likewise.
-        binding: Whether the arm's controller stops beyond them; else they are advice, and limit nothing.
+        binding: Whether the arm's controller stops beyond the last two; else they are advice, and limit nothing.
     """
 
     source: str
+    speed: Float[Array, " n"] | None
     acceleration: Float[Array, " n"] | None
     jerk: Float[Array, " n"] | None
     binding: bool
@@ -44,14 +46,14 @@ def find_makers_limits(arm: ArmModel) -> MakersLimits | None:
     names = (arm.name, "" if arm.source is None else arm.source.stem)
     for row in _rows():
         if row["joints"] == arm.n and any(re.fullmatch(row["name"], name.lower()) for name in names):
-            parts = (row.get("acceleration_rad_s2"), row.get("jerk_rad_s3"))
-            acceleration, jerk = (None if part is None else np.array(part) for part in parts)
-            return MakersLimits(row["source"], acceleration, jerk, row["binding"])
+            parts = (row.get(key) for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"))
+            speed, acceleration, jerk = (None if part is None else np.array(part) for part in parts)
+            return MakersLimits(row["source"], speed, acceleration, jerk, row["binding"])
     return None
 
 
 def say_limits(makers: MakersLimits | None, asked: bool, acceleration: bool, jerk: bool) -> tuple[str, ...]:
-    """What results say of the limits of acceleration and jerk: whose they are, or that they are missing.
+    """What results say of the limits that no URDF has: whose they are, or that they are missing.
 
     Args:
         makers: What the maker says; None where that is not known here.
@@ -59,12 +61,12 @@ def say_limits(makers: MakersLimits | None, asked: bool, acceleration: bool, jer
         acceleration, jerk: Whether there is such a limit, the task's or the maker's.
     """
     said = []
-    if makers is not None and makers.binding:
+    if makers is not None and (makers.binding or makers.speed is not None):
         taken = "kept where the task gives none" if asked else "not kept, as the task asks"
         said.append(f"limits by the maker ({makers.source}): {taken}")
     missing = [name for name, known in (("acceleration", acceleration), ("jerk", jerk)) if not known]
     if missing:
-        advice = "" if makers is None or makers.binding else f"; {makers.source}"
+        advice = "" if makers is None or said or makers.binding else f"; {makers.source}"
         keys = ", ".join(f"limits.{name}_deg_s{3 if name == 'jerk' else 2}" for name in missing)
         what = f"no limit of {' and '.join(missing)} ({keys})"
         said.append(f"{what}: the motion may ask for more than the arm can do{advice}")

@@ -236,7 +236,7 @@ def _torque(model: HybridModel, held: Array, task: Task) -> TorqueModel:
 
 
 def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None) -> Limits:
-    """The robot's limits within those of the task; of acceleration and jerk its maker's, where the task gives none.
+    """The robot's limits within those of the task; where the task gives none, its maker's of speed, acceleration, jerk.
 
     Raises:
         TaskError: They leave nothing.
@@ -253,19 +253,14 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
         if reserve is not None and not usable[j] > 0.0:
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
             raise TaskError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
-    bound = makers if makers is not None and makers.binding and task.makers else None
-    published = (None, None) if bound is None else (bound.acceleration, bound.jerk)  # of as many joints as the arm has
+    asked = makers if task.makers else None
+    speed = arm.velocity_limit if task.speed is None else task.speed
+    if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last
+        speed = np.minimum(speed, asked.speed[: task.n])
+    bound = asked if asked is not None and asked.binding else None
+    published = (None, None) if bound is None else (bound.acceleration, bound.jerk)
     acceleration, jerk = (
         own if own is not None or theirs is None else theirs[: task.n]
         for own, theirs in zip((task.acceleration, task.jerk), published, strict=True)
     )
-    return Limits(
-        lower,
-        upper,
-        arm.velocity_limit if task.speed is None else task.speed,
-        usable,
-        task.clearance,
-        acceleration,
-        jerk,
-        reserve,
-    )
+    return Limits(lower, upper, speed, usable, task.clearance, acceleration, jerk, reserve)

@@ -100,16 +100,13 @@ ARMS: dict[str, Callable[[], Arm]] = {
 }
 
 
-def parts_of(session: Session) -> tuple[Session, Session, Session]:
+def parts_of(session: Session) -> tuple[Session, ...]:
     """To be diagnosed, to choose by, and unseen."""
     number = range(len(session.runs))
     unseen = [k for k in number if k % 6 == 5]
     choosing = [k for k in number if k % 3 == 1]
     rest = [k for k in number if k not in {*unseen, *choosing}]
-    first, second, third = (
-        session.replace(runs=tuple(session.runs[k] for k in some)) for some in (rest, choosing, unseen)
-    )
-    return first, second, third
+    return tuple(session.replace(runs=tuple(session.runs[k] for k in some)) for some in (rest, choosing, unseen))
 
 
 def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], Path, HybridModel]:
@@ -149,15 +146,13 @@ def rows(name: str, cache: Path) -> str:
     jobs["export"] = written, IdentifiedArm.of_models(model, nearest=True)
     for folder, (record, options) in jobs.items():
         nominal = options["after"].nominal
-        rivals = {key: one for key, one in options.items() if key != "after"} | {"": IdentifiedArm.as_urdf(nominal)}
+        rivals = {key: one for key, one in options.items() if key != "after"}
         for form, runs in product(("urdf", "mjcf"), (choosing, unseen)):
             payload = runs[0].payload
             own = measure_gap(load(cache / folder, form, nominal, payload), runs)
             files = (WrittenFile.write(form, cache / "scratch", one) for one in rivals.values())
             found = own.over([measure_gap(file.load(payload), runs) for file in files])
-            cells.append(
-                f"{record['written'][form] if runs is choosing else ''} {cell(np.exp(found), arm.joint_names)}"
-            )
+            cells.append(f"{record['written'][form] * (runs is choosing)} {cell(np.exp(found), arm.joint_names)}")
     pad = [""] * (8 - len(cells))
     return f"| {name} | {laws} | " + " | ".join([*pad, *cells])
 

@@ -2,8 +2,8 @@
 
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model, or, where a name that
 tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF held
-fast, in which that was judged. Joints without a gap have no place. The joints of the first name come first, so that
-the first name, its action and the first place are about one thing.
+fast, in which that was judged. Joints without a gap have no place. Likely names of the first joint come first, so that
+the first place, the first name and its action are about one thing.
 """
 
 from __future__ import annotations
@@ -61,16 +61,20 @@ class ClosesGap(Protocol):
 Name = TypeVar("Name", bound=ClosesGap)
 
 
-def in_order_of_gap(names: Sequence[Name]) -> tuple[Name, ...]:
+def in_order_of_gap(names: Sequence[Name], loudest: str = "") -> tuple[Name, ...]:
     """Names by the gap that all likely names of their joints close together; of one joint by what each closes.
 
-    What is less likely than not comes after: nobody is to begin with it.
+    Likely names of the loudest joint come before all. What is less likely than not comes after: nobody is to begin
+    with it.
     """
 
     def together(name: Name) -> float:
         return sum(other.closed for other in names if other.likely and set(other.joints) & set(name.joints))
 
-    return tuple(sorted(names, key=lambda name: (-together(name), not name.likely, -name.closed)))
+    def place(name: Name) -> tuple[bool, float, bool, float]:
+        return not (name.likely and loudest in name.joints), -together(name), not name.likely, -name.closed
+
+    return tuple(sorted(names, key=place))
 
 
 def measure_harm(
@@ -81,14 +85,14 @@ def measure_harm(
     names: Sequence[NamedPlace],
     loud: float,
 ) -> dict[str, Harm]:
-    """Harm of every joint that has a gap, the joints of the first name first, then in order of harm.
+    """Harm of every joint that has a gap, in order of harm.
 
     Args:
         joints: Their names.
         errors: Held-out error of the tuned model, and of the model with the URDF held fast [N m].
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
         noise: Noise floor [N m].
-        names: Where the names act, in their order.
+        names: Where the names act.
         loud: Error over noise from which on a joint without a name has a gap.
     """
     found: dict[str, Harm] = {}
@@ -99,8 +103,7 @@ def measure_harm(
         error = errors[view][j]
         if error > (1.0 if own else loud) * noise[j]:
             found[joint] = Harm(float(np.sqrt(error**2 - noise[j] ** 2)), view)
-    first = names[0].joints if names else ()
-    return dict(sorted(found.items(), key=lambda one: (one[0] not in first, -one[1].torque)))
+    return dict(sorted(found.items(), key=lambda one: -one[1].torque))
 
 
 def rank_places(

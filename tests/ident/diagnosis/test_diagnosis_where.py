@@ -96,7 +96,7 @@ def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_va
 
 
 def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
-    """Law: by torque beyond noise, in the view in which the names were judged; the first name's joints come first."""
+    """Law: by torque beyond noise, in the view in which the names were judged, whoever is named first."""
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
 
@@ -106,9 +106,9 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     assert list(harm()) == ["joint_3", "joint_1"]
     assert harm()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
     own = NamedPlace(("joint_1",), ("joint_1",), absorbed=False)
-    assert list(harm(own)) == ["joint_1", "joint_3"]
+    assert list(harm(own)) == ["joint_3", "joint_1"]
     hidden = harm(NamedPlace(("joint_2",), ("joint_2", "joint_3"), absorbed=True))
-    assert list(hidden) == ["joint_2", "joint_3", "joint_1"]
+    assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
     assert harm(away=np.array([0.0, 2.0, 0.0]))["joint_2"].view == "fixed"
 
@@ -116,12 +116,14 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
 def test_names_of_the_joint_where_names_close_most_come_first() -> None:
     """Law: two names that share a joint's gap come before one that closes more than each of them elsewhere, and names
 
-    that are likelier than not before all others.
+    that are likelier than not before all others; those of them at the loudest joint come first of all.
     """
     rows = [("joint_1", 3.0, True), ("joint_2", 2.0, True), ("joint_2", 2.5, True), ("joint_3", 9.0, False)]
     rows += [("joint_2", 2.7, False)]
     names = [SimpleNamespace(joints=(joint,), closed=closed, likely=likely) for joint, closed, likely in rows]
     assert [name.closed for name in in_order_of_gap(names)] == [2.5, 2.0, 2.7, 3.0, 9.0]
+    assert [name.closed for name in in_order_of_gap(names, "joint_1")] == [3.0, 2.5, 2.0, 2.7, 9.0]
+    assert [name.closed for name in in_order_of_gap(names, "joint_3")] == [2.5, 2.0, 2.7, 3.0, 9.0]
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:

@@ -200,21 +200,15 @@ def test_gears_give_way_as_their_equation_says() -> None:
     arm, rng, interval, finer = ArmModel.load("tm5-900"), np.random.default_rng(4), 0.002, 8
     time = np.arange(1000)[:, None] * interval
     size, pulse = rng.uniform(0.05, 0.4, N), rng.uniform(3.0, 12.0, N)
-    q, dq, ddq = (
-        size * np.sin(pulse * time),
-        size * pulse * np.cos(pulse * time),
-        -size * pulse**2 * np.sin(pulse * time),
-    )
+    wave, slope = size * np.sin(pulse * time), size * pulse * np.cos(pulse * time)
+    q, dq, ddq = wave, slope, -(pulse**2) * wave
     losses = Losses(np.zeros(N), VISCOUS, COULOMB, np.full(N, V0), np.zeros(N))
     motion = MovingArm(describe_arm(arm), losses, q, dq, ddq, interval)
     position, velocity, inertia = arm.derivatives(q, dq, ddq)
     load, p, v, m = motion.rigid[:, J], position[:, J, J], velocity[:, J, J], inertia[:, J, J]
-    stiff = np.concatenate(
-        [np.exp(rng.uniform(np.log(3e3), np.log(3e4), 25)), np.full(25, CONTACT_STIFFNESS * arm.effort_limit[J])]
-    )
-    damping = np.concatenate(
-        [rng.uniform(20.0, 80.0, 25), np.full(25, 2.0 * CONTACT_DAMPING_RATIO * np.sqrt(stiff[-1] * m.mean()))]
-    )
+    stiff = np.full(50, CONTACT_STIFFNESS * arm.effort_limit[J])
+    damping = np.full(50, 2.0 * CONTACT_DAMPING_RATIO * np.sqrt(stiff[-1] * m.mean()))
+    stiff[:25], damping[:25] = np.exp(rng.uniform(np.log(3e3), np.log(3e4), 25)), rng.uniform(20.0, 80.0, 25)
     half = np.concatenate([np.zeros(25), rng.uniform(2e-4, 2e-3, 25)])
 
     def solve(gap: Array) -> Array:
