@@ -6,14 +6,14 @@ a second pass over the recordings asks only for them, at many points, with the n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, layout_of
+from ident.diagnosis.regression.design import Group, Key, layout_of
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
@@ -48,7 +48,11 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     evidence = evidence.with_dispersion(search.evidence.dispersion)
     prior = Prior.believing(evidence, baseline, search.prior.error)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
-    return Refined(fine, _best(fine, [group.key for group in groups]))
+    points: dict[Key, list[Group]] = {}
+    for one in evidence.layout.groups:
+        points.setdefault(one.key, []).append(one)
+    middle = {group.key: points[group.key][len(points[group.key]) // 2] for group in groups}
+    return Refined(fine, _best(fine, middle, list(middle)))
 
 
 def find_needless(fine: Refined) -> int | None:
@@ -62,14 +66,15 @@ def find_needless(fine: Refined) -> int | None:
     Returns:
         Of the names for which nothing speaks any more, the one of least evidence; None where there is none.
     """
-    search, keys = fine.search, [group.key for group in fine.groups]
-    if len(keys) < 2:
+    search, groups = fine.search, fine.groups
+    if len(groups) < 2:
         return None
-    gram = search.evidence.gram()
-    left = [
-        search.score_beside(gram, group, _best(search, [key for key in keys if key != group.key]))
-        for group in fine.groups
-    ]
+    n, gram = search.evidence.layout.n, search.evidence.gram()
+    left = []
+    for group in groups:
+        others = {other.key: other for other in groups if other is not group}
+        near = [key for key, other in others.items() if set(group.acts_on(n)) & set(other.acts_on(n))]
+        left.append(search.score_beside(gram, group, _best(search, others, near)))
     weakest = int(np.argmin(left))
     return weakest if left[weakest] <= 0.0 else None
 
@@ -79,18 +84,23 @@ def _finer(session: SessionContext, group: Group) -> tuple[Variant, ...]:
     return tuple(group.effect.refined(group.effect.asked(session), group.joint, group.variant))
 
 
-def _best(fine: Search, keys: Sequence[tuple[str, int, int | None]]) -> tuple[Group, ...]:
-    """Each effect's best point beside the others' best points."""
-    gram = fine.evidence.gram()
+def _best(fine: Search, start: Mapping[Key, Group], keys: Sequence[Key]) -> tuple[Group, ...]:
+    """Effects at their best points beside each other.
+
+    Args:
+        fine: Sums of their finer grids.
+        start: The effects at the points to begin with, by their keys.
+        keys: Those that may move.
+    """
+    gram, best = fine.evidence.gram(), dict(start)
     mates = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
-    best = {key: mates[key][len(mates[key]) // 2] for key in keys}
     for _ in range(fine.settings.refine_rounds):
         before = dict(best)
         for key in keys:
-            others = [best[other] for other in keys if other != key]
+            others = [best[other] for other in start if other != key]
             projection = project(gram, fine.evidence, fine.prior, others)
             first = mates[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in mates[key]]))]
             best[key] = fine.steadier(projection, others, first)
         if best == before:
             break
-    return tuple(best[key] for key in keys)
+    return tuple(best.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ident.arrays import Array
@@ -20,10 +20,10 @@ class Search(Candidates):
         """Forward steps until nothing passes.
 
         Args:
-            start: Names to begin with, as far as they still pass.
+            start: Names to begin with, as far as they still pass without those of them that are barred by now.
         """
         gram = self.evidence.gram()
-        named = self._standing(gram, [item for item in start if item.group.key not in self.barred])
+        named = self._standing(gram, start)
         ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
         refused = None
         while len(named) < self.settings.most_effects * self.evidence.layout.n:
@@ -34,22 +34,35 @@ class Search(Candidates):
             if not step.gates.passed:
                 refused = step
                 break
-            groups = self._polish(gram, [*chosen, step.group])
+            groups = self._polish(gram, [*chosen, step.group], self._joints(step.group))
             named = [self._renamed(gram, item, k, groups) for k, item in enumerate([*named, step])]
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
-    def _standing(self, gram: Array, named: Sequence[Named]) -> list[Named]:
-        """Names at their best points beside each other, without those that no longer pass, the weakest going first."""
-        while named:
-            groups = self._polish(gram, [item.group for item in named])
-            named = [self.judged_beside(gram, groups, k) for k in range(len(groups))]
+    def _standing(self, gram: Array, start: Sequence[Named]) -> list[Named]:
+        """Names at their best points beside each other, without those that no longer pass, the weakest going first.
+
+        Only what acts at a joint where a name went or changed is tested again.
+        """
+        named = [item for item in start if item.group.key not in self.barred]
+        changed = self._joints(*(item.group for item in start if item.group.key in self.barred))
+        while changed:
+            groups = self._polish(gram, [item.group for item in named], changed)
+            changed |= self._joints(*(new for new, item in zip(groups, named, strict=True) if new is not item.group))
+            for k, group in enumerate(groups):
+                if changed & self._joints(group):
+                    named[k] = self.judged_beside(gram, groups, k)
             failed = [item for item in named if not item.gates.passed]
             if not failed:
                 break
             weakest = min(failed, key=lambda item: item.gates.evidence)
             named = [item for item in named if item is not weakest]
-        return list(named)
+            changed = self._joints(weakest.group)
+        return named
+
+    def _joints(self, *groups: Group) -> set[int]:
+        """Where some effects act."""
+        return {j for group in groups for j in group.acts_on(self.evidence.layout.n)}
 
     def _renamed(self, gram: Array, item: Named, slot: int, groups: Sequence[Group]) -> Named:
         """A name at its new inner figures; one that took another's place is judged itself."""
@@ -112,23 +125,33 @@ class Search(Candidates):
                 return mate
         return group
 
-    def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
+    def _polish(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
         """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.
 
         A swap must have more evidence and do better on held-out runs by more than one standard error.
+
+        Args:
+            gram: Sums of the whole session.
+            groups: The effects.
+            changed: Joints where one of them is new or another went: what acts elsewhere stays as it is.
         """
-        current = list(groups)
+        current, near = list(groups), set(changed)
         for _ in range(self.settings.polish_rounds):
-            before = list(current)
-            for i in range(len(current)):
+            moved = set[int]()
+            for i, old in enumerate(current):
+                if not (near | moved) & self._joints(old):
+                    continue
                 others = current[:i] + current[i + 1 :]
                 projection = project(gram, self.evidence, self.prior, others)
-                best = self.best_by_key(projection, others, current[i])
-                current[i] = self.steadier(projection, others, best[current[i].key][1])
+                best = self.best_by_key(projection, others, old)
+                current[i] = self.steadier(projection, others, best[old.key][1])
                 rival = max(best.values(), key=lambda pair: pair[0])[1]
-                if rival.key != current[i].key and self._beats(projection, others, rival, current[i]):
+                if rival.key != old.key and self._beats(projection, others, rival, current[i]):
                     current[i] = rival
-            if current == before:
+                if current[i] is not old:
+                    moved |= self._joints(old, current[i])
+            near = moved
+            if not moved:
                 break
         return current
 
