@@ -182,7 +182,7 @@ class _Look:
         kept = beta != 0.0
         columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
-        power = float(scaled @ self.views[0].rest[np.ix_(columns, columns)] @ scaled)
+        power = float(scaled @ self.views[0].rest(columns) @ scaled)
         needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + NINE_IN_TEN
         by_noise = needed * np.sqrt((1.0 if absorbed else self.spare) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
@@ -248,7 +248,7 @@ class _Look:
         """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
         held, cost = self.search.settings, self.search.cost_of(group)
         if group.prior is not None:
-            told = self.views[0].rest[np.ix_(group.columns, group.columns)]
+            told = self.views[0].rest(group.columns)
             scaled = beta * self.search.evidence.scale[group.columns]
             return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, told)
         if absorbed:

@@ -79,9 +79,9 @@ class Projection:
         inside: The model's columns.
         estimate: Its scaled coefficients.
         spread: Inverse of its information (prior included), the model-based covariance.
-        rest: Schur complement over all columns and the torque (the last row and column).
-        total: The whole Gram matrix.
-        slopes: Coefficients of every column on the model's, shape (z, P + 1).
+        across: Sums of the model's columns times every column.
+        total: The whole Gram matrix, the torque its last row and column.
+        slopes: Coefficients of every column on the model's.
         noise: Power of every column that was encoder noise; it is not in `total` any more.
         settings: What counts as seen.
     """
@@ -89,7 +89,7 @@ class Projection:
     inside: Int[Array, " z"]
     estimate: Float[Array, " z"]
     spread: Float[Array, "z z"]
-    rest: Float[Array, "P P"]
+    across: Float[Array, "z P"]
     total: Float[Array, "P P"]
     slopes: Float[Array, "z P"]
     noise: Float[Array, " P"]
@@ -98,7 +98,16 @@ class Projection:
     @property
     def misfit(self) -> float:
         """Penalised sum of whitened squares that the model leaves."""
-        return float(self.rest[-1, -1])
+        return float(self._target[-1])
+
+    def rest(self, columns: Int[Array, " k"]) -> Float[Array, "k k"]:
+        """Sums of some columns after the model, a part of the Schur complement."""
+        return np.asarray(self.total[columns[:, None], columns] - self.across[:, columns].T @ self.slopes[:, columns])
+
+    @cached_property
+    def _target(self) -> Float[Array, " P"]:
+        """Sums of every column times the torque, after the model."""
+        return np.asarray(self.total[:, -1] - self.across.T @ self.estimate)
 
     @cached_property
     def _power(self) -> Float[Array, " P"]:
@@ -106,7 +115,7 @@ class Projection:
 
     @cached_property
     def _left(self) -> Float[Array, " P"]:
-        return np.diag(self.rest).copy()
+        return np.asarray(self._power - np.einsum("zp,zp->p", self.across, self.slopes))
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Share of each column's power that the model can't absorb; nothing of a column without power."""
@@ -131,9 +140,10 @@ class Projection:
             slots = np.flatnonzero(widths == width).tolist()
             at = np.stack([groups[k].columns for k in slots])
             shown = seen[at]
-            matrix = self.rest[at[:, :, None], at[:, None, :]] * (shown[:, :, None] & shown[:, None, :])
+            taken = self.across[:, at].transpose(1, 2, 0) @ self.slopes[:, at].transpose(1, 0, 2)
+            matrix = (self.total[at[:, :, None], at[:, None, :]] - taken) * (shown[:, :, None] & shown[:, None, :])
             matrix[:, np.arange(width), np.arange(width)] += ~shown
-            target = self.rest[at, -1] * shown
+            target = self._target[at] * shown
             if width == 1:
                 signed = np.array([bool(groups[k].signed) for k in slots])
                 target[signed] = np.maximum(target[signed], 0.0)
@@ -159,26 +169,25 @@ class Projection:
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
-        power, left = self._power[columns], self._left[columns]
-        seen = self.seen(columns)
-        beta = np.zeros(len(columns))
-        if len(columns) == 1:  # most candidates: no matrix is needed
-            if seen[0]:
-                value = self.rest[columns[0], -1] / (left[0] + 1e-6 * power[0])
-                beta[0] = max(value, 0.0) if signed[0] else value
-            return beta
-        if seen.any():
-            at = columns[seen]
-            matrix = positive(self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen]))
-            beta[seen] = solve_signed(matrix, self.rest[at, -1], signed[seen])
-        return beta
+        return self._fall(columns, np.flatnonzero(signed).tolist())[1]
 
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
+        """Fall of the misfit by further columns, and their coefficients: zero of those that can't be seen."""
+        power, seen, target = self._power[columns], self.seen(columns), self._target[columns]
         signed = np.zeros(len(columns), dtype=bool)
         signed[[k for k in nonnegative if k < len(columns)]] = True  # an effect may have fewer columns here than it can
-        beta = self.solve(columns, signed)
-        fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
-        return float(max(fall, 0.0)), beta
+        beta = np.zeros(len(columns))
+        if len(columns) == 1:  # most candidates: no matrix is needed
+            left = float(self._left[columns[0]])
+            if seen[0]:
+                value = float(target[0]) / (left + 1e-6 * float(power[0]))
+                beta[0] = max(value, 0.0) if signed[0] else value
+            return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
+        rest = self.rest(columns)
+        if seen.any():
+            matrix = positive(rest[np.ix_(seen, seen)] + np.diag(1e-6 * power[seen]))
+            beta[seen] = solve_signed(matrix, target[seen], signed[seen])
+        return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
 
 
 def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
@@ -216,13 +225,11 @@ def project(
     every = slice(None) if columns is None else columns
     across, total = gram[inside][:, every], gram if columns is None else gram[np.ix_(columns, columns)]
     slopes = cho_solve(factor, across)
-    rest = across.T @ slopes
-    np.subtract(total, rest, out=rest)
     return Projection(
         inside=inside,
         estimate=slopes[:, -1],
         spread=cho_solve(factor, np.eye(len(inside))),
-        rest=rest,
+        across=across,
         total=total,
         slopes=slopes,
         noise=evidence.noise_power[every],

@@ -160,8 +160,7 @@ class Posterior:
 
         Encoder noise was taken off them: a column that is mostly noise may come out below zero, and gets as much back.
         """
-        at = np.append(columns, len(model.rest) - 1)
-        sums = model.rest[np.ix_(at, at)].copy()
+        sums = model.rest(np.append(columns, len(model.total) - 1))
         sums[np.arange(len(columns)), np.arange(len(columns))] += self.evidence.noise_power[columns]
         return _nonnegative(sums)
 

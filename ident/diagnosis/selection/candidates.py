@@ -81,7 +81,7 @@ class Candidates:
         """
         gain, scaled = self.gain_of(projection, group)
         if group.prior is not None:
-            told = projection.rest[np.ix_(group.columns, group.columns)]
+            told = projection.rest(group.columns)
             return 0.5 * gain - self.cost_of_size(group, group.prior, scaled, told) - self._choices[group.effect.id]
         column = self._cost_of_column(group)
         essential = group.effect.essential(group.variant)
@@ -237,7 +237,7 @@ class Candidates:
             if group.key in wanted:
                 least[group.key] = min(least.get(group.key, 1.0), float(value))
         if any(group.key in wanted for group in slow):
-            found = family_p_values_by_run(by_run, projection.rest, slow, rng, self.settings)
+            found = family_p_values_by_run(by_run, projection, slow, rng, self.settings)
             least.update({key: value for key, value in found.items() if key in wanted})
         return least
 

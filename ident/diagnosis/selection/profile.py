@@ -116,7 +116,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
     drop, share = search.settings.interval_fall, group.effect.doubt.share
     open_ended = 0.5 * share**2 * float(gains[mates.index(group)])
     information = tuple(
-        projection.rest[np.ix_(mate.columns, mate.columns)] * np.outer(scale[mate.columns], scale[mate.columns])
+        projection.rest(mate.columns) * np.outer(scale[mate.columns], scale[mate.columns])
         for mate in mates
     )
     coefficients = tuple(beta / scale[mate.columns] for mate, (_, beta) in zip(mates, seen, strict=True))

@@ -92,7 +92,7 @@ def _whitened(scores: Float[Array, "g B k"], voices: int) -> tuple[Float[Array, 
 
 def family_p_values_by_run(
     scores: Float[Array, "R P"],
-    information: Float[Array, "P P"],
+    projection: Projection,
     groups: Sequence[Group],
     rng: np.random.Generator,
     settings: SelectionSettings = USUAL_SELECTION,
@@ -104,7 +104,7 @@ def family_p_values_by_run(
 
     Args:
         scores: Of `block_scores`, summed run by run.
-        information: What the model leaves of the sums, `Projection.rest`.
+        projection: The model.
         groups: The family: all names that are judged so, with their grids.
         rng: Draws the signs.
         settings: Number of flips.
@@ -113,9 +113,9 @@ def family_p_values_by_run(
     best: dict[Key, Float[Array, " f"]] = {}
     for group in groups:
         fall = best.setdefault(group.key, np.zeros(len(signs)))
-        seen = group.columns[np.diag(information)[group.columns] > 0.0]
-        sums = signs @ scores[:, seen]
-        matrix = information[np.ix_(seen, seen)]
+        matrix = projection.rest(group.columns)
+        kept = np.diag(matrix) > 0.0
+        sums, matrix = signs @ scores[:, group.columns[kept]], matrix[np.ix_(kept, kept)]
         inverse = np.linalg.pinv(matrix + np.diag(1e-6 * np.diag(matrix)), hermitian=True)
         np.maximum(fall, np.einsum("fk,kl,fl->f", sums, inverse, sums), out=fall)
     greatest = np.max(list(best.values()), axis=0)

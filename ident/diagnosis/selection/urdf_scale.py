@@ -106,7 +106,7 @@ def added_evidence(
         prior = Prior.believing(evidence, baseline, replace(error, usual=search.prior.error.usual))
         alone = _evidence(search, prior, others, spare) - _cost(error, search.settings)
         view = project(gram, evidence, prior, others, columns)
-        (gain, scaled), told = view.gain(lone), view.rest[:-1, :-1] / spare
+        (gain, scaled), told = view.gain(lone), view.rest(lone.columns) / spare
         if group.prior is not None:
             cost = search.cost_of_size(group, group.prior, scaled, told)
         elif usual is None:
