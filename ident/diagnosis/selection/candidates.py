@@ -237,7 +237,7 @@ class Candidates:
             if group.key in wanted:
                 least[group.key] = min(least.get(group.key, 1.0), float(value))
         if any(group.key in wanted for group in slow):
-            found = family_p_values_by_run(by_run, projection, slow, rng, self.settings)
+            found = family_p_values_by_run(by_run, projection.rest, slow, rng, self.settings)
             least.update({key: value for key, value in found.items() if key in wanted})
         return least
 

@@ -13,7 +13,7 @@ Source: Romano and Wolf 2005 (step-down); Cameron, Gelbach and Miller 2008 (scor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -92,7 +92,7 @@ def _whitened(scores: Float[Array, "g B k"], voices: int) -> tuple[Float[Array, 
 
 def family_p_values_by_run(
     scores: Float[Array, "R P"],
-    projection: Projection,
+    information: Callable[[Int[Array, " k"]], Float[Array, "k k"]],
     groups: Sequence[Group],
     rng: np.random.Generator,
     settings: SelectionSettings = USUAL_SELECTION,
@@ -104,7 +104,7 @@ def family_p_values_by_run(
 
     Args:
         scores: Of `block_scores`, summed run by run.
-        projection: The model.
+        information: What the model leaves of the sums of some columns (`Projection.rest`).
         groups: The family: all names that are judged so, with their grids.
         rng: Draws the signs.
         settings: Number of flips.
@@ -113,7 +113,7 @@ def family_p_values_by_run(
     best: dict[Key, Float[Array, " f"]] = {}
     for group in groups:
         fall = best.setdefault(group.key, np.zeros(len(signs)))
-        matrix = projection.rest(group.columns)
+        matrix = information(group.columns)
         kept = np.diag(matrix) > 0.0
         sums, matrix = signs @ scores[:, group.columns[kept]], matrix[np.ix_(kept, kept)]
         inverse = np.linalg.pinv(matrix + np.diag(1e-6 * np.diag(matrix)), hermitian=True)
