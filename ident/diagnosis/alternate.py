@@ -32,21 +32,13 @@ from ident.effects.base import SessionContext
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Names that stand, and what was found on the way.
+    """Names that stand, and what was found on the way."""
 
-    Attributes:
-        search: The search that gave them, with what it is to do without.
-        found: What it found.
-        estimates: Figures of each name.
-        fine: Their finer grids, if there are names.
-        doubted: Why further names were not believed.
-    """
-
-    search: Search
-    found: SearchResults
-    estimates: list[Estimate]
-    fine: Refined | None
-    doubted: tuple[Reservation, ...]
+    search: Search  # the search that gave them, with what it is to do without
+    found: SearchResults  # what it found
+    estimates: list[Estimate]  # figures of each name
+    fine: Refined | None  # their finer grids, if there are names
+    doubted: tuple[Reservation, ...]  # why further names were not believed
 
 
 def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settled:

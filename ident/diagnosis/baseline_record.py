@@ -30,15 +30,10 @@ LINK_KEYS = (
 
 @dataclass(frozen=True)
 class OpenLaw:
-    """What the reported figures of an effect leave open of its law.
+    """What the reported figures of an effect leave open of its law."""
 
-    Attributes:
-        coefficients: Of its columns, in their order.
-        shape: Its inner figures, and what gives its columns their form.
-    """
-
-    coefficients: tuple[float, ...]
-    shape: Mapping[str, float]
+    coefficients: tuple[float, ...]  # of its columns, in their order
+    shape: Mapping[str, float]  # its inner figures, and what gives its columns their form
 
     def to_dict(self) -> dict[str, Any]:
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
@@ -46,23 +41,16 @@ class OpenLaw:
 
 @dataclass(frozen=True, eq=False)
 class TunedJoint:
-    """The tuned baseline at one joint.
+    """The tuned baseline at one joint."""
 
-    Attributes:
-        motor_inertia, viscous, coulomb: Losses, none negative [kg m², N m s/rad, N m].
-        transition: Speed over which dry friction turns round where it does not over a range [rad/s].
-        sliding_range: Range over which it does, or 0 [rad].
-        link_change: Smallest change of the URDF's link inertias that gives the tuned ones, in the order of `LINK_KEYS`.
-        laws: By effect, what its reported figures leave open.
-    """
-
-    motor_inertia: float
+    motor_inertia: float  # losses, none negative [kg m², N m s/rad, N m]
     viscous: float
     coulomb: float
-    transition: float
-    sliding_range: float
+    transition: float  # speed over which dry friction turns round where it does not over a range [rad/s]
+    sliding_range: float  # range over which it does, or 0 [rad]
+    # Smallest change of the URDF's link inertias that gives the tuned ones, in the order of `LINK_KEYS`.
     link_change: Float[Array, " 10"]
-    laws: Mapping[str, OpenLaw]
+    laws: Mapping[str, OpenLaw]  # by effect, what its reported figures leave open
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -198,17 +198,12 @@ def _tolerance(
 
 @dataclass(frozen=True, eq=False)
 class _WithDiscrepancy:
-    """What a discrepancy says of a session.
+    """What a discrepancy says of a session."""
 
-    Attributes:
-        left: What it sees at each joint beside the names; None where nothing stands out of the noise.
-        laws: What each name is worth beside it.
-        explained: Share of each joint's mean square that it explains in the names' place.
-    """
-
+    # What it sees at each joint beside the names; None where nothing stands out of the noise.
     left: tuple[LeftAtJoint | None, ...]
-    laws: tuple[Beside, ...]
-    explained: Float[Array, " n"]
+    laws: tuple[Beside, ...]  # what each name is worth beside it
+    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in the names' place
 
 
 def _beside_discrepancy(

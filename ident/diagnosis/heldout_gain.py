@@ -29,23 +29,15 @@ HERE = "\0"
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """An effect with what it explains.
+    """An effect with what it explains."""
 
-    Attributes:
-        estimate: What it is, its figures, its rivals.
-        joints: Where it shows.
-        rms_before, rms_after: Error on held-out runs without and with it, by joint [N m].
-        shrink: Share of what lay above the noise that it closes there.
-        caveat: What an action rests on that nobody has measured; empty where there is none.
-        slides: Whether its joint slides: its figures are of forces and metres.
-    """
-
-    estimate: Estimate
-    joints: tuple[str, ...]
-    rms_before: dict[str, float]
+    estimate: Estimate  # what it is, its figures, its rivals
+    joints: tuple[str, ...]  # where it shows
+    rms_before: dict[str, float]  # error on held-out runs without and with it, by joint [N m]
     rms_after: dict[str, float]
-    shrink: float
-    slides: bool = field(default=False, kw_only=True)
+    shrink: float  # share of what lay above the noise that it closes there
+    slides: bool = field(default=False, kw_only=True)  # whether its joint slides: its figures are of forces and metres
+    # What an action rests on that nobody has measured; empty where there is none.
     caveat: str = field(default="", kw_only=True)
 
     @property

@@ -23,21 +23,14 @@ from ident.effects.base import Interval, SessionContext, impossible
 
 @dataclass(frozen=True, eq=False)
 class Reservation:
-    """A reason to doubt.
+    """A reason to doubt."""
 
-    Attributes:
-        effect: The effect that got no name for it; "" where it is about the replay or the URDF.
-        joints: Where.
-        reason: In words.
-        parameters: The figures that the effect would have had.
-        shows: What it explains, where its figures or their unevenness speak against the name and not against there
-            being something; None where it may as well be nothing.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    reason: str
-    parameters: dict[str, Interval]
+    effect: str  # the effect that got no name for it; "" where it is about the replay or the URDF
+    joints: tuple[str, ...]  # where
+    reason: str  # in words
+    parameters: dict[str, Interval]  # the figures that the effect would have had
+    # What it explains, where its figures or their unevenness speak against the name and not against there being
+    # something; None where it may as well be nothing.
     shows: Named | None = None
 
     @classmethod

@@ -75,27 +75,17 @@ class Finding(Explained):
 
 @dataclass(frozen=True)
 class JointGap:
-    """What is left at a joint, what is noise, and what could still be explained.
+    """What is left at a joint, what is noise, and what could still be explained."""
 
-    Attributes:
-        rms: Error of the tuned model on held-out runs [N m].
-        fixed_rms: The same with the URDF's inertias held fast [N m].
-        noise_floor: What no model goes below [N m].
-        ceiling_rms: What any function of the state would leave beside the names [N m].
-        unexplained: What kind of inputs explain more than the names do, or None where none does.
-        tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        energy_error: Mean and standard deviation over the runs [J]; a single run has no deviation.
-        model_rms: Error of the user's own model [N m], or None where there is none.
-    """
-
-    rms: float
-    fixed_rms: float
-    noise_floor: float
-    ceiling_rms: float
-    unexplained: str | None
-    tuned_away: float
+    rms: float  # error of the tuned model on held-out runs [N m]
+    fixed_rms: float  # the same with the URDF's inertias held fast [N m]
+    noise_floor: float  # what no model goes below [N m]
+    ceiling_rms: float  # what any function of the state would leave beside the names [N m]
+    unexplained: str | None  # what kind of inputs explain more than the names do, or None where none does
+    tuned_away: float  # what only inertias beyond the URDF's tolerance explain [N m]
+    # Mean and standard deviation over the runs [J]; a single run has no deviation.
     energy_error: tuple[float, float | None]
-    model_rms: float | None = None
+    model_rms: float | None = None  # error of the user's own model [N m], or None where there is none
 
     def to_dict(self) -> dict[str, Any]:
         mean, std = self.energy_error
@@ -114,18 +104,12 @@ class JointGap:
 
 @dataclass(frozen=True, eq=False)
 class AllNames:
-    """All named effects together, on runs that the fit never saw.
+    """All named effects together, on runs that the fit never saw."""
 
-    Attributes:
-        rms_before, rms_after: Error without and with them, joint by joint [N m].
-        shrink: Share of what lay above the noise that they close.
-        reach: Energy, a learner in their place, and the motion replayed.
-    """
-
-    rms_before: Float[np.ndarray, " n"]
+    rms_before: Float[np.ndarray, " n"]  # error without and with them, joint by joint [N m]
     rms_after: Float[np.ndarray, " n"]
-    shrink: float
-    reach: Reach
+    shrink: float  # share of what lay above the noise that they close
+    reach: Reach  # energy, a learner in their place, and the motion replayed
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         return {
@@ -194,13 +178,9 @@ class Exportable(Result):
 
 @dataclass(frozen=True, eq=False)
 class SavedDiagnosis(Exportable):
-    """A diagnosis from its file: its words, its picture, its page and its patch are those of the diagnosis itself.
+    """A diagnosis from its file: its words, its picture, its page and its patch are those of the diagnosis itself."""
 
-    Attributes:
-        record: `ident.diagnosis/1`; `ident schema diagnosis` says what it holds.
-    """
-
-    record: Mapping[str, Any]
+    record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
 
     @property
     def verdict(self) -> str:

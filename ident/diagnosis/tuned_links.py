@@ -52,24 +52,17 @@ LEAST_MOMENT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TunedLink:
-    """Change of a link from its URDF.
+    """Change of a link from its URDF."""
 
-    Attributes:
-        joint: The joint that moves it.
-        mass: Change of its mass [kg]; None where the recordings don't determine it.
-        moment: Change of its first moment in its joint's frame, by axis, as far as determined [kg m].
-        about_axis: Change of the first moment about the joint's axis of all that turns with it, along the URDF's own
-            [kg m]; None where gravity shows nothing of it.
-        urdf_moment: What the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by.
-        beyond: Which of its changes, by their names in `figures`, are more than URDFs are wrong by.
-    """
-
-    joint: str
-    mass: Interval | None
+    joint: str  # the joint that moves it
+    mass: Interval | None  # change of its mass [kg]; None where the recordings don't determine it
+    # Change of its first moment in its joint's frame, by axis, as far as determined [kg m].
     moment: Mapping[str, Interval]
+    # Change of the first moment about the joint's axis of all that turns with it, along the URDF's own [kg m]; None
+    # where gravity shows nothing of it.
     about_axis: Interval | None
-    urdf_moment: float
-    beyond: frozenset[str]
+    urdf_moment: float  # what the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by
+    beyond: frozenset[str]  # which of its changes, by their names in `figures`, are more than URDFs are wrong by
 
     @property
     def beyond_tolerance(self) -> bool:

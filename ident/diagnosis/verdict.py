@@ -34,15 +34,10 @@ def stands_out(evidence: Evidence, last: HeldOutScore, joint: int, settings: Ver
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """What is left at each joint, beside what noise and friction that varies would leave.
+    """What is left at each joint, beside what noise and friction that varies would leave."""
 
-    Attributes:
-        leftover: How far it stands out; above 1 something is there that has no name.
-        noise: The noise that the joint's innovation speaks for [N m].
-    """
-
-    leftover: Float[Array, " n"]
-    noise: Float[Array, " n"]
+    leftover: Float[Array, " n"]  # how far it stands out; above 1 something is there that has no name
+    noise: Float[Array, " n"]  # the noise that the joint's innovation speaks for [N m]
 
     @property
     def left(self) -> Bool[Array, " n"]:
@@ -168,21 +163,13 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
 
 @dataclass(frozen=True)
 class Nearest:
-    """The candidate that came nearest to a name.
+    """The candidate that came nearest to a name."""
 
-    Attributes:
-        effect: Its id.
-        joints: Where it shows most.
-        p_value: Family-wise, of the sign-flip test.
-        evidence: Log evidence [nats].
-        rms_fall: Largest share by which a joint's held-out error would fall.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    p_value: float
-    evidence: float
-    rms_fall: float
+    effect: str  # its id
+    joints: tuple[str, ...]  # where it shows most
+    p_value: float  # family-wise, of the sign-flip test
+    evidence: float  # log evidence [nats]
+    rms_fall: float  # largest share by which a joint's held-out error would fall
 
     def to_dict(self) -> dict[str, Any]:
         return {

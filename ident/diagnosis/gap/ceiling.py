@@ -21,21 +21,13 @@ from ident.diagnosis.regression.posterior import LeftAtJoint
 
 @dataclass(frozen=True, eq=False)
 class Ceiling:
-    """How much of what is left at a joint can be explained.
+    """How much of what is left at a joint can be explained."""
 
-    Attributes:
-        rms: What would be left [N m].
-        before: What is left [N m].
-        kind: What it depends on, or None if nothing explains it: state, memory, time, coupling.
-        sure: Whether the fall is more than chance.
-        evidence: Log Bayes factor of a discrepancy against none [nats].
-    """
-
-    rms: float
-    before: float
-    kind: str | None
-    sure: bool
-    evidence: float = 0.0
+    rms: float  # what would be left [N m]
+    before: float  # what is left [N m]
+    kind: str | None  # what it depends on, or None if nothing explains it: state, memory, time, coupling
+    sure: bool  # whether the fall is more than chance
+    evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
 
 def measure_ceiling(

@@ -34,27 +34,17 @@ VIEWS: tuple[View, ...] = ("before", "fixed")
 
 @dataclass(frozen=True)
 class Place:
-    """One cell of the map.
+    """One cell of the map."""
 
-    Attributes:
-        joint: Joint name.
-        axis: What is binned.
-        low, high: The bin [rad/s, N m, rad, m, s, degC or Hz].
-        share_of_gap: Share of the joint's residual power that falls into it.
-        share_of_time: Share of the samples that do; along frequency, of the noise.
-        energy_J: Work of the residual in it, over the session [J]; None along frequency.
-        p_value: Of its being denser in gap than the rest, for all cells of the joint together.
-        beyond_noise_Nm: What the model errs by at the joint, beyond noise [N m]; None where the cell is not ranked.
-    """
-
-    joint: str
-    axis: str
-    low: float
+    joint: str  # joint name
+    axis: str  # what is binned
+    low: float  # the bin [rad/s, N m, rad, m, s, degC or Hz]
     high: float
-    share_of_gap: float
-    share_of_time: float
-    energy_J: float | None
-    p_value: float
+    share_of_gap: float  # share of the joint's residual power that falls into it
+    share_of_time: float  # share of the samples that do; along frequency, of the noise
+    energy_J: float | None  # work of the residual in it, over the session [J]; None along frequency
+    p_value: float  # of its being denser in gap than the rest, for all cells of the joint together
+    # What the model errs by at the joint, beyond noise [N m]; None where the cell is not ranked.
     beyond_noise_Nm: float | None = None
 
     @property

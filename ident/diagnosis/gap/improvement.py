@@ -21,19 +21,13 @@ from ident.results import ONE_RUN
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Figures about the named effects on runs that the fit never saw.
+    """Figures about the named effects on runs that the fit never saw."""
 
-    Attributes:
-        shares: Order-free share of the reducible gap of each effect, in the order of the search.
-        without_names: RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
-        forward: The motion replayed, without and with the effects.
-        runs_before, runs_after: Energy error of each run, joint by joint [J].
-    """
-
-    shares: Float[Array, " k"]
+    shares: Float[Array, " k"]  # order-free share of the reducible gap of each effect, in the order of the search
+    # RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
     without_names: Float[Array, " n"]
-    forward: Replay
-    runs_before: Float[Array, "R n"]
+    forward: Replay  # the motion replayed, without and with the effects
+    runs_before: Float[Array, "R n"]  # energy error of each run, joint by joint [J]
     runs_after: Float[Array, "R n"]
 
     @property

@@ -21,30 +21,19 @@ from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 @dataclass(frozen=True)
 class Harm:
-    """What a joint's model errs by beyond noise.
+    """What a joint's model errs by beyond noise."""
 
-    Attributes:
-        torque: Root mean square beyond noise [N m].
-        view: The model: `before` for the tuned one, `fixed` for that with the URDF held fast.
-    """
-
-    torque: float
-    view: View = "before"
+    torque: float  # root mean square beyond noise [N m]
+    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF held fast
 
 
 @dataclass(frozen=True)
 class NamedPlace:
-    """Where a name acts.
+    """Where a name acts."""
 
-    Attributes:
-        joints: The joints that it is reported of.
-        shown: The joints whose error falls by it.
-        absorbed: Whether it was judged with the URDF held fast.
-    """
-
-    joints: tuple[str, ...]
-    shown: Collection[str]
-    absorbed: bool
+    joints: tuple[str, ...]  # the joints that it is reported of
+    shown: Collection[str]  # the joints whose error falls by it
+    absorbed: bool  # whether it was judged with the URDF held fast
 
 
 class ClosesGap(Protocol):

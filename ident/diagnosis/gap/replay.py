@@ -31,16 +31,11 @@ from ident.diagnosis.regression.baseline import Baseline
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Departure of the replayed from the recorded motion.
+    """Departure of the replayed from the recorded motion."""
 
-    Attributes:
-        window: Length of a stretch [s].
-        windows: Stretches in which each joint moved freely.
-        before, after: Root mean square departure at a stretch's end, without and with the named effects [rad].
-    """
-
-    window: float
-    windows: Int[Array, " n"]
+    window: float  # length of a stretch [s]
+    windows: Int[Array, " n"]  # stretches in which each joint moved freely
+    # Root mean square departure at a stretch's end, without and with the named effects [rad].
     before: Float[Array, " n"]
     after: Float[Array, " n"]
 

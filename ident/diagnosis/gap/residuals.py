@@ -21,26 +21,17 @@ from ident.motion.out_of_core import choose_runs
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """One run; t filtered samples of n joints. All residuals are measured less modelled torque.
+    """One run; t filtered samples of n joints. All residuals are measured less modelled torque."""
 
-    Attributes:
-        run: The run.
-        index: Its place in the session.
-        before: What the tuned baseline leaves [N m].
-        after: What is left with the named effects [N m].
-        fixed: What is left with the URDF's inertias held fast, friction and rotors tuned [N m].
-        unseen_before, unseen_after: `before` and `after` of models that were solved without this stretch's fold [N m].
-        counts: Where each joint moves steadily.
-    """
-
-    run: RunContext
-    index: int
-    before: Float[Array, "t n"]
-    after: Float[Array, "t n"]
-    fixed: Float[Array, "t n"]
+    run: RunContext  # the run
+    index: int  # its place in the session
+    before: Float[Array, "t n"]  # what the tuned baseline leaves [N m]
+    after: Float[Array, "t n"]  # what is left with the named effects [N m]
+    fixed: Float[Array, "t n"]  # what is left with the URDF's inertias held fast, friction and rotors tuned [N m]
+    # `before` and `after` of models that were solved without this stretch's fold [N m].
     unseen_before: Float[Array, "t n"]
     unseen_after: Float[Array, "t n"]
-    counts: Bool[Array, "t n"]
+    counts: Bool[Array, "t n"]  # where each joint moves steadily
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
         """The same without the run's own viscous and dry friction, and its drift, in what is left after the names.

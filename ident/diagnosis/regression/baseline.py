@@ -23,17 +23,13 @@ from ident.robot.arm import ArmModel
 
 @dataclass(frozen=True)
 class UrdfError:
-    """How far off a URDF's inertias are believed to be.
+    """How far off a URDF's inertias are believed to be."""
 
-    Attributes:
-        scale: Of each link's numbers in their own size, in units of the usual belief.
-        com_m: Of every link's centre of mass besides, root mean square distance [m]: what a drawing's other origin or
-            a hose's weight does to a short link as much as to a long one.
-        usual: Links that are believed as any URDF's all the same: what is off there is to have a name.
-    """
-
-    scale: float = 1.0
+    scale: float = 1.0  # of each link's numbers in their own size, in units of the usual belief
+    # Of every link's centre of mass besides, root mean square distance [m]: what a drawing's other origin or a hose's
+    # weight does to a short link as much as to a long one.
     com_m: float = 0.0
+    # Links that are believed as any URDF's all the same: what is off there is to have a name.
     usual: frozenset[int] = frozenset()
 
     def divided(self, factor: float) -> UrdfError:
@@ -43,27 +39,16 @@ class UrdfError:
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """The tuned model.
+    """The tuned model."""
 
-    Attributes:
-        nominal: The arm as the URDF describes it.
-        arm: The arm after tuning.
-        base: Its base parameters.
-        prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
-        loss: Tuned loss figures.
-        sliding: How each joint's dry friction turns round.
-        number_std: Standard deviation of each link's inertial numbers, as believed.
-        settings: What the regression counts with.
-    """
-
-    nominal: ArmModel
-    arm: ArmModel
-    base: BaseParameters
-    prior: Float[Array, "r r"]
-    loss: LossParameters
-    sliding: Sliding
-    number_std: Float[Array, " 10n"]
-    settings: RegressionSettings = USUAL_REGRESSION
+    nominal: ArmModel  # the arm as the URDF describes it
+    arm: ArmModel  # the arm after tuning
+    base: BaseParameters  # its base parameters
+    prior: Float[Array, "r r"]  # information on the base parameters' change that lies in the URDF, shape (r, r)
+    loss: LossParameters  # tuned loss figures
+    sliding: Sliding  # how each joint's dry friction turns round
+    number_std: Float[Array, " 10n"]  # standard deviation of each link's inertial numbers, as believed
+    settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
 
     def prior_of(self, error: UrdfError, wrong_link: int | None = None, factor: float = 1.0) -> Float[Array, "r r"]:
         """Information on the base parameters' change in a URDF that is so far off, and at one link more by a factor."""

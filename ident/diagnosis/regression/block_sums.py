@@ -22,23 +22,16 @@ from ident.arrays import Array, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class SymmetricSums:
-    """Sums Σ x xᵀ of the same p columns over several blocks or folds.
+    """Sums Σ x xᵀ of the same p columns over several blocks or folds."""
 
-    Attributes:
-        half: Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row by row.
-        kept: Number of each column that is kept; the sums of all others are zero.
-        size: Number p of columns.
-        rows: Further rows x that are not in `half`.
-        place: Number of the block that each of them is in.
-        factor: By which all of it counts.
-    """
-
+    # Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row by row.
     half: Float[Array, "K h"]
-    kept: Int[Array, " a"]
-    size: int
-    rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))
+    kept: Int[Array, " a"]  # number of each column that is kept; the sums of all others are zero
+    size: int  # number p of columns
+    rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))  # further rows x that are not in `half`
+    # Number of the block that each of them is in.
     place: Int[Array, " k"] = field(default_factory=lambda: np.zeros(0, dtype=int))
-    factor: float = 1.0
+    factor: float = 1.0  # by which all of it counts
 
     @classmethod
     def of(cls, whole: Float[Array, "K p p"]) -> SymmetricSums:
@@ -105,15 +98,10 @@ class SymmetricSums:
 
 @dataclass(frozen=True, eq=False)
 class FoldSums:
-    """A joint's sums of each fold, and of all folds but it.
+    """A joint's sums of each fold, and of all folds but it."""
 
-    Attributes:
-        own: Of each fold.
-        rest: Of all others; None where that is the difference from the sum of all.
-    """
-
-    own: SymmetricSums
-    rest: SymmetricSums | None
+    own: SymmetricSums  # of each fold
+    rest: SymmetricSums | None  # of all others; None where that is the difference from the sum of all
 
     def without(self, columns: Int[Array, " c"]) -> Float[Array, "F c c"]:
         """Sums of some columns over all folds but each in turn."""

@@ -17,17 +17,11 @@ from ident.diagnosis.regression.positive import positive
 
 @dataclass(frozen=True, eq=False)
 class HeldOutScore:
-    """What a model leaves of folds that it never saw.
+    """What a model leaves of folds that it never saw."""
 
-    Attributes:
-        misfit: Whitened squares by fold and joint, shape (F, n): minus twice the log score.
-        squares: Plain squares by fold and joint, shape (F, n) [N² m²].
-        weights: Samples behind `squares`.
-    """
-
-    misfit: Float[Array, "F n"]
-    squares: Float[Array, "F n"]
-    weights: Float[Array, "F n"]
+    misfit: Float[Array, "F n"]  # whitened squares by fold and joint, shape (F, n): minus twice the log score
+    squares: Float[Array, "F n"]  # plain squares by fold and joint, shape (F, n) [N² m²]
+    weights: Float[Array, "F n"]  # samples behind `squares`
 
     @property
     def rms(self) -> Float[Array, " n"]:
@@ -77,14 +71,10 @@ def _over_folds(gains: Float[Array, " F"]) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class FoldWeights:
-    """A model solved once for each fold, without it.
+    """A model solved once for each fold, without it."""
 
-    Attributes:
-        columns: The model's columns and, last, the torque.
-        values: Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their product.
-    """
-
-    columns: Int[Array, " z"]
+    columns: Int[Array, " z"]  # the model's columns and, last, the torque
+    # Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their product.
     values: Float[Array, "F z"]
 
 

@@ -27,23 +27,14 @@ Key = tuple[str, int, int | None]
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """One candidate: an effect at a joint at one point of its inner grid.
+    """One candidate: an effect at a joint at one point of its inner grid."""
 
-    Attributes:
-        effect: The effect.
-        joint: Its joint; 0 for an effect of the whole arm.
-        variant: The point of the inner grid.
-        columns: Its columns in the big regression.
-        prior: What is known of its coefficients beforehand, if that decides.
-        borrows: Whether its columns are some of another candidate's.
-    """
-
-    effect: Effect
-    joint: int
-    variant: Variant
-    columns: Int[Array, " k"]
-    prior: SizePrior | None = None
-    borrows: bool = False
+    effect: Effect  # the effect
+    joint: int  # its joint; 0 for an effect of the whole arm
+    variant: Variant  # the point of the inner grid
+    columns: Int[Array, " k"]  # its columns in the big regression
+    prior: SizePrior | None = None  # what is known of its coefficients beforehand, if that decides
+    borrows: bool = False  # whether its columns are some of another candidate's
 
     @property
     def key(self) -> Key:
@@ -80,26 +71,16 @@ class NotTestable:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Columns of the big regression.
+    """Columns of the big regression."""
 
-    Attributes:
-        rank: Number of base parameters.
-        n: Number of joints.
-        groups: All candidates.
-        own: For each joint, the columns of candidates that act on it alone.
-        shared: The columns of candidates that act on several joints.
-        silent: What can't be tested at all.
-        further: Columns of effects, right after the loss figures, that are part of the baseline.
-        further_std: Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
-    """
-
-    rank: int
-    n: int
-    groups: tuple[Group, ...]
-    own: tuple[Int[Array, " k"], ...]
-    shared: Int[Array, " k"]
-    silent: tuple[NotTestable, ...]
-    further: int = 0
+    rank: int  # number of base parameters
+    n: int  # number of joints
+    groups: tuple[Group, ...]  # all candidates
+    own: tuple[Int[Array, " k"], ...]  # for each joint, the columns of candidates that act on it alone
+    shared: Int[Array, " k"]  # the columns of candidates that act on several joints
+    silent: tuple[NotTestable, ...]  # what can't be tested at all
+    further: int = 0  # columns of effects, right after the loss figures, that are part of the baseline
+    # Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
     further_std: tuple[float, ...] = ()
 
     @property

@@ -42,45 +42,28 @@ SAME_ANGLE = 1e-3
 
 @dataclass(frozen=True)
 class Hold:
-    """A stretch of one run's filtered samples in which a joint rests.
+    """A stretch of one run's filtered samples in which a joint rests."""
 
-    Attributes:
-        start, stop: First sample, and the one after the last; blurred ends are left out.
-        sign: Of the motion that ended in it; 0 where the run tells of none.
-        turn: Whether the joint does not rest but turns round, starts or stops, too near for friction to be known.
-    """
-
-    start: int
+    start: int  # first sample, and the one after the last; blurred ends are left out
     stop: int
-    sign: float
+    sign: float  # of the motion that ended in it; 0 where the run tells of none
+    # Whether the joint does not rest but turns round, starts or stops, too near for friction to be known.
     turn: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class DwellRows:
-    """What a joint's holds say: k rows, one a hold or a block's part of one.
+    """What a joint's holds say: k rows, one a hold or a block's part of one."""
 
-    Attributes:
-        rows: Means of the columns and, last, of the torque [N m].
-        sign: Of the motion that ended in each row's hold; 0 where nobody knows.
-        hold: Number of each row's hold.
-        sample: Middle sample (filtered) of each row in its run.
-        block: Block of time that each row lies in.
-        length: Samples behind each row.
-        angle: Mean position of the joint [rad or m].
-        friction: Level f_s of static friction [N m].
-        noise: Standard deviation of the torque's noise times the root of the samples that a mean is over [N m].
-    """
-
-    rows: Float[Array, "k p"]
-    sign: Float[Array, " k"]
-    hold: Int[Array, " k"]
-    sample: Int[Array, " k"]
-    block: Int[Array, " k"]
-    length: Int[Array, " k"]
-    angle: Float[Array, " k"]
-    friction: float
-    noise: float
+    rows: Float[Array, "k p"]  # means of the columns and, last, of the torque [N m]
+    sign: Float[Array, " k"]  # of the motion that ended in each row's hold; 0 where nobody knows
+    hold: Int[Array, " k"]  # number of each row's hold
+    sample: Int[Array, " k"]  # middle sample (filtered) of each row in its run
+    block: Int[Array, " k"]  # block of time that each row lies in
+    length: Int[Array, " k"]  # samples behind each row
+    angle: Float[Array, " k"]  # mean position of the joint [rad or m]
+    friction: float  # level f_s of static friction [N m]
+    noise: float  # standard deviation of the torque's noise times the root of the samples that a mean is over [N m]
 
     @property
     def std(self) -> Float[Array, " k"]:

@@ -16,20 +16,14 @@ FRICTION = slice(1, LOSS_FIGURES)
 
 @dataclass(frozen=True, eq=False)
 class FrictionSums:
-    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in.
+    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in."""
 
-    Attributes:
-        stretch, block: Of each piece: a stretch is a run, or some seconds of a long one.
-        sums: For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
-        level: Scaled viscous and Coulomb coefficient of each joint.
-        rank: Number of base parameters, before the joint's loss columns.
-    """
-
-    stretch: Int[Array, " K"]
+    stretch: Int[Array, " K"]  # of each piece: a stretch is a run, or some seconds of a long one
     block: Int[Array, " K"]
+    # For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
     sums: tuple[Float[Array, "K 2 p"], ...]
-    level: Float[Array, "n 2"]
-    rank: int
+    level: Float[Array, "n 2"]  # scaled viscous and Coulomb coefficient of each joint
+    rank: int  # number of base parameters, before the joint's loss columns
 
     @property
     def columns(self) -> slice:

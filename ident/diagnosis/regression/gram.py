@@ -49,38 +49,25 @@ from ident.progress import step
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Block sums of a session.
+    """Block sums of a session."""
 
-    Attributes:
-        layout: What the columns are.
-        scale: Each column was divided by this, length `layout.size` + 1.
-        free: For each joint, whitened sums of every block, friction the same in all runs.
-        plain: For each joint, sums of every fold in N² m².
-        fold_of_block: Fold of each block; folds are whole runs where there are enough.
-        samples: Whitened samples of each joint.
-        weights: Plain samples of each fold and joint, shape (F, n).
-        whitening: The noise.
-        noise_power: Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
-        friction: What each run's own friction level goes with.
-        spread: Relative standard deviation from run to run of each joint's friction, counted in whatever is asked for.
-        dispersion: What each joint's whitened sums were divided by: mean square of what nothing explains there.
-        settings: What the regression counts with.
-        dwells: For each joint what its holds say; in none of the sums until `with_dwells` adds them.
-    """
-
-    layout: Layout
-    scale: Float[Array, " P"]
-    free: tuple[SymmetricSums, ...]
-    plain: tuple[SymmetricSums, ...]
-    fold_of_block: Int[Array, " B"]
-    samples: Float[Array, " n"]
-    weights: Float[Array, "F n"]
-    whitening: Whitening
+    layout: Layout  # what the columns are
+    scale: Float[Array, " P"]  # each column was divided by this, length `layout.size` + 1
+    free: tuple[SymmetricSums, ...]  # for each joint, whitened sums of every block, friction the same in all runs
+    plain: tuple[SymmetricSums, ...]  # for each joint, sums of every fold in N² m²
+    fold_of_block: Int[Array, " B"]  # fold of each block; folds are whole runs where there are enough
+    samples: Float[Array, " n"]  # whitened samples of each joint
+    weights: Float[Array, "F n"]  # plain samples of each fold and joint, shape (F, n)
+    whitening: Whitening  # the noise
+    # Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
     noise_power: Float[Array, " P"]
-    friction: FrictionSums
+    friction: FrictionSums  # what each run's own friction level goes with
+    # Relative standard deviation from run to run of each joint's friction, counted in whatever is asked for.
     spread: Float[Array, " n"]
+    # What each joint's whitened sums were divided by: mean square of what nothing explains there.
     dispersion: Float[Array, " n"]
-    settings: RegressionSettings = USUAL_REGRESSION
+    settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
+    # For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     dwells: tuple[DwellRows, ...] = ()
 
     def with_dwells(self) -> Evidence:

@@ -35,16 +35,11 @@ USUAL_URDF = UrdfError()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known before any torque is seen: of the scaled base parameters by the URDF, of further columns by size.
+    """What is known before any torque is seen: of the scaled base parameters by the URDF, of further columns by size."""
 
-    Attributes:
-        base: Information on the base parameters.
-        error: How far off the URDF is believed to be.
-        further: Information on the scaled coefficient of each further column of the baseline; None for none.
-    """
-
-    base: Float[Array, "r r"]
-    error: UrdfError = USUAL_URDF
+    base: Float[Array, "r r"]  # information on the base parameters
+    error: UrdfError = USUAL_URDF  # how far off the URDF is believed to be
+    # Information on the scaled coefficient of each further column of the baseline; None for none.
     further: Float[Array, " f"] | None = None
 
     @classmethod
@@ -73,27 +68,16 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """A model (the baseline and some groups) solved, and every column seen after it.
+    """A model (the baseline and some groups) solved, and every column seen after it."""
 
-    Attributes:
-        inside: The model's columns.
-        estimate: Its scaled coefficients.
-        spread: Inverse of its information (prior included), the model-based covariance.
-        across: Sums of the model's columns times every column.
-        total: The whole Gram matrix, the torque its last row and column.
-        slopes: Coefficients of every column on the model's.
-        noise: Power of every column that was encoder noise; it is not in `total` any more.
-        settings: What counts as seen.
-    """
-
-    inside: Int[Array, " z"]
-    estimate: Float[Array, " z"]
-    spread: Float[Array, "z z"]
-    across: Float[Array, "z P"]
-    total: Float[Array, "P P"]
-    slopes: Float[Array, "z P"]
-    noise: Float[Array, " P"]
-    settings: RegressionSettings
+    inside: Int[Array, " z"]  # the model's columns
+    estimate: Float[Array, " z"]  # its scaled coefficients
+    spread: Float[Array, "z z"]  # inverse of its information (prior included), the model-based covariance
+    across: Float[Array, "z P"]  # sums of the model's columns times every column
+    total: Float[Array, "P P"]  # the whole Gram matrix, the torque its last row and column
+    slopes: Float[Array, "z P"]  # coefficients of every column on the model's
+    noise: Float[Array, " P"]  # power of every column that was encoder noise; it is not in `total` any more
+    settings: RegressionSettings  # what counts as seen
 
     @property
     def misfit(self) -> float:

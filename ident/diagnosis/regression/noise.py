@@ -29,17 +29,11 @@ VARIANCES = 10.0 ** np.arange(-4.0, 8.1, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """The noise of each joint.
+    """The noise of each joint."""
 
-    Attributes:
-        coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
-        innovation: Standard deviation of what can't be predicted from the past [N m].
-        level: Standard deviation of the noise itself, encoder noise in the columns not counted [N m].
-    """
-
-    coefficients: Float[Array, "n p"]
-    innovation: Float[Array, " n"]
-    level: Float[Array, " n"]
+    coefficients: Float[Array, "n p"]  # prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1)
+    innovation: Float[Array, " n"]  # standard deviation of what can't be predicted from the past [N m]
+    level: Float[Array, " n"]  # standard deviation of the noise itself, encoder noise in the columns not counted [N m]
 
     @property
     def of_mean(self) -> Float[Array, " n"]:

@@ -41,32 +41,20 @@ LOUD = 1.5
 
 @dataclass(frozen=True, eq=False)
 class LeftAtJoint:
-    """What a discrepancy sees at a joint beside a model.
+    """What a discrepancy sees at a joint beside a model."""
 
-    Attributes:
-        evidence: Its log Bayes factor against no discrepancy [nats].
-        kind: The block that explains most of it: state, memory, time or coupling; None where there is none.
-        share: Share of the model's mean square that it explains, what its freedom would explain of noise taken off.
-    """
-
-    evidence: float
-    kind: str | None
-    share: float
+    evidence: float  # its log Bayes factor against no discrepancy [nats]
+    kind: str | None  # the block that explains most of it: state, memory, time or coupling; None where there is none
+    share: float  # share of the model's mean square that it explains, what its freedom would explain of noise taken off
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What one law is worth beside a discrepancy at the joints where it acts.
+    """What one law is worth beside a discrepancy at the joints where it acts."""
 
-    Attributes:
-        gain: Log likelihood that it gains without a discrepancy [nats].
-        left: Log evidence of a discrepancy beside it [nats].
-        instead: Log evidence of a discrepancy in its place [nats].
-    """
-
-    gain: float
-    left: float
-    instead: float
+    gain: float  # log likelihood that it gains without a discrepancy [nats]
+    left: float  # log evidence of a discrepancy beside it [nats]
+    instead: float  # log evidence of a discrepancy in its place [nats]
 
     @property
     def log_bayes_factor(self) -> float:
@@ -76,18 +64,12 @@ class Beside:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Names at their best points and discrepancies at some joints, in sums of their own.
+    """Names at their best points and discrepancies at some joints, in sums of their own."""
 
-    Attributes:
-        evidence: Sums of the baseline, the names and the discrepancies.
-        prior: The URDF's tolerance.
-        names: The named effects.
-        blocks: For each joint that has a discrepancy the columns of its blocks.
-    """
-
-    evidence: Evidence
-    prior: Prior
-    names: tuple[Group, ...]
+    evidence: Evidence  # sums of the baseline, the names and the discrepancies
+    prior: Prior  # the URDF's tolerance
+    names: tuple[Group, ...]  # the named effects
+    # For each joint that has a discrepancy the columns of its blocks.
     blocks: Mapping[int, tuple[Int[Array, " m"], ...]]
 
     @classmethod
@@ -223,21 +205,13 @@ def measure_dispersion(
 
 @dataclass(frozen=True, eq=False)
 class Variances:
-    """Variances of a discrepancy's blocks where its evidence is greatest.
+    """Variances of a discrepancy's blocks where its evidence is greatest."""
 
-    Attributes:
-        evidence: Log Bayes factor against no discrepancy [nats].
-        variances: Of each block, in squares of the whitened noise.
-        weights: Mean of the columns' coefficients.
-        freedom: Number of parameters that the coefficients are worth.
-        kinds: What each block explains of the torque, whitened squares.
-    """
-
-    evidence: float
-    variances: Float[Array, " b"]
-    weights: Float[Array, " m"]
-    freedom: float
-    kinds: Float[Array, " b"]
+    evidence: float  # log Bayes factor against no discrepancy [nats]
+    variances: Float[Array, " b"]  # of each block, in squares of the whitened noise
+    weights: Float[Array, " m"]  # mean of the columns' coefficients
+    freedom: float  # number of parameters that the coefficients are worth
+    kinds: Float[Array, " b"]  # what each block explains of the torque, whitened squares
 
     @property
     def kind(self) -> str | None:

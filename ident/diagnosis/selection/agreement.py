@@ -31,17 +31,11 @@ SHARED_BLOCKS = 8.0
 
 @dataclass(frozen=True)
 class Agreement:
-    """By how much a name's size differs between runs.
+    """By how much a name's size differs between runs."""
 
-    Attributes:
-        spread: Standard deviation of the size beyond chance, as a share of the size.
-        p_value: Chance that a size which is the same everywhere would seem to differ so much.
-        least, most: Smallest and largest size, drawn to the mean by their errors, as a share.
-    """
-
-    spread: float
-    p_value: float
-    least: float
+    spread: float  # standard deviation of the size beyond chance, as a share of the size
+    p_value: float  # chance that a size which is the same everywhere would seem to differ so much
+    least: float  # smallest and largest size, drawn to the mean by their errors, as a share
     most: float
 
 

@@ -23,29 +23,18 @@ from ident.effects.intervals import SizePrior
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All effects of a session that may get a name, each at all its inner figures.
+    """All effects of a session that may get a name, each at all its inner figures."""
 
-    Attributes:
-        evidence: Sums of the session.
-        prior: The URDF's tolerance.
-        held_out: Scores on runs left out.
-        seed: Of the sign flips.
-        barred: Candidates that can't be it, whatever they explain.
-        absurd: Those of them whose figures no arm has.
-        redundant: Those of them that another name's law includes: no second name, but perhaps the right one.
-        settings: What candidates are held to.
-        finer: Sums of finer grids, made for the names of this session last.
-    """
-
-    evidence: Evidence
-    prior: Prior
-    held_out: HeldOut
-    seed: int = 0
-    barred: frozenset[Key] = frozenset()
-    absurd: frozenset[Key] = frozenset()
+    evidence: Evidence  # sums of the session
+    prior: Prior  # the URDF's tolerance
+    held_out: HeldOut  # scores on runs left out
+    seed: int = 0  # of the sign flips
+    barred: frozenset[Key] = frozenset()  # candidates that can't be it, whatever they explain
+    absurd: frozenset[Key] = frozenset()  # those of them whose figures no arm has
+    # Those of them that another name's law includes: no second name, but perhaps the right one.
     redundant: frozenset[Key] = frozenset()
-    settings: SelectionSettings = USUAL_SELECTION
-    finer: FinerSums = field(default_factory=FinerSums)
+    settings: SelectionSettings = USUAL_SELECTION  # what candidates are held to
+    finer: FinerSums = field(default_factory=FinerSums)  # sums of finer grids, made for the names of this session last
 
     def judged_beside(self, gram: Array, groups: Sequence[Group], slot: int) -> Named:
         """What one of several effects shows beside all the others.

@@ -30,36 +30,22 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSetting
 
 @dataclass(frozen=True, eq=False)
 class Gates:
-    """What an effect showed when it was asked for its name.
+    """What an effect showed when it was asked for its name."""
 
-    Attributes:
-        p_value: Family-wise, of the sign-flip test.
-        log_score: Gain on held-out runs [nats], and its standard error.
-        closed: Fall of the squared error on held-out runs, as a share, and its standard error.
-        rms_fall: Largest share by which a joint's held-out error falls.
-        gap_fall: The same as a share of the mean square above the noise that was left; of what happens once, of what
-            the blocks of time in which it does have beyond usual ones.
-        own_share: Share of its joint's gap that it closes, of what there was before anything was named.
-        evidence: Log evidence [nats]: with its share the only gate of an absorbed effect, and one of an event.
-        absorbed: Whether it is one.
-        absorbed_nats: Least evidence that an absorbed effect needs.
-        event: Whether it happened once.
-        bursts: Whether it comes in bursts.
-        settings: What it is held to.
-    """
-
-    p_value: float
-    log_score: tuple[float, float]
-    closed: tuple[float, float]
-    rms_fall: float
+    p_value: float  # family-wise, of the sign-flip test
+    log_score: tuple[float, float]  # gain on held-out runs [nats], and its standard error
+    closed: tuple[float, float]  # fall of the squared error on held-out runs, as a share, and its standard error
+    rms_fall: float  # largest share by which a joint's held-out error falls
+    # The same as a share of the mean square above the noise that was left; of what happens once, of what the blocks of
+    # time in which it does have beyond usual ones.
     gap_fall: float
-    own_share: float
-    evidence: float
-    absorbed: bool
-    absorbed_nats: float = USUAL_SELECTION.absorbed_nats
-    event: bool = False
-    bursts: bool = False
-    settings: SelectionSettings = USUAL_SELECTION
+    own_share: float  # share of its joint's gap that it closes, of what there was before anything was named
+    evidence: float  # log evidence [nats]: with its share the only gate of an absorbed effect, and one of an event
+    absorbed: bool  # whether it is one
+    absorbed_nats: float = USUAL_SELECTION.absorbed_nats  # least evidence that an absorbed effect needs
+    event: bool = False  # whether it happened once
+    bursts: bool = False  # whether it comes in bursts
+    settings: SelectionSettings = USUAL_SELECTION  # what it is held to
 
     @property
     def passed(self) -> bool:
@@ -86,20 +72,13 @@ class Gates:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An effect that was judged, at its best inner figures.
+    """An effect that was judged, at its best inner figures."""
 
-    Attributes:
-        group: The effect.
-        gates: How it did.
-        before, after: Held-out scores without and with it, in the view in which it was judged.
-        absorbed: Whether tuning the inertias hides it, so that it was judged with the URDF held fast.
-    """
-
-    group: Group
-    gates: Gates
-    before: HeldOutScore
+    group: Group  # the effect
+    gates: Gates  # how it did
+    before: HeldOutScore  # held-out scores without and with it, in the view in which it was judged
     after: HeldOutScore
-    absorbed: bool = False
+    absorbed: bool = False  # whether tuning the inertias hides it, so that it was judged with the URDF held fast
 
     @property
     def shown(self) -> list[int]:
@@ -116,17 +95,11 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class SearchResults:
-    """What the search found.
+    """What the search found."""
 
-    Attributes:
-        named: The effects, in the order in which they were found.
-        ladder: Held-out scores of the baseline and after each named effect.
-        refused: The best candidate that did not pass, or whose name a rival took, and what it showed.
-    """
-
-    named: tuple[Named, ...]
-    ladder: tuple[HeldOutScore, ...]
-    refused: Named | None
+    named: tuple[Named, ...]  # the effects, in the order in which they were found
+    ladder: tuple[HeldOutScore, ...]  # held-out scores of the baseline and after each named effect
+    refused: Named | None  # the best candidate that did not pass, or whose name a rival took, and what it showed
 
     @property
     def hint(self) -> Named | None:

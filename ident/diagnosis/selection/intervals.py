@@ -30,27 +30,17 @@ MOST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known of one named effect.
+    """What is known of one named effect."""
 
-    Attributes:
-        group: The effect at its best inner figures.
-        parameters: Physical figures with 95 % intervals.
-        probability: That this effect, and none of its rivals, is the cause.
-        rivals: Ids of the effects that the recordings can't tell from it, itself first.
-        told: The effect at the point of the finer grid that the figures are those of.
-        coefficients: Its coefficients there.
-        odds: Of the effect against each other one that was weighed, by its id; against all others none is told.
-        certain: Whether the columns that make the effect what it is are together not zero, at 95 %.
-    """
-
-    group: Group
-    parameters: dict[str, Interval]
-    probability: float
-    rivals: tuple[str, ...]
-    told: Group
-    coefficients: Float[Array, " k"]
+    group: Group  # the effect at its best inner figures
+    parameters: dict[str, Interval]  # physical figures with 95 % intervals
+    probability: float  # that this effect, and none of its rivals, is the cause
+    rivals: tuple[str, ...]  # ids of the effects that the recordings can't tell from it, itself first
+    told: Group  # the effect at the point of the finer grid that the figures are those of
+    coefficients: Float[Array, " k"]  # its coefficients there
+    # Of the effect against each other one that was weighed, by its id; against all others none is told.
     odds: Mapping[str, float]
-    certain: bool = False
+    certain: bool = False  # whether the columns that make the effect what it is are together not zero, at 95 %
 
     @property
     def shares(self) -> dict[str, float]:

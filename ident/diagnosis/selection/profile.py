@@ -34,22 +34,15 @@ TURN = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """A named effect's grid.
+    """A named effect's grid."""
 
-    Attributes:
-        group: The point whose figures are told.
-        mates: All points of the grid, that one among them.
-        log_likelihood: Of each [nats], in units of what the law's own error leaves open.
-        coefficients, information: Of each, in the columns' own units; the information is that of the model.
-        drop: Fall at the ends of a 95 % interval [nats].
-    """
-
-    group: Group
-    mates: tuple[Group, ...]
-    log_likelihood: Float[Array, " m"]
+    group: Group  # the point whose figures are told
+    mates: tuple[Group, ...]  # all points of the grid, that one among them
+    log_likelihood: Float[Array, " m"]  # of each [nats], in units of what the law's own error leaves open
+    # Of each, in the columns' own units; the information is that of the model.
     coefficients: tuple[Float[Array, " k"], ...]
     information: tuple[Float[Array, "k k"], ...]
-    drop: float
+    drop: float  # fall at the ends of a 95 % interval [nats]
 
     def inner_figures(self) -> dict[str, Interval]:
         """Intervals of the figures of the grid itself; figures that lie on no grid have a point."""
@@ -116,8 +109,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
     drop, share = search.settings.interval_fall, group.effect.doubt.share
     open_ended = 0.5 * share**2 * float(gains[mates.index(group)])
     information = tuple(
-        projection.rest(mate.columns) * np.outer(scale[mate.columns], scale[mate.columns])
-        for mate in mates
+        projection.rest(mate.columns) * np.outer(scale[mate.columns], scale[mate.columns]) for mate in mates
     )
     coefficients = tuple(beta / scale[mate.columns] for mate, (_, beta) in zip(mates, seen, strict=True))
     return Profile(group, mates, 0.5 * gains * drop / (drop + open_ended), coefficients, information, drop)

@@ -27,19 +27,12 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSetting
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
-    """How far out the tuned inertias lie.
+    """How far out the tuned inertias lie."""
 
-    Attributes:
-        deviation: Largest distance of a direction in standard deviations of an arm within tolerance.
-        p_value: Of so large a distance, all directions looked at.
-        torque: What the far directions amount to at each joint, root mean square [N m].
-        most_likely: Chance below which it is more than tolerance.
-    """
-
-    deviation: float
-    p_value: float
-    torque: Float[Array, " n"]
-    most_likely: float = USUAL_SELECTION.most_likely
+    deviation: float  # largest distance of a direction in standard deviations of an arm within tolerance
+    p_value: float  # of so large a distance, all directions looked at
+    torque: Float[Array, " n"]  # what the far directions amount to at each joint, root mean square [N m]
+    most_likely: float = USUAL_SELECTION.most_likely  # chance below which it is more than tolerance
 
     @property
     def exceeded(self) -> bool:
