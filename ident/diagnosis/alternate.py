@@ -189,7 +189,7 @@ def _sure(
     What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
     So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
     """
-    beaten = 0
+    beaten, checked = 0, False
     found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
     most = held.most_doubted * len(joints)
     while found.named:  # without names there is nothing to refine: no second pass
@@ -214,7 +214,11 @@ def _sure(
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            return Settled(search, found, estimates, fine, doubted)
+            again = found if checked else search.run(found.named, everywhere=True)
+            if [item.group.key for item in again.named] == [item.group.key for item in found.named]:
+                return Settled(search, found, estimates, fine, doubted)
+            found, checked = again, True  # what came at other joints took what a name had explained
+            continue
         if not refused and beaten < most:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)

@@ -20,7 +20,6 @@ from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
-from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
@@ -91,7 +90,7 @@ def compare(
         return ArmComparison(
             arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still, used=used
         )
-    stage("searching what changed", 0.5, 0.8)
+    stage("searching what changed", 0.5, 1.0)
     search = _search(first, settings.selection, sides)
     told = _tell(search)
     if any(one.group.effect.id in BODIES for one in told.estimates):
@@ -100,10 +99,6 @@ def compare(
         first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
         first = replace(first, doubt=doubt, seed=seed)
         told = _tell(_search(first, settings.selection, sides))
-    stage("where a body is", 0.8, 1.0)
-    second = refine_bodies(first, told.estimates, before, after, arm)
-    if second is not None:
-        told = _refined(second, told, _search(second.design, settings.selection, sides))
     return replace(_result(told, first, arm, sides, _hidden(first, used)), used=used)
 
 
@@ -129,7 +124,7 @@ def _tell(search: ChangeSearch) -> _Changes:
         found = _results(search, [one.group for one in weighed])
         fine = Refined(search, tuple(item.group for item in found.named))
         raw = estimate_effects(search, fine, design.session, found.named) if weighed else []
-        estimates = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
+        estimates = [_as_read(one, fine, design) for one in raw]
         estimates = [_widened(*each) for each in zip(estimates, raw, [one.standing for one in weighed], strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
         if not refused:
@@ -161,23 +156,7 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
     return SearchResults(tuple(found), tuple(ladder), None)
 
 
-def _refined(second: Refinement, told: _Changes, search: ChangeSearch) -> _Changes:
-    """The same changes with the parameters of a refined design, which sees what the first left of them."""
-    design, fine = second.design, Refined(search, second.groups)
-    solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    weighed = search.weigh(second.groups, second.added)
-    estimates = []
-    for old, one, added, (beta, cells) in zip(told.estimates, weighed, second.added, solved, strict=True):
-        group = one.group
-        asked = group.effect.asked(design.session)
-        figures = dict(group.effect.parameters(asked, group.joint, group.variant, beta + added, cells))
-        raw = replace(old, group=group, told=group, parameters=old.parameters | figures, coefficients=beta)
-        estimates.append(_widened(_as_read(raw, fine, design, added), raw, one.standing))
-    ladder = (*told.found.ladder[:-1], search.held_out.score(second.groups))
-    return replace(told, found=replace(told.found, ladder=ladder), estimates=tuple(estimates))
-
-
-def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign, added: Float[Array, " k"]) -> Estimate:
+def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign) -> Estimate:
     """A body's figures where every joint's gain may be off by some per cent; other estimates as they are."""
     group = estimate.told
     if group.effect.id not in BODIES:
@@ -185,8 +164,7 @@ def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign, added: Flo
     evidence = fine.search.evidence
     model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
     scale = evidence.scale[group.columns]
-    whole = (estimate.coefficients + added) * scale
-    scaled, covariance = solve_body(evidence, model, group, whole, design.doubt)
+    scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     asked = group.effect.asked(design.session)
     figures = group.effect.parameters(asked, group.joint, group.variant, beta, cells)

@@ -10,7 +10,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Range
-from ident.effects.friction import LoadDependentFriction
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import friction_level, hardly_moves, travel
 
@@ -102,28 +101,6 @@ class UnlistedChange(Effect):
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         size = figures["rms_Nm"].words("N m")
         return f"look at {where}: its torque differs by {size} (rms), by no law that is known here"
-
-
-class EvenLoadFriction(LoadDependentFriction):
-    """Load-dependent friction that is alike while the motor drives and while the load does: τ = μ s |τ_l|, as a rule.
-
-    The two columns of the full law span the load itself: as a gain, that both sets share, it would scale a carried body
-    together with the arm, and its mass would be as open as that gain. Without their difference it can't.
-    """
-
-    id = "even_load_friction"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [even_by_load(np.asarray(whole)) for whole in super().columns(session, joint, variant)]
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return super().prior_scale(session, joint, variant)[1:]
-
-
-def even_by_load(columns: Float[Array, "T k"]) -> Float[Array, "T k-1"]:
-    """Columns of friction by load without the difference of driving and backdriving."""
-    return np.concatenate([columns[:, :1] + columns[:, 1:2], columns[:, 2:]], axis=1)
 
 
 def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:

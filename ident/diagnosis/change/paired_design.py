@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, LATER_ALONE, points
+from ident.diagnosis.change.candidates import CHANGES, LATER_ALONE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.learnt_prior import learn_prior, measure_block_dispersion
@@ -107,9 +107,7 @@ def build_design(
     before: Sequence[Motion],
     after: Sequence[Motion],
     arm: ArmModel,
-    apart: frozenset[str] = IN_THE_BASELINE,
     known: Known | None = None,
-    shared: tuple[Effect, ...] = (),
     asked: tuple[Effect, ...] | None = None,
     still: tuple[StaticJoint, ...] = (),
     one_clock: bool = True,
@@ -119,9 +117,7 @@ def build_design(
     Args:
         before, after: The runs of both sets.
         arm: The user's arm.
-        apart: Effects that are not part of the baseline.
         known: What an earlier design found, if there was one.
-        shared: Further effects of the baseline, that are not asked for as changes.
         asked: All that may have changed; the catalogue's if None.
         still: Joints of whose own torque nothing is told.
         one_clock: Whether time goes on from run to run of the later set.
@@ -130,7 +126,6 @@ def build_design(
     first, second = (after, before) if swapped else (before, after)
     at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
     motions = [*first, *second]
-    shared = (*shared, HeldFriction())
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, LOOSE_SHARE, still=at_rest)
     session = build_session(baseline, motions, common_clock=False)
@@ -140,12 +135,12 @@ def build_design(
         left = leftover_torque(own)
         asked = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
     silent, grids = _grids(session, asked, own)
-    grids += _grids(session, shared, own)[1]
+    grids += _grids(session, (HeldFriction(),), own)[1]
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = partition_sides(session, later)
     whitening = None if known is None else known.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
-    sums = pair_sums(both, sides, apart, frozenset(effect.id for effect in shared))
+    sums = pair_sums(both, sides)
     evidence = sums.evidence.with_held(known.held) if known else sums.evidence
     sums = replace(sums, evidence=evidence.with_dwells())
     prior = loose_prior(sums, session, baseline)

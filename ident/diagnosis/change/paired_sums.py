@@ -16,7 +16,7 @@ from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
-from ident.diagnosis.regression.dwells import DwellRows
+from ident.diagnosis.regression.dwells import DwellRows, HeldFriction
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
@@ -111,23 +111,17 @@ class PairedSums:
         return self.always[group.columns]
 
 
-def pair_sums(
-    evidence: Evidence,
-    sides: Sides,
-    apart: frozenset[str] = IN_THE_BASELINE,
-    shared: frozenset[str] = frozenset(),
-) -> PairedSums:
+def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
     """The sums with every candidate twice: in all runs, and in the later set alone.
 
     Args:
         evidence: Sums of all candidates' columns in all runs.
         sides: Which blocks are of which set.
-        apart: Effects whose columns in all runs are not part of the baseline.
-        shared: Effects that are part of the baseline alone: they are not asked for as changes.
     """
     old = evidence.layout
-    asked = [group for group in old.groups if group.effect.id not in shared]
-    common = [group for group in old.groups if group.effect.id not in apart and not group.variant.shape.get("mix")]
+    asked = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]  # that is no change
+    further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
+    common = [group for group in further if not group.variant.shape.get("mix")]
     told = {int(group.columns[0]) for group in common}
     shadows = [group for group in old.groups if int(group.columns[0]) not in told]
     start = old.rank + LOSS_FIGURES * old.n

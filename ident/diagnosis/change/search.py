@@ -220,21 +220,16 @@ class ChangeSearch(Search):
         """What was weighed already: it is asked for again."""
         return {}
 
-    def weigh(self, names: Sequence[Group], carried: Sequence[Float[Array, " k"]] | None = None) -> list[Weighed]:
-        """How each name stands beside the others, its variance by blocks counted.
-
-        Args:
-            names: The names.
-            carried: What of each one's coefficients the runs carry already; nothing if None.
-        """
+    def weigh(self, names: Sequence[Group]) -> list[Weighed]:
+        """How each name stands beside the others, its variance by blocks counted."""
         if not names:
             return []
         model = project(self.evidence.gram(), self.evidence, self.prior, names)
         solved, _ = solve_effects(Refined(self, tuple(names)), [False] * len(names))
         found = []
-        for slot, (group, (beta, cells)) in enumerate(zip(names, solved, strict=True)):
+        for group, (beta, cells) in zip(names, solved, strict=True):
             scale = self.evidence.scale[group.columns]
-            scaled = (beta if carried is None else beta + carried[slot]) * scale
+            scaled = beta * scale
             at = np.flatnonzero(np.isin(model.inside, group.columns))
             along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ scaled
             gain = float(scaled @ along)

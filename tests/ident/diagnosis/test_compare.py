@@ -12,7 +12,6 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.confounded_links import place_bodies, told_apart
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
-from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.learnt_prior import LEAST
 from ident.diagnosis.change.paired_design import LOOSE, PairedDesign, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
@@ -26,8 +25,6 @@ from ident.effects.rigid_body import LinkInertialError
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.typical_sizes import friction_level, rated_torque
 from ident.laws.acting import point_mass
-from ident.laws.carried import evaluate
-from ident.laws.friction import JointStates, load_dependent_friction
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -162,24 +159,6 @@ def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -
         widths.append((figure.high - figure.low) / LOAD.mass_kg)
     assert widths[0] < 0.15
     assert 1.3 * widths[0] < widths[1] < 0.3
-
-
-def test_even_friction_by_load_holds_no_gain() -> None:
-    """Turned round at the same load, every column changes its sign: none of them is the load itself."""
-    load = np.linspace(-30.0, 30.0, 13)
-    shape = {"terms": 4, "load_Nm": 20.0}
-    ways = [
-        even_by_load(
-            evaluate(
-                load_dependent_friction,
-                JointStates(q=0 * load, dq=slip + 0 * load, slip=slip + 0 * load, load=load),
-                shape,
-            )
-        )
-        for slip in (1.0, -1.0)
-    ]
-    np.testing.assert_allclose(ways[0], -ways[1], atol=1e-12)
-    assert np.abs(ways[0]).sum(axis=0).min() > 1.0
 
 
 def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, before: list[Motion]) -> None:
