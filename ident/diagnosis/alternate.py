@@ -214,10 +214,10 @@ def _sure(
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            again = found if checked else search.run(found.named, everywhere=True)
-            if [item.group.key for item in again.named] == [item.group.key for item in found.named]:
+            standing = found.named if checked else search.standing(found.named, set(range(len(joints))))
+            if len(standing) == len(groups):
                 return Settled(search, found, estimates, fine, doubted)
-            found, checked = again, True  # what came at other joints took what a name had explained
+            found, checked = search.run(standing), True  # what was named later explained what another had
             continue
         if not refused and beaten < most:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}

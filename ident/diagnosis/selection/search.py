@@ -16,17 +16,16 @@ from ident.diagnosis.selection.gates import Named, SearchResults
 class Search(Candidates):
     """Searches one session's candidates: forward steps, swaps, and points of grids that other runs know, too."""
 
-    def run(self, start: Sequence[Named] = (), everywhere: bool = False) -> SearchResults:
+    def run(self, start: Sequence[Named] = ()) -> SearchResults:
         """Forward steps until nothing passes.
 
         Args:
             start: Names to begin with, as far as they still pass without those of them that are barred by now.
-            everywhere: Whether all of them are tested again, and not only what acts where one was barred.
         """
         gram = self.evidence.gram()
         gone = [item.group for item in start if item.group.key in self.barred]
         kept = [item for item in start if item.group.key not in self.barred]
-        named = self._standing(gram, kept, set(range(self.evidence.layout.n)) if everywhere else self._joints(*gone))
+        named = self.standing(kept, self._joints(*gone))
         ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
         refused = None
         while len(named) < self.settings.most_effects * self.evidence.layout.n:
@@ -42,15 +41,14 @@ class Search(Candidates):
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
-    def _standing(self, gram: Array, start: Sequence[Named], changed: set[int]) -> list[Named]:
+    def standing(self, start: Sequence[Named], changed: set[int]) -> list[Named]:
         """Names at their best points beside each other, without those that no longer pass, the weakest going first.
 
         Args:
-            gram: Sums of the whole session.
             start: The names.
             changed: Joints where another name went: what acts elsewhere need not be tested again.
         """
-        named = list(start)
+        named, gram = list(start), self.evidence.gram()
         while named and changed:
             groups = self._polish(gram, [item.group for item in named], changed)
             changed |= self._joints(*(new for new, item in zip(groups, named, strict=True) if new is not item.group))
