@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dspmv, dsyrk
 from scipy.linalg.lapack import dtpttr, dtrttp
 
 from ident.arrays import Array, Float, Int
@@ -82,8 +82,8 @@ class SymmetricSums:
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
         """Sums of each block times weights of the columns."""
         own, found = weights[self.kept], np.zeros((len(self), self.size))
-        used = np.flatnonzero(own)  # a model has few of all columns: the rest of the sums need not be read
-        found[:, self.kept] = own[used] @ self.half[:, _indices(used, np.arange(len(own)))]
+        if len(own):
+            found[:, self.kept] = [dspmv(len(own), 1.0, half, own) for half in self.half]
         if len(self.rows):
             np.add.at(found, self.place, (self.rows @ weights)[:, None] * self.rows)
         return np.asarray(self.factor * found)

@@ -35,7 +35,7 @@ USUAL_URDF = UrdfError()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known before any torque is seen: of the scaled base parameters by the URDF, of further columns by size."""
+    """What is known beforehand: of the scaled base parameters by the URDF, of further columns by their usual size."""
 
     base: Float[Array, "r r"]  # information on the base parameters
     error: UrdfError = USUAL_URDF  # how far off the URDF is believed to be
