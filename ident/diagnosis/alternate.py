@@ -1,4 +1,4 @@
-"""Names, friction's variation from run to run, and the URDF's error: each is told beside the others, until all hold."""
+"""Names, friction's variation between runs and the URDF's error: each is estimated beside the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
+from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
@@ -36,13 +36,13 @@ class Settled:
 
     search: Search  # the search that gave them, with what it is to do without
     found: SearchResults  # what it found
-    estimates: list[Estimate]  # figures of each name
+    estimates: list[Estimate]  # estimates of each name
     fine: Refined | None  # their finer grids, if there are names
     doubted: tuple[Reservation, ...]  # why further names were not believed
 
 
 def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settled:
-    """Names and how much friction varies from run to run: each is told beside the other.
+    """Names and how much friction varies from run to run: each is estimated beside the other.
 
     Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
     no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
@@ -161,17 +161,17 @@ def _how_wrong(
     groups = [item.group for item in found.named]
     absorbed = [item.group for item in found.named if item.absorbed]
     model = project(evidence.gram(), evidence, prior, groups)
-    spare = inflation(evidence, model)
+    inflation = measure_inflation(evidence, model)
     if not absorbed:
-        exceeded = measure_tolerance(evidence, prior, model, spare, settings).exceeded
-        # Where something sits at one link that has no name, it must be told.
-        if not exceeded or one_link_is_wrong(search, baseline, groups, spare):
+        exceeded = measure_tolerance(evidence, prior, model, inflation, settings).exceeded
+        # Where something sits at one link that has no name, it must be reported.
+        if not exceeded or one_link_is_wrong(search, baseline, groups, inflation):
             return prior.error, set()
-        return best_belief(search, baseline, groups, spare).error, set()
+        return best_belief(search, baseline, groups, inflation).error, set()
     for group in absorbed:
         others = [other for other in groups if other is not group]
-        if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
-            return best_belief(search, baseline, others, spare).error, {group.key}
+        if added_evidence(search, session, baseline, group, others, inflation) < search.inertial_nats:
+            return best_belief(search, baseline, others, inflation).error, {group.key}
     return prior.error, set()
 
 

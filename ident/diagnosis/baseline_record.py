@@ -1,4 +1,4 @@
-"""The tuned baseline as figures for a simulator: losses of each joint, and change of its link's inertia.
+"""The tuned baseline as numbers for a simulator: losses of each joint, and change of its link's inertia.
 
 A baseline is tuned with the named effects and without them: friction that a Stribeck curve explains must not stand in
 the Coulomb level as well.
@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import LOSS_FIGURES, Group
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection, solve_signed
 from ident.model.inertia import lift_base, parameter_scale
@@ -30,10 +30,10 @@ LINK_KEYS = (
 
 @dataclass(frozen=True)
 class OpenLaw:
-    """What the reported figures of an effect leave open of its law."""
+    """What the reported parameters of an effect leave open of its law."""
 
     coefficients: tuple[float, ...]  # of its columns, in their order
-    shape: Mapping[str, float]  # its inner figures, and what gives its columns their form
+    shape: Mapping[str, float]  # its inner parameters, and what gives its columns their form
 
     def to_dict(self) -> dict[str, Any]:
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
@@ -50,7 +50,7 @@ class TunedJoint:
     sliding_range: float  # range over which it does, or 0 [rad]
     # Smallest change of the URDF's link inertias that gives the tuned ones, in the order of `LINK_KEYS`.
     link_change: Float[Array, " 10"]
-    laws: Mapping[str, OpenLaw]  # by effect, what its reported figures leave open
+    laws: Mapping[str, OpenLaw]  # by effect, what its reported parameters leave open
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -63,7 +63,7 @@ class TunedJoint:
 
 
 def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) -> dict[str, TunedJoint]:
-    """Figures of the baseline as a model solved it, by joint.
+    """Parameters of the baseline as a model solved it, by joint.
 
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
@@ -80,10 +80,11 @@ def tuned_beside(
     groups: Sequence[Group],
     coefficients: Sequence[Float[Array, " k"]],
 ) -> dict[str, TunedJoint]:
-    """Figures of the baseline that goes with effects of given size, as `tuned_alone`.
+    """Parameters of the baseline that goes with effects of given size, as `tuned_alone`.
 
-    Reported figures are not always those of the model that solves everything at once: what tuning would absorb is told
-    against the URDF held fast, and inner figures from a finer grid. What the tuned arm has to explain then is the
+    Reported parameters are not always those of the model that solves everything at once: what tuning would absorb is
+        reported
+    against the URDF fixed, and inner parameters from a finer grid. What the tuned arm has to explain then is the
     torque less these effects. Losses that would drive are held at zero, and what of an effect is as well a joint's dry
     friction is counted there.
 
@@ -91,25 +92,25 @@ def tuned_beside(
         baseline: The user's arm.
         evidence: Sums that hold the effects' columns.
         alone: The baseline alone, solved on them.
-        groups: The effects at the points that are told.
+        groups: The effects at the points that are reported.
         coefficients: Their coefficients.
     """
     columns = np.concatenate([group.columns for group in groups]).astype(int)
     beta = np.concatenate(list(coefficients)) * evidence.scale[columns]
-    figures = alone.estimate - alone.slopes[:, columns] @ beta
+    scaled_baseline = alone.estimate - alone.slopes[:, columns] @ beta
     rank = evidence.layout.rank
-    losses = slice(rank, rank + LOSS_FIGURES * evidence.layout.n)
-    if (figures[losses] < 0.0).any():
+    losses = slice(rank, rank + LOSS_PARAMETERS * evidence.layout.n)
+    if (scaled_baseline[losses] < 0.0).any():
         shaped = np.concatenate([np.full(len(g.columns), g.effect.open_law) for g in groups])
-        figures, beta[shaped] = _without_drive(losses, alone, columns, beta, shaped)
+        scaled_baseline, beta[shaped] = _without_drive(losses, alone, columns, beta, shaped)
     ends = np.cumsum([len(group.columns) for group in groups])[:-1]
-    told = np.split(beta / evidence.scale[columns], ends)
+    found = np.split(beta / evidence.scale[columns], ends)
     for k, group in enumerate(groups):
         if group.effect.open_law:
-            told[k], dry = group.effect.without_dry_friction(told[k], group.variant)
-            place = evidence.layout.rank + LOSS_FIGURES * group.joint + LOSS_KEYS.index("coulomb_Nm")
-            figures[place] += dry * evidence.scale[place]
-    return _by_joint(baseline, evidence, figures, _laws(groups, told))
+            found[k], dry = group.effect.without_dry_friction(found[k], group.variant)
+            place = evidence.layout.rank + LOSS_PARAMETERS * group.joint + LOSS_KEYS.index("coulomb_Nm")
+            scaled_baseline[place] += dry * evidence.scale[place]
+    return _by_joint(baseline, evidence, scaled_baseline, _laws(groups, found))
 
 
 def _without_drive(
@@ -138,9 +139,9 @@ def _by_joint(
     baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, Mapping[str, OpenLaw]]
 ) -> dict[str, TunedJoint]:
     rank, n = evidence.layout.rank, evidence.layout.n
-    figures = scaled / evidence.scale[: evidence.layout.tuned]
-    losses = np.maximum(figures[rank : rank + LOSS_FIGURES * n].reshape(n, LOSS_FIGURES), 0.0)
-    links = _link_changes(baseline, figures[:rank])
+    scaled_baseline = scaled / evidence.scale[: evidence.layout.tuned]
+    losses = np.maximum(scaled_baseline[rank : rank + LOSS_PARAMETERS * n].reshape(n, LOSS_PARAMETERS), 0.0)
+    links = _link_changes(baseline, scaled_baseline[:rank])
     sliding = baseline.sliding
     # A simulator without memory takes a smooth sign where friction turns round over a range.
     widths = np.where(sliding.range > 0.0, baseline.loss.transition_speed, sliding.speed)
@@ -159,12 +160,12 @@ def _by_joint(
 
 
 def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -> dict[int, dict[str, OpenLaw]]:
-    """Coefficients and shape of the effects whose reported figures do not say all of their law, by joint."""
+    """Coefficients and shape of the effects whose reported parameters do not say all of their law, by joint."""
     found: dict[int, dict[str, OpenLaw]] = {}
     for group, values in zip(groups, coefficients, strict=True):
         if group.effect.tells_law(group.variant):
-            figures = {**group.variant.shape, **group.variant.inner}
-            law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in figures.items()})
+            shape = {**group.variant.shape, **group.variant.inner}
+            law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in shape.items()})
             found.setdefault(group.joint, {})[group.effect.id] = law
     return found
 

@@ -7,7 +7,7 @@ with the square of the effect's size, so that each asks for a multiple m of a ty
 
     m² = max( z² s / λ, (least mean square that matters) / (βᵀ A β) ),  z = √(2 T) + 1.28,
 
-T the nats that are asked for, s by how much blocks vary more than the noise model says, A what the model leaves of the
+T the nats that are needed, s by how much blocks vary more than the noise model says, A what the model leaves of the
 columns' plain sums, a sample. At z nine in ten would pass, were the gates no stricter than that; they are, by a factor
 that is measured. Nothing is searched or fitted for it.
 """
@@ -29,13 +29,13 @@ from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import SearchResults
 from ident.effects.base import Effect, SessionContext, impossible
 
-# Standard deviations by which what is asked for must be exceeded for nine in ten to pass (law: the normal's 90 %).
+# Standard deviations by which what is needed must be exceeded for nine in ten to pass (law: the normal's 90 %).
 NINE_IN_TEN = 1.2816
 # How much larger than that an effect must be, for the gates ask more of it than the sums foretell: its law is not quite
 # the catalogue's, and runs that are left out know it less well. Calibrated (`tests/bench/bench_limits.py`, 15 effects):
 # at half of this 6 of 15 were named, at all of it 12 of 13, themselves or as an exact twin.
 IN_PRACTICE = 2.0
-# A figure that does not grow in proportion to its coefficients, to this share, has no limit of this kind (chosen).
+# A parameter that does not grow in proportion to its coefficients, to this share, has no limit of this kind (chosen).
 PROPORTION = 0.05
 # An effect that would have to be so many times the largest plausible one shows nothing at all (chosen).
 NOTHING = 100.0
@@ -55,9 +55,9 @@ class SizeLimit:
 
     effect: Effect  # the effect
     joint: int  # its joint
-    figure: str  # the reported figure that tells its size
-    # The limit, in the figure's unit; of an inverse figure (a stiffness) the largest. None where the effect would show
-    # nothing at all.
+    figure: str  # the reported parameter that is its size
+    # The limit, in the parameter's unit; of an inverse parameter (a stiffness) the largest. None where the effect would
+    # show nothing at all.
     value: float | None
     hidden: bool  # whether no plausible effect is so large, so that none would have been named
     # What hides smaller ones: one of `HIDES`; or `size`, where smaller ones would be seen and are too small to matter.
@@ -79,8 +79,8 @@ class SizeLimit:
         """Why it is not testable, where it is hidden."""
         where = f" of {joints[self.joint]}" if self.effect.scope == "joint" else ""
         least = "above" if self.effect.typical.inverse else "below"
-        told = "it whole" if self.value is None else f"{self.figure} {least} {self.value:.2g}, more than is plausible"
-        return NotTestable(self.effect, self.joint, f"{HIDES[self.bound_by]}{where} hides {told}")
+        hidden = "it whole" if self.value is None else f"{self.figure} {least} {self.value:.2g}, more than is plausible"
+        return NotTestable(self.effect, self.joint, f"{HIDES[self.bound_by]}{where} hides {hidden}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class _Typical:
 
     group: Group  # the point
     beta: Float[Array, " k"]  # its coefficients
-    figure: float  # its figure, as large as is typical
+    figure: float  # its parameter, as large as is typical
     by_noise: float  # least multiple that stands out of the noise
     by_size: float  # least multiple that matters
 
@@ -103,7 +103,7 @@ def find_limits(
     search: Candidates,
     found: SearchResults,
     views: tuple[Projection, Projection],
-    spare: float,
+    inflation: float,
     session: SessionContext,
 ) -> tuple[SizeLimit, ...]:
     """Limits of all effects at all joints that have no name.
@@ -111,8 +111,8 @@ def find_limits(
     Args:
         search: The search that gave the names.
         found: Its results.
-        views: The final model, tuned, and with the URDF held fast.
-        spare: By how much blocks vary more than the noise model says.
+        views: The final model, tuned, and with the URDF fixed.
+        inflation: By how much blocks vary more than the noise model says.
         session: The runs.
     """
     named = {item.group.key[:2] for item in found.named}
@@ -120,13 +120,13 @@ def find_limits(
     for group in search.evidence.layout.groups:
         if group.key[:2] not in named and not group.effect.event and group.effect.typical.figure:
             places.setdefault(group.key[:2], {}).setdefault(group.variant.other, []).append(group)
-    look = _Look(search, found, views, spare, session)
+    look = _Look(search, found, views, inflation, session)
     limits = (_limit_at(look, list(mates.values())) for mates in places.values())
     return tuple(limit for limit in limits if limit is not None)
 
 
 def _limit_at(look: _Look, by_other: Sequence[Sequence[Group]]) -> SizeLimit | None:
-    """The limit of an effect at a joint at its typical inner figures; where another joint takes part, for the worst."""
+    """The limit of an effect at a joint at typical inner parameters; where another joint takes part, for the worst."""
     worst: _Typical | None = None
     for groups in by_other:
         tried = [one for one in map(look.at, _typical_points(groups)) if one is not None]
@@ -162,10 +162,10 @@ class _Look:
         search: Candidates,
         found: SearchResults,
         views: tuple[Projection, Projection],
-        spare: float,
+        inflation: float,
         session: SessionContext,
     ) -> None:
-        self.search, self.views, self.spare, self.session = search, views, spare, session
+        self.search, self.views, self.inflation, self.session = search, views, inflation, session
         evidence = search.evidence
         self.floor, self.last = evidence.floor, found.ladder[-1].rms
         self.gap = np.maximum(found.ladder[0].rms ** 2 - self.floor**2, 0.0)
@@ -174,7 +174,7 @@ class _Look:
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
     def at(self, group: Group) -> _Typical | None:
-        """A typical effect at a point of its grid; None where its figure is not in proportion to its coefficients."""
+        """A typical effect at a point of its grid; None where its size is not in proportion to its coefficients."""
         beta = self._coefficients(group)
         if beta is None:
             return None
@@ -184,7 +184,7 @@ class _Look:
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
         power = float(scaled @ self.views[0].rest(columns) @ scaled)
         needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + NINE_IN_TEN
-        by_noise = needed * np.sqrt((1.0 if absorbed else self.spare) / max(power, 1e-300))
+        by_noise = needed * np.sqrt((1.0 if absorbed else self.inflation) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
         by_size = 1.0 / np.sqrt(max(self._that_matters(group, absorbed, closed, joints), 1e-300))
@@ -206,7 +206,7 @@ class _Look:
         return "encoder" if float(shares.max()) > 0.5 else "torque"
 
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
-        """Those of a typical effect that make up its figure."""
+        """Those of a typical effect that make up its parameter."""
         typical, width = group.effect.typical, len(group.columns)
         scale = group.effect.prior_scale(self._asked(group), group.joint, group.variant)
         beta = typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float)[:width])
@@ -218,7 +218,7 @@ class _Look:
         return None if parts is None else np.where(parts, beta, 0.0)
 
     def _parts_of(self, group: Group, beta: Float[Array, " k"]) -> Bool[Array, " k"] | None:
-        """Which coefficients its figure depends on; None where it doesn't grow in proportion to them."""
+        """Which coefficients its parameter depends on; None where it doesn't grow in proportion to them."""
         whole = self._figure(group, beta)
         parts = beta != 0.0
         for k in np.flatnonzero(parts):
@@ -229,10 +229,10 @@ class _Look:
         return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < PROPORTION else None
 
     def _figure(self, group: Group, beta: Float[Array, " k"]) -> float:
-        """Size of the figure that tells an effect's size."""
+        """Size of the parameter that is an effect's size."""
         none = np.zeros((len(beta), len(beta)))
-        told = group.effect.parameters(self._asked(group), group.joint, group.variant, beta, none)
-        return abs(float(told[group.effect.typical.figure].value))
+        found = group.effect.parameters(self._asked(group), group.joint, group.variant, beta, none)
+        return abs(float(found[group.effect.typical.figure].value))
 
     def _asked(self, group: Group) -> SessionContext:
         return group.effect.asked(self.session)
@@ -248,9 +248,9 @@ class _Look:
         """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
         held, cost = self.search.settings, self.search.cost_of(group)
         if group.prior is not None:
-            told = self.views[0].rest(group.columns)
+            known = self.views[0].rest(group.columns)
             scaled = beta * self.search.evidence.scale[group.columns]
-            return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, told)
+            return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, known)
         if absorbed:
             return held.absorbed_nats + cost
         return max(float(np.log(len(self.search.evidence.layout.groups) / held.family_error)), cost)

@@ -28,7 +28,7 @@ from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, inflation
+from ident.diagnosis.selection.intervals import Estimate, measure_inflation
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
@@ -85,7 +85,7 @@ def diagnose(
     Args:
         motions: All runs, smoothed.
         arm: The user's arm, without payload.
-        catalogue: The effects to be asked for.
+        catalogue: The effects to test for.
         common_clock: Whether time goes on from run to run.
         telemetry: What the telemetry check found, passed on.
         seed: Of the sign flips.
@@ -121,10 +121,11 @@ def diagnose(
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
-    spare = inflation(evidence, after)
-    tolerance = _tolerance(search, baseline, groups, after, spare)
-    links = measure_tuned_links(baseline, evidence, after, prior, spare)
-    limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
+    inflation = measure_inflation(evidence, after)
+    tolerance = _tolerance(search, baseline, groups, after, inflation)
+    links = measure_tuned_links(baseline, evidence, after, prior, inflation)
+    views = after, project(gram, evidence, search.fixed.prior, groups)
+    limits = find_limits(search, found, views, inflation, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
     names, heldout = believed(estimates, found.named, beside.laws, settings.verdict), _together(found, floors, reach)
     verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
@@ -176,7 +177,7 @@ def diagnose(
 
 
 def _tolerance(
-    search: Search, baseline: Baseline, groups: Sequence[Group], after: Projection, spare: float
+    search: Search, baseline: Baseline, groups: Sequence[Group], after: Projection, inflation: float
 ) -> Tolerance:
     """How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
 
@@ -185,15 +186,15 @@ def _tolerance(
         baseline: The tuned model.
         groups: The named effects.
         after: The model with them, under the search's own prior.
-        spare: By how much misfit exceeds its noise.
+        inflation: By how much misfit exceeds its noise.
     """
     evidence, settings = search.evidence, search.settings
     usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
     model = project(evidence.gram(), evidence, usual.prior, groups)
-    excess = inflation(evidence, model)
+    excess = measure_inflation(evidence, model)
     if one_link_is_wrong(usual, baseline, groups, excess):
         return measure_tolerance(evidence, usual.prior, model, excess, settings)
-    return measure_tolerance(evidence, search.prior, after, spare, settings)
+    return measure_tolerance(evidence, search.prior, after, inflation, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +231,7 @@ def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings:
     explained = np.zeros(session.n)
     if not (sure.estimates or any(loud)):
         return _WithDiscrepancy((None,) * session.n, (), explained)
-    points = [estimate.told for estimate in sure.estimates]
+    points = [estimate.refined for estimate in sure.estimates]
     acting = {j for item in found.named for j in item.shown}
     joints = sorted(acting | set(np.flatnonzero(loud).tolist()))
     posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
@@ -242,11 +243,11 @@ def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings:
 
 
 def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> Mapping[str, TunedJoint]:
-    """The tuned baseline that goes with the figures that are told."""
+    """The tuned baseline that goes with the reported parameters."""
     evidence = fine.search.evidence
     alone = project(evidence.gram(), evidence, fine.search.prior)
-    told, coefficients = [e.told for e in estimates], [e.coefficients for e in estimates]
-    return tuned_beside(baseline, evidence, alone, told, coefficients)
+    refined, coefficients = [e.refined for e in estimates], [e.coefficients for e in estimates]
+    return tuned_beside(baseline, evidence, alone, refined, coefficients)
 
 
 def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:

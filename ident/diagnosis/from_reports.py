@@ -38,14 +38,14 @@ def diagnose_reports(
     """Diagnoses inspected sessions of one set-up.
 
     Args:
-        reports: The telemetry check of each session, or of each part of a long one; one without runs only tells more.
+        reports: The telemetry check of each session, or of each part of a long one; one without runs only adds issues.
         arm: The robot, as `ArmModel.load` gives it.
-        catalogue: The effects to be asked for.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders tell the motion, that of the
+        catalogue: The effects to test for.
+        cutoff: Corner of the common filter [Hz]; as far as the encoders show the motion, that of the
             settings (25 Hz) at most, if None.
         seed: Of the sign flips.
-        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
-            that of the tuned one.
+        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is reported
+            beside that of the tuned one.
         settings: The numbers by which it is decided.
 
     Returns:
@@ -102,8 +102,8 @@ class _Heard:
     session: Path | str = ""  # path or name of the session heard last
     # Under which the first session was recorded; None for the URDF's [m/s²].
     gravity: tuple[float, float, float] | None = None
-    # What of each session is among the issues: parts of one that share a fault tell it once.
-    told: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
+    # What of each session is among the issues: parts of one that share a fault report it once.
+    reported: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:
         """One more session, or one more part of a session.
@@ -121,8 +121,8 @@ class _Heard:
         self.common_clock &= session.common_clock and self.session in ("", where)
         self.session = where
         keys = [(str(where), issue.issue, issue.joints, issue.severity) for issue in report.issues]
-        self.issues += [issue for key, issue in zip(keys, report.issues, strict=True) if key not in self.told]
-        self.told.update(keys)
+        self.issues += [issue for key, issue in zip(keys, report.issues, strict=True) if key not in self.reported]
+        self.reported.update(keys)
         self.facts["runs"] += len(session.runs)
         self.facts["samples"] += session.samples
         self.facts["duration_s"] += session.duration

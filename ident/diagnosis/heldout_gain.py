@@ -31,12 +31,12 @@ HERE = "\0"
 class Explained:
     """An effect with what it explains."""
 
-    estimate: Estimate  # what it is, its figures, its rivals
+    estimate: Estimate  # what it is, its parameters, its rivals
     joints: tuple[str, ...]  # where it shows
     rms_before: dict[str, float]  # error on held-out runs without and with it, by joint [N m]
     rms_after: dict[str, float]
     shrink: float  # share of what lay above the noise that it closes there
-    slides: bool = field(default=False, kw_only=True)  # whether its joint slides: its figures are of forces and metres
+    slides: bool = field(default=False, kw_only=True)  # whether its joint slides: of forces and metres then
     # What an action rests on that nobody has measured; empty where there is none.
     caveat: str = field(default="", kw_only=True)
 
@@ -66,10 +66,10 @@ class Explained:
 
     def action_at(self, where: str) -> str:
         """The same of joints in these words."""
-        sentence = self.estimate.told.effect.action(HERE, self.estimate.parameters)
+        sentence = self.estimate.refined.effect.action(HERE, self.estimate.parameters)
         return (of_a_slide(sentence) if self.slides else sentence).replace(HERE, where)
 
-    def told(self) -> dict[str, Any]:
+    def shared_record(self) -> dict[str, Any]:
         """What any record says of it first."""
         return {
             "effect": self.effect,

@@ -35,18 +35,18 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The motion that parts the first tied class, or shows what came nearest to a name; else most of the untested.
 
-    A gap without a name is asked about at the joint where it is largest, if motion can tell more there.
+    A gap without a name is looked into at the joint where it is largest, if motion can show more there.
 
     Args:
         findings: Findings of `ident.diagnosis/1`, in their order.
         not_testable: Its effects that could not be tested.
-        known: The effects that were asked for.
+        known: The effects that were tested.
         robot: What `--robot` takes for the arm: a command that is shown runs as it stands.
         nearest: What came near to a name and got none.
         loudest: The joint of the largest gap.
 
     Returns:
-        `separates`, `motion` and `minutes`; None if nothing is open that a motion could tell.
+        `separates`, `motion` and `minutes`; None if nothing is open that a motion could settle.
     """
     for finding in findings:
         if len(finding["class"]) > 1:

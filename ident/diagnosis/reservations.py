@@ -1,4 +1,4 @@
-"""Reasons to doubt: names that were not told because no arm has such figures, and replays that end far off."""
+"""Reasons to doubt: names that were not reported because no arm has such parameters, and replays that end far off."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Reservation:
     effect: str  # the effect that got no name for it; "" where it is about the replay or the URDF
     joints: tuple[str, ...]  # where
     reason: str  # in words
-    parameters: dict[str, Interval]  # the figures that the effect would have had
-    # What it explains, where its figures or their unevenness speak against the name and not against there being
+    parameters: dict[str, Interval]  # the parameters that the effect would have had
+    # What it explains, where its parameters or their unevenness speak against the name and not against there being
     # something; None where it may as well be nothing.
     shows: Named | None = None
 
@@ -57,18 +57,18 @@ def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
 def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: SessionContext) -> dict[int, str]:
     """Which of some names can't be believed, and why.
 
-    All whose figures no arm has; else, of those that may be zero, the one of least evidence: two that say nearly the
+    All whose parameters no arm has; else, of those that may be zero, the one of least evidence: two that say nearly the
     same leave each other open, and one alone may be sure.
 
     Args:
-        candidates: Names with their figures, by number.
+        candidates: Names with their parameters, by number.
         session: The runs.
     """
     outside, open_ones = {}, {}
     for k, (_, estimate) in candidates.items():
-        effect = estimate.told.effect
+        effect = estimate.refined.effect
         asked = effect.asked(session)
-        if reason := impossible(effect, asked, estimate.told.joint, estimate.parameters):
+        if reason := impossible(effect, asked, estimate.refined.joint, estimate.parameters):
             outside[k] = reason
         elif reason := estimate.undefined:
             open_ones[k] = reason
@@ -86,7 +86,7 @@ def find_uneven(
     Args:
         search: The search that gave the names.
         groups: All names.
-        asked: Which of them are asked about; events, what grows in a run and what acts beyond a bound have no one size.
+        asked: Which of them are tested; events, what grows in a run and what acts beyond a bound have no one size.
         hidden: Which of them tuned inertias hide, all or most of it.
     """
     held = search.settings
@@ -108,7 +108,7 @@ def find_uneven(
 def doubt_links(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:
     """One reservation about each link that tuning moved farther than URDFs are off."""
     wrong = [(link, one) for link, one in links.items() if one.beyond_tolerance]
-    return tuple(Reservation("", (one.joint,), one.words(link), one.figures()) for link, one in wrong)
+    return tuple(Reservation("", (one.joint,), one.words(link), one.changes()) for link, one in wrong)
 
 
 def doubt_replay(

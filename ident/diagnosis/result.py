@@ -1,4 +1,4 @@
-"""`ident.diagnosis/1`: where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
+"""`ident.diagnosis/1`: where the gap lies, which effect causes it, how far it shrinks; or why that is not known."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Finding(Explained):
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            **self.told(),
+            **self.shared_record(),
             "rivals": dict(self.estimate.odds),
             "heldout": {
                 "rms_before_Nm": self.rms_before,
@@ -78,7 +78,7 @@ class JointGap:
     """What is left at a joint, what is noise, and what could still be explained."""
 
     rms: float  # error of the tuned model on held-out runs [N m]
-    fixed_rms: float  # the same with the URDF's inertias held fast [N m]
+    fixed_rms: float  # the same with the URDF's inertias fixed [N m]
     noise_floor: float  # what no model goes below [N m]
     ceiling_rms: float  # what any function of the state would leave beside the names [N m]
     unexplained: str | None  # what kind of inputs explain more than the names do, or None where none does
@@ -128,10 +128,10 @@ class Details:
         nearest: The candidate that came nearest to a name, where nothing was named.
         detectable: How small each effect without a name would still have been named.
         maps: All cells of the map of what the tuned model leaves.
-        maps_fixed: The same with the URDF held fast.
+        maps_fixed: The same with the URDF fixed.
         baseline: The baseline as tuned beside the names, joint by joint.
         baseline_alone: The same without them.
-        baseline_urdf: The same with the URDF's inertias held fast.
+        baseline_urdf: The same with the URDF's inertias fixed.
         outside_score: How much speaks for a cause that the catalogue lacks, from 0 to 1.
         leftover: How far what is left stands out of the noise at each joint; above 1 it has no name.
         tuned_links: By link, how far tuning moved it from the URDF.
@@ -151,7 +151,7 @@ class Details:
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, by the names of the joints."""
 
-        def told(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
+        def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
             return {name: one.to_dict() for name, one in joints.items()}
 
         return {
@@ -159,9 +159,9 @@ class Details:
             "detectable": [one.to_dict(names) for one in self.detectable],
             "maps": maps_record(self.maps),
             "maps_fixed": maps_record(self.maps_fixed),
-            "baseline": told(self.baseline),
-            "baseline_alone": told(self.baseline_alone),
-            "baseline_urdf": told(self.baseline_urdf),
+            "baseline": by_joint(self.baseline),
+            "baseline_alone": by_joint(self.baseline_alone),
+            "baseline_urdf": by_joint(self.baseline_urdf),
             "outside_score": self.outside_score,
             "leftover": dict(zip(names, map(float, self.leftover), strict=True)),
             "tuned_links": {link: one.to_dict() for link, one in self.tuned_links.items()},
@@ -207,7 +207,7 @@ class Diagnosis(Exportable):
         not_testable: What these recordings can't show, and why.
         reservations: Names that were not believed, and other reasons to doubt.
         details: What stands behind it; None where nothing was fitted.
-        catalogue: The effects that were asked for.
+        catalogue: The effects that were tested.
         settings: The numbers by which it was decided.
         robot_option: What `--robot` takes for the robot.
         until: The looks at more and more runs of which it is the last (`RepeatedLooks`), or None.

@@ -3,7 +3,7 @@
 A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
 once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
 shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Where evidence
-and not a p-value decides, the same share is asked for in nats.
+and not a p-value decides, the same share is required in nats.
 
 Source: Lan and DeMets 1983 (error spending).
 """
@@ -148,5 +148,7 @@ def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
         yield "part of the gap has no name" if diagnosis.findings else "the gap has no name"
     for one in diagnosis.findings:
         if one.estimate.probability < sure:
-            rivals = f", not told from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
+            rivals = (
+                f", not distinguished from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
+            )
             yield f"{one.effect} of {', '.join(one.joints)} is sure to {one.estimate.probability:.2f}{rivals}"

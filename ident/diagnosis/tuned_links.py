@@ -62,7 +62,7 @@ class TunedLink:
     # where gravity shows nothing of it.
     about_axis: Interval | None
     urdf_moment: float  # what the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by
-    beyond: frozenset[str]  # which of its changes, by their names in `figures`, are more than URDFs are wrong by
+    beyond: frozenset[str]  # which of its changes, by their names in `changes`, are more than URDFs are wrong by
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -88,7 +88,7 @@ class TunedLink:
             record["about_axis_share"] = self.share.to_dict()
         return record
 
-    def figures(self) -> dict[str, Interval]:
+    def changes(self) -> dict[str, Interval]:
         """Its changes by name."""
         named = {MASS: self.mass, ABOUT: self.about_axis}
         moments = {MOMENT.format(axis): one for axis, one in self.moment.items()}
@@ -215,10 +215,10 @@ def _about_axis(
         return None, size, 0.0
     along = urdf / size @ rows
     weights = np.linalg.lstsq(mapping.T, along, rcond=None)[0]
-    told = np.linalg.norm(weights @ mapping - along) < 1e-6 * np.linalg.norm(along)
+    determined = np.linalg.norm(weights @ mapping - along) < 1e-6 * np.linalg.norm(along)
     std = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
     usual = float(np.sqrt(np.sum((along * baseline.number_std) ** 2)))
-    if not told or not 0.0 < std < usual:
+    if not determined or not 0.0 < std < usual:
         return None, size, usual
     return _interval(float(weights @ change), std), size if size > usual else 0.0, usual
 

@@ -34,7 +34,7 @@ def model_rms(series: Sequence[RunResidual], model: HybridModel) -> dict[str, fl
 
 
 def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
-    """The analysis with `model_rms_Nm` beside the other figures of each joint's gap."""
+    """The analysis with `model_rms_Nm` beside the other numbers of each joint's gap."""
     diagnosis = analysis.diagnosis
     rms = model_rms(analysis.series, model)
     gap = {name: replace(one, model_rms=rms.get(name)) for name, one in diagnosis.gap.items()}

@@ -1,4 +1,4 @@
-"""What the evidence amounts to: no gap, a name, part of one, none of the catalogue; and what else must be told."""
+"""What the evidence amounts to: no gap, a name, part of one, none of the catalogue; and what else must be reported."""
 
 from __future__ import annotations
 
@@ -155,8 +155,8 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
     """
     most = float(leftover.max(initial=0.0))
     if estimates:
-        told = 1.0 if verdict == "named" else float(np.clip(closed, 0.0, 1.0))
-        return 1.0 - told * max(one.probability for one in estimates) / max(most, 1.0)
+        explained = 1.0 if verdict == "named" else float(np.clip(closed, 0.0, 1.0))
+        return 1.0 - explained * max(one.probability for one in estimates) / max(most, 1.0)
     open_share = most / (1.0 + most)
     return max(open_share, 0.5) if verdict == "none_of_catalogue" else min(open_share, 0.5)
 
@@ -193,5 +193,5 @@ def find_nearest(found: SearchResults, joints: Sequence[str]) -> Nearest | None:
 
 
 def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:
-    """Whether a joint's error, as the record of its gap tells it, lies clearly above its noise."""
+    """Whether a joint's error, as the record of its gap has it, lies clearly above its noise."""
     return bool(gap["rms_Nm"] > settings.loud * (gap["noise_floor_Nm"] or np.inf))

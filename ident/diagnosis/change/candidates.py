@@ -56,7 +56,7 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
 
 @dataclass(eq=False)
 class ChangeOf(Effect):
-    """An effect that acts in the later set alone: its figures are after minus before, whatever their signs."""
+    """An effect that acts in the later set alone: its parameters are after minus before, whatever their signs."""
 
     effect: Effect  # the effect
 

@@ -1,7 +1,7 @@
 """What changed between two sets of recordings of one arm: from motions to changes with evidence.
 
 Both sets share one baseline: the arm's inertias, tuned and hardly held by the URDF, its losses, and every law that is
-asked for, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
+tested, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
 the same laws in the later set alone, selected as a diagnosis selects effects; and each must stand out
 against what the runs of one set differ by among themselves.
 """
@@ -37,14 +37,14 @@ from ident.motion.motion import Motion
 from ident.progress import stage
 from ident.robot.arm import ArmModel
 
-# The URDF's error where it is right within its tolerance: what is seen with such a one alone is told so.
+# The URDF's error where it is right within its tolerance: what is seen with such a one alone is reported so.
 RIGHT_SHARE = 0.04
-# A change of which the baseline leaves a smaller share can't be told from what both sets have in common.
+# A change of which the baseline leaves a smaller share can't be separated from what both sets have in common.
 LEAST_SEEN = 0.02
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
 TOO_UNSURE = "these runs are too few, or move too alike, to tell its size from zero"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
-TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
+TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has parameters"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class _Changes:
     standings: tuple[Standing, ...]
     doubted: tuple[Reservation, ...]
     places: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
-    unlawful: bool  # something stood out whose figures no arm has
+    unlawful: bool  # something stood out whose parameters no arm has
     asked: int  # how many changes may have been
 
 
@@ -92,14 +92,14 @@ def compare(
         )
     stage("searching what changed", 0.5, 1.0)
     search = _search(first, settings.selection, sides)
-    told = _tell(search)
-    if any(one.group.effect.id in BODIES for one in told.estimates):
-        others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
+    changes = _find_changes(search)
+    if any(one.group.effect.id in BODIES for one in changes.estimates):
+        others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
         asked = place_bodies(search, others, first.session, first.asked)
         first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
         first = replace(first, doubt=doubt, seed=seed)
-        told = _tell(_search(first, settings.selection, sides))
-    return replace(_result(told, first, arm, sides, _hidden(first, used)), used=used)
+        changes = _find_changes(_search(first, settings.selection, sides))
+    return replace(_result(changes, first, arm, sides, _hidden(first, used)), used=used)
 
 
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
@@ -114,8 +114,8 @@ def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side
     )
 
 
-def _tell(search: ChangeSearch) -> _Changes:
-    """Changes that stand and whose figures arms can have, each with its class and with where it may be as well."""
+def _find_changes(search: ChangeSearch) -> _Changes:
+    """Changes that stand and whose parameters arms can have, each with its class and with where it may be as well."""
     design, joints = search.design, search.design.baseline.nominal.joint_names
     doubted: list[Reservation] = []
     unlawful = False
@@ -133,14 +133,14 @@ def _tell(search: ChangeSearch) -> _Changes:
         doubted += [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items()]
         search = replace(search, barred=search.barred | {found.named[k].group.key for k in refused})
     named = [item.group for item in found.named]
-    told = {group.key for group in named}
-    for group, standing in ((one.group, one.standing) for key, one in failed.items() if key not in told):
+    keys = {group.key for group in named}
+    for group, standing in ((one.group, one.standing) for key, one in failed.items() if key not in keys):
         where = (joints[group.joint],) if group.effect.scope == "joint" else joints
         why = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
         doubted.append(Reservation(group.effect.id, where, why, {}))
     places = tuple(open_places(search, named, slot) for slot in range(len(named)))
     solved = solve_effects(fine, [False] * len(named))[0] if named else []
-    gains = [may_be_gain(one.told, design.session, *each) for one, each in zip(estimates, solved, strict=True)]
+    gains = [may_be_gain(one.refined, design.session, *each) for one, each in zip(estimates, solved, strict=True)]
     estimates = [search.with_class(one, weighed, k, places[k], gains[k]) for k, one in enumerate(estimates)]
     standings = tuple(one.standing for one in weighed)
     return _Changes(found, tuple(estimates), standings, tuple(doubted), places, unlawful, search.asked)
@@ -157,8 +157,8 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
 
 
 def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign) -> Estimate:
-    """A body's figures where every joint's gain may be off by some per cent; other estimates as they are."""
-    group = estimate.told
+    """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are."""
+    group = estimate.refined
     if group.effect.id not in BODIES:
         return estimate
     evidence = fine.search.evidence
@@ -175,7 +175,7 @@ def _widened(estimate: Estimate, raw: Estimate, standing: Standing) -> Estimate:
     """An estimate whose intervals count what runs differ by.
 
     Args:
-        estimate: As told: with what gains are off by.
+        estimate: As reported: with what gains are off by.
         raw: The same with the noise alone, which is what runs add to.
         standing: By how much.
     """
@@ -212,11 +212,11 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
 
 
 def _result(
-    told: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
+    changes: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
 ) -> ArmComparison:
     joints, floor = arm.joint_names, design.sums.evidence.floor
     found = []
-    each = zip(told.found.named, told.estimates, told.standings, told.places, strict=True)
+    each = zip(changes.found.named, changes.estimates, changes.standings, changes.places, strict=True)
     for item, estimate, standing, places in each:
         acts = item.shown
         old, new = item.before.rms[acts], item.after.rms[acts]
@@ -229,7 +229,7 @@ def _result(
                 rms_after=dict(zip(names, map(float, new), strict=True)),
                 shrink=measure_shrink(old, new, floor[acts]),
                 slides=slides(item.group, arm),
-                p_value=min(1.0, told.asked * standing.p_value),
+                p_value=min(1.0, changes.asked * standing.p_value),
                 log_score=item.gates.log_score,
                 evidence=item.gates.evidence,
                 run_spread=standing.spread,
@@ -247,15 +247,15 @@ def _result(
     return ArmComparison(
         robot=arm.name,
         joints=joints,
-        verdict=_verdict(found, told.unlawful, design.sides.too_short),
+        verdict=_verdict(found, changes.unlawful, design.sides.too_short),
         sides=sides,
         changes=tuple(found),
-        rms_before=by_joint(told.found.ladder[0].rms),
-        rms_after=by_joint(told.found.ladder[-1].rms),
+        rms_before=by_joint(changes.found.ladder[0].rms),
+        rms_after=by_joint(changes.found.ladder[-1].rms),
         noise=by_joint(floor),
         run_spread=by_joint(design.sums.evidence.spread),
         not_testable=tuple(hidden),
-        reservations=told.doubted,
+        reservations=changes.doubted,
         still=design.still,
     )
 

@@ -1,6 +1,6 @@
 """Bodies of several links that these recordings confound, and the place of each.
 
-A body on one link and one on the next pull alike at every joint below them; what tells them apart is what they do at
+A body on one link and one on the next pull alike at every joint below them; what distinguishes them is what they do at
 the joint between, and their inertia. Two models of as many columns, neither part of the other, are compared by what
 each leaves of every block, d their difference: Σ d / (√B std d) is a standard normal if both are as far from the truth,
 whatever the truth and however far. Log evidence takes the model's own errors for noise: of small differences it is too
@@ -30,9 +30,9 @@ from ident.effects.added_body import centre_of
 from ident.effects.base import Effect, SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
-# Two places are told apart by more than so many standard deviations.
+# Two places are distinguished by more than so many standard deviations.
 APART = 2.0
-# What explains less than this share of what a change does is told from it by any blocks.
+# What explains less than this share of what a change does is separated from it by any blocks.
 NEAR = 0.5
 
 
@@ -42,7 +42,7 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
     Args:
         search: The search that gave the names.
         groups: All names.
-        slot: Which of them is asked about.
+        slot: which of them is tested.
     """
     own, evidence, gram = groups[slot], search.evidence, search.evidence.gram()
     others = [group for k, group in enumerate(groups) if k != slot]
@@ -81,7 +81,7 @@ def _alike(own: Group, rival: Group) -> bool:
 def place_bodies(
     search: Search, others: Sequence[Group], session: SessionContext, asked: Sequence[Effect]
 ) -> tuple[Effect, ...]:
-    """All changes that are asked for, each body about the place at which it alone would explain most.
+    """All changes that are tested, each body about the place at which it alone would explain most.
 
     Args:
         search: A search over a first design.

@@ -4,7 +4,7 @@ Friction differs between two sessions though nothing was done to the arm: joints
 settled. A mean of few sessions is no better known than that, however many runs they have. From run to run it wanders:
 a session of R runs that set out where the last one did has a mean that is off by R / 3 of a step's variance. And where
 friction is most of a joint's torque, a gain that changed scales it as more friction would: nothing in the recordings
-tells the two apart.
+distinguishes the two.
 
 Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
 of a UR10e differ by 2 to 5 % of their friction.

@@ -18,7 +18,7 @@ from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 
-# Runs of a set that are used: an even choice of more. Some dozens tell all that is to be known of what runs differ by.
+# Runs of a set that are used: an even choice of more. Some dozens hold all that is to be known of what runs differ by.
 MOST_RUNS = 100
 
 
@@ -34,7 +34,7 @@ def compare_reports(
     Args:
         before, after: The telemetry checks of the sessions of each set.
         arm: The robot, as `ArmModel.load` gives it.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders of both sets tell the motion, 25 Hz at most,
+        cutoff: Corner of the common filter [Hz]; as far as the encoders of both sets show the motion, 25 Hz at most,
             if None.
         seed: Of how runs are dealt into sets that are none.
 

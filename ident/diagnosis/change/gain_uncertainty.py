@@ -25,7 +25,7 @@ from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.intervals import lifted
 from ident.effects.catalogue import CATALOGUE
 
-# Effects whose size is told by how large a torque is read: bodies.
+# Effects whose size is known by how large a torque is read: bodies.
 BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)
 
 

@@ -1,4 +1,4 @@
-"""How large the laws are that both sets share, how far off the URDF is, and how loud each joint, as recordings tell it.
+"""How large the laws are that both sets share, how far off the URDF is, and how loud each joint, as recordings show it.
 
 Hundreds of columns stand in the baseline. At their largest plausible size they explain whatever short recordings hold,
 and nothing of a change is left to be seen; but most arms have few of these laws. So each law at each joint has a
@@ -40,7 +40,7 @@ def learn_prior(
     shared: Sequence[int],
     later: Sequence[tuple[Int[Array, " k"], Float[Array, " k"]]],
 ) -> tuple[Prior, Float[Array, " P"]]:
-    """The prior with the variances that the recordings tell, and the weights of what is then left of a row.
+    """The prior with the variances that the recordings support, and the weights of what is then left of a row.
 
     Args:
         evidence: Sums.
@@ -52,7 +52,7 @@ def learn_prior(
     first, tuned, rank = layout.tuned - layout.further, layout.tuned, layout.rank
     assert prior.further is not None
     columns = np.concatenate([np.arange(tuned), *(own for own, _ in later)]).astype(int)
-    information = np.concatenate([np.zeros(first), prior.further, *(told for _, told in later)])
+    information = np.concatenate([np.zeros(first), prior.further, *(known for _, known in later)])
     widths = np.array([*shared, *(len(own) for own, _ in later)], dtype=int)
     term = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(widths)), widths)])
     variance, urdf = np.ones(len(widths)), 1.0
@@ -72,8 +72,8 @@ def learn_prior(
         mean = cho_solve(factor, gram[at, -1])
         square = np.bincount(own, mean[first:] ** 2 * loose, len(widths))
         open_part = np.bincount(own, np.diag(spread)[first:] * loose, len(widths))
-        told = np.maximum(widths - open_part / variance, 1e-6 * widths)
-        new = np.where(variance > ABSENT, np.clip(np.maximum(square / told, SHRINK * variance), ABSENT, 1.0), ABSENT)
+        freedom = np.maximum(widths - open_part / variance, 1e-6 * widths)
+        new = np.where(variance > ABSENT, np.clip(np.maximum(square / freedom, SHRINK * variance), ABSENT, 1.0), ABSENT)
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
         error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, LEAST_URDF, 1.0))
         settled = np.abs(np.log(new / variance)).max() < CLOSE and abs(np.log(error / urdf)) < CLOSE

@@ -62,7 +62,7 @@ class PairedDesign:
     silent: tuple[NotTestable, ...]  # what can't be seen in any of these runs
     doubt: GainUncertainty = STATED  # how well the gains are known
     asked: tuple[Effect, ...] = ()  # all that may have changed
-    still: tuple[StaticJoint, ...] = ()  # joints of whose own torque nothing is told
+    still: tuple[StaticJoint, ...] = ()  # joints of whose own torque nothing is known
     seed: int = 0  # of how runs are dealt into sets that are none
 
     @property
@@ -84,7 +84,7 @@ class PairedDesign:
 
     @cached_property
     def prior(self) -> Prior:
-        """How far off the URDF is, and how large the laws are that both sets share, as these runs tell it."""
+        """How far off the URDF is, and how large the laws are that both sets share, as these runs show it."""
         return _learnt(self.sums, self.session, self.baseline)[0]
 
 
@@ -95,7 +95,7 @@ def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -
 
 
 def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
-    """The prior that the recordings tell, every change beside it, and the weights of what is then left."""
+    """The prior that the recordings support, every change beside it, and the weights of what is then left."""
     scale = sums.evidence.scale
     first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
     later = [(one.columns, (LOOSE * _largest(one, session) * scale[one.columns]) ** -2.0) for one in first.values()]
@@ -119,7 +119,7 @@ def build_design(
         arm: The user's arm.
         known: What an earlier design found, if there was one.
         asked: All that may have changed; the catalogue's if None.
-        still: Joints of whose own torque nothing is told.
+        still: Joints of whose own torque nothing is known.
         one_clock: Whether time goes on from run to run of the later set.
     """
     swapped = len(after) > len(before)

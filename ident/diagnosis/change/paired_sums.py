@@ -15,7 +15,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.diagnosis.regression.dwells import DwellRows, HeldFriction
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.partition import Partition
@@ -24,7 +24,7 @@ from ident.effects.base import SessionContext
 
 # Folds of each set; a set of fewer runs is cut into pieces.
 FOLDS, PIECES = 5, 3
-# Blocks of each set: as many as a diagnosis has of one. Of fewer than the second number no test can tell anything: all
+# Blocks of each set: as many as a diagnosis has of one. Of fewer than the second number no test can show anything: all
 # of their signs are alike by chance in one of a hundred cases.
 SIDE_BLOCKS, FEWEST_BLOCKS = 64, 8
 
@@ -122,9 +122,9 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
     asked = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]  # that is no change
     further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
     common = [group for group in further if not group.variant.shape.get("mix")]
-    told = {int(group.columns[0]) for group in common}
-    shadows = [group for group in old.groups if int(group.columns[0]) not in told]
-    start = old.rank + LOSS_FIGURES * old.n
+    known = {int(group.columns[0]) for group in common}
+    shadows = [group for group in old.groups if int(group.columns[0]) not in known]
+    start = old.rank + LOSS_PARAMETERS * old.n
     source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
     origin = np.append(np.concatenate(source), old.size)
     first = np.cumsum([len(columns) for columns in source])
@@ -147,7 +147,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
 
 def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:
     """Where each column stands: with its joint if its source did."""
-    start = old.rank + LOSS_FIGURES * old.n
+    start = old.rank + LOSS_PARAMETERS * old.n
     new = np.arange(start, len(origin) - 1)
     return Layout(
         rank=old.rank,

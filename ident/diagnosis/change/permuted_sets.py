@@ -1,4 +1,4 @@
-"""How much a law gains between sets of runs that are none: the null of a change, told by the recordings themselves.
+"""How much a law gains between sets of runs that are none: the null of a change, from the recordings themselves.
 
 No model of a real arm holds everywhere. What it lacks shows another face in each run's motion, and between two sets of
 few runs that is a difference, which some law explains. The same runs are dealt into two other sets, half of each side

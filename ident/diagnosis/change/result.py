@@ -1,4 +1,4 @@
-"""`ident.comparison/1`: what changed, at which joint, by how much; or why that can't be told."""
+"""`ident.comparison/1`: what changed, at which joint, by how much; or why that is not known."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class ArmChange(Explained):
-    """A change with its evidence; figures are after minus before, errors those of the later set."""
+    """A change with its evidence; parameters are after minus before, errors those of the later set."""
 
-    p_value: float  # of so large a change by chance, all that were asked for counted
+    p_value: float  # of so large a change by chance, all that were tested counted
     log_score: tuple[float, float]  # gain on held-out runs with its standard error [nats]
     evidence: float  # log evidence [nats]
     run_spread: float  # how much the effect differs from run to run of one set, as a share of the change
@@ -44,16 +44,16 @@ class ArmChange(Explained):
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, other places told where recordings leave them open."""
+        """What a person at the cell can do about it, other places named where recordings leave them open."""
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
-        joints = [*self.joints, *where] if len(where) and self.estimate.told.effect.scope == "joint" else self.joints
+        joints = [*self.joints, *where] if len(where) and self.estimate.refined.effect.scope == "joint" else self.joints
         sentence = self.action_at((" or " if where else ", ").join(joints))
         carried = self.effect != CARRIED and any(effect == CARRIED for effect, _ in self.elsewhere)
         return f"{sentence}; or is it the tool? these recordings can't tell" if carried else sentence
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            **self.told(),
+            **self.shared_record(),
             "elsewhere": [{"effect": effect, "joint": joint or None} for effect, joint in self.elsewhere],
             "heldout": {
                 "rms_before_Nm": self.rms_before,

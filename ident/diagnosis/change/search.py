@@ -198,7 +198,8 @@ class ChangeSearch(Search):
             best = [pair for pair in self.best_by_key(model, names).values() if pair[0] >= self.least]
             joints = {joint_of(group) for _, group in best}
             nulls = {joint: self.design.permuted.nulls(joint, self.prior, names) for joint in joints}
-            # Of laws at one joint that of more evidence comes first; how much it counts is told by all of them there.
+            # Of laws at one joint that of more evidence comes first; how much it counts is decided by all of them
+            # there.
             counts = {group: score / nulls[joint_of(group)][None].ratio for score, group in best}
             tried = sorted(counts, key=counts.__getitem__, reverse=True)
 
@@ -217,7 +218,7 @@ class ChangeSearch(Search):
 
     @cached_property
     def _candidates(self) -> dict[frozenset[Group], list[Weighed]]:
-        """What was weighed already: it is asked for again."""
+        """What was weighed already: it is needed again."""
         return {}
 
     def weigh(self, names: Sequence[Group]) -> list[Weighed]:
@@ -286,6 +287,6 @@ class ChangeSearch(Search):
         cost = self.cost_of(group) - 0.5 * freedom * standing.looser
         least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = standing.nats - max(cost, least) - self.least
-        if not standing.of_the_day:  # what decides was told by few dealings
+        if not standing.of_the_day:  # what decides came of few permutations
             odds -= np.log(FEW_TOLD)
         return Weighed(group, standing, float(odds))

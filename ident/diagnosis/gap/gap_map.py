@@ -79,7 +79,7 @@ def map_gap(
         joints: Joint names.
         noise: Noise of each joint.
         rng: For the signs.
-        views: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF held fast.
+        views: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF fixed.
         settings: How time and the axes are cut, and where a joint is on the map.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)

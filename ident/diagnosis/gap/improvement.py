@@ -21,7 +21,7 @@ from ident.results import ONE_RUN
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Figures about the named effects on runs that the fit never saw."""
+    """Parameters about the named effects on runs that the fit never saw."""
 
     shares: Float[Array, " k"]  # order-free share of the reducible gap of each effect, in the order of the search
     # RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
@@ -57,7 +57,7 @@ class Reach:
 
 
 def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | None:
-    """Standard deviation over runs; None of a single run, which tells nothing of what runs differ by."""
+    """Standard deviation over runs; None of a single run, which says nothing of what runs differ by."""
     return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
 
 
@@ -87,7 +87,7 @@ def measure_reach(
         explained: Share of each joint's mean square that a discrepancy explains in the names' place.
         settings: The replay.
     """
-    # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF held fast.
+    # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF fixed.
     scorer = search.fixed if any(item.absorbed for item in found.named) else search.held_out
     rms = found.ladder[0].rms
     return Reach(

@@ -24,7 +24,7 @@ class Harm:
     """What a joint's model errs by beyond noise."""
 
     torque: float  # root mean square beyond noise [N m]
-    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF held fast
+    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF fixed
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class NamedPlace:
 
     joints: tuple[str, ...]  # the joints that it is reported of
     shown: Collection[str]  # the joints whose error falls by it
-    absorbed: bool  # whether it was judged with the URDF held fast
+    absorbed: bool  # whether it was judged with the URDF fixed
 
 
 class ClosesGap(Protocol):
@@ -78,7 +78,7 @@ def measure_harm(
 
     Args:
         joints: Their names.
-        errors: Held-out error of the tuned model, and of the model with the URDF held fast [N m].
+        errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
         noise: Noise floor [N m].
         names: Where the names act.

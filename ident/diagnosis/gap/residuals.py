@@ -27,7 +27,7 @@ class RunResidual:
     index: int  # its place in the session
     before: Float[Array, "t n"]  # what the tuned baseline leaves [N m]
     after: Float[Array, "t n"]  # what is left with the named effects [N m]
-    fixed: Float[Array, "t n"]  # what is left with the URDF's inertias held fast, friction and rotors tuned [N m]
+    fixed: Float[Array, "t n"]  # what is left with the URDF's inertias fixed, friction and rotors tuned [N m]
     # `before` and `after` of models that were solved without this stretch's fold [N m].
     unseen_before: Float[Array, "t n"]
     unseen_after: Float[Array, "t n"]
@@ -84,7 +84,7 @@ def compute_residuals(
         session: The runs.
         baseline: The tuned model.
         evidence: Block sums of the runs.
-        models: The baseline, the baseline with its groups, and the baseline with the URDF held fast.
+        models: The baseline, the baseline with its groups, and the baseline with the URDF fixed.
         groups: The named effects.
         held_out: Solves the first two without each fold.
     """

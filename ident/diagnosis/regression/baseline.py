@@ -45,7 +45,7 @@ class Baseline:
     arm: ArmModel  # the arm after tuning
     base: BaseParameters  # its base parameters
     prior: Float[Array, "r r"]  # information on the base parameters' change that lies in the URDF, shape (r, r)
-    loss: LossParameters  # tuned loss figures
+    loss: LossParameters  # tuned loss parameters
     sliding: Sliding  # how each joint's dry friction turns round
     number_std: Float[Array, " 10n"]  # standard deviation of each link's inertial numbers, as believed
     settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with

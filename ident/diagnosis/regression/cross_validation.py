@@ -99,7 +99,7 @@ class HeldOut:
 
     @cached_property
     def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
-        """Models that were asked for, solved and scored: most are asked for again."""
+        """Models solved and scored: most are needed again."""
         return {}
 
     def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
@@ -140,8 +140,8 @@ class HeldOut:
             places, into = _spots(local, found.columns)
             w = found.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, told in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
-                    told[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
+                for sums, into_table in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
+                    into_table[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:

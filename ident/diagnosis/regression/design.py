@@ -1,9 +1,9 @@
 """Which column of the one big regression belongs to what.
 
 All joints' torques are explained at once. The unknowns are, in this order: changes of the base parameters (they act on
-all joints), three loss figures a joint, then every candidate effect at every point of its inner grid. A candidate whose
-torque acts on its own joint only is kept apart from those that act on several, so that a joint's rows carry no column
-that is zero by construction.
+all joints), three loss parameters a joint, then every candidate effect at every point of its inner grid. A candidate
+whose torque acts on its own joint only is kept apart from those that act on several, so that a joint's rows carry no
+column that is zero by construction.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ident.arrays import Array, Int
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.intervals import SizePrior
 
-LOSS_FIGURES = 3
+LOSS_PARAMETERS = 3
 
 Key = tuple[str, int, int | None]
-"""Effect, joint (−1 for the whole arm) and other joint: what is named, whatever the inner figures."""
+"""Effect, joint (−1 for the whole arm) and other joint: what is named, whatever the inner parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Group:
 
     @property
     def key(self) -> Key:
-        """Effect, joint and other joint: what is named, whatever the inner figures."""
+        """Effect, joint and other joint: what is named, whatever the inner parameters."""
         return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
 
     @property
@@ -79,20 +79,20 @@ class Layout:
     own: tuple[Int[Array, " k"], ...]  # for each joint, the columns of candidates that act on it alone
     shared: Int[Array, " k"]  # the columns of candidates that act on several joints
     silent: tuple[NotTestable, ...]  # what can't be tested at all
-    further: int = 0  # columns of effects, right after the loss figures, that are part of the baseline
+    further: int = 0  # columns of effects, right after the loss parameters, that are part of the baseline
     # Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
     further_std: tuple[float, ...] = ()
 
     @property
     def tuned(self) -> int:
         """Number of columns of the baseline."""
-        return self.rank + LOSS_FIGURES * self.n + self.further
+        return self.rank + LOSS_PARAMETERS * self.n + self.further
 
     @property
     def size(self) -> int:
         """Number of columns; the torque itself is column `size`."""
         candidates = sum(len(columns) for columns in self.own) + len(self.shared)
-        return self.rank + LOSS_FIGURES * self.n + candidates
+        return self.rank + LOSS_PARAMETERS * self.n + candidates
 
     @cached_property
     def local(self) -> tuple[Int[Array, " p"], ...]:
@@ -101,7 +101,7 @@ class Layout:
             np.concatenate(
                 [
                     np.arange(self.rank),
-                    self.rank + LOSS_FIGURES * j + np.arange(LOSS_FIGURES),
+                    self.rank + LOSS_PARAMETERS * j + np.arange(LOSS_PARAMETERS),
                     self.own[j],
                     self.shared,
                     [self.size],
@@ -165,7 +165,7 @@ def layout_of(
     nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
     std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
     sample = replace(session, runs=session.runs[:1], every=1)
-    start = rank + LOSS_FIGURES * session.n
+    start = rank + LOSS_PARAMETERS * session.n
     groups: list[Group] = []
     own: list[list[int]] = [[] for _ in range(session.n)]
     shared: list[int] = []

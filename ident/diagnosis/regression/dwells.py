@@ -46,7 +46,7 @@ class Hold:
 
     start: int  # first sample, and the one after the last; blurred ends are left out
     stop: int
-    sign: float  # of the motion that ended in it; 0 where the run tells of none
+    sign: float  # of the motion that ended in it; 0 where the run shows none
     # Whether the joint does not rest but turns round, starts or stops, too near for friction to be known.
     turn: bool = False
 
@@ -123,7 +123,7 @@ def resting(motion: Motion) -> Bool[Array, "T n"]:
 
 
 def rested(run: RunContext) -> RunContext:
-    """The same run without any sliding where joints rest: what dry friction is there no law of motion tells."""
+    """The same run without any sliding where joints rest: what dry friction is there no law of motion shows."""
     still = resting(run.motion)
     return replace(run, direction=np.where(still, 0.0, run.direction), friction=np.where(still, 0.0, run.friction))
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.design import LOSS_FIGURES
+from ident.diagnosis.regression.design import LOSS_PARAMETERS
 
 # Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
-FRICTION = slice(1, LOSS_FIGURES)
+FRICTION = slice(1, LOSS_PARAMETERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class FrictionSums:
 
     @cached_property
     def _last_slopes(self) -> dict[int, tuple[float, Float[Array, "K 2 p"]]]:
-        """By joint the spread that was asked for last, and ½ S of each piece: mostly it is asked for again."""
+        """By joint the spread that was used last, and ½ S of each piece: mostly it is used again."""
         return {}
 
     @cached_property

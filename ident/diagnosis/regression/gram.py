@@ -35,7 +35,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_products, half_size, pack
-from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
@@ -62,7 +62,7 @@ class Evidence:
     # Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
     noise_power: Float[Array, " P"]
     friction: FrictionSums  # what each run's own friction level goes with
-    # Relative standard deviation from run to run of each joint's friction, counted in whatever is asked for.
+    # Relative standard deviation from run to run of each joint's friction, counted in whatever is computed.
     spread: Float[Array, " n"]
     # What each joint's whitened sums were divided by: mean square of what nothing explains there.
     dispersion: Float[Array, " n"]
@@ -170,7 +170,7 @@ class Evidence:
     def misfit(self, joint: int, weights: Float[Array, " P"]) -> float:
         """Mean square of what a model leaves of a joint's whitened rows, one at the least.
 
-        Whitened noise has a variance of one where the model fits; where more is left, all is told less surely.
+        Whitened noise has a variance of one where the model fits; where more is left, all is less certain.
 
         Args:
             joint: The joint.
@@ -246,7 +246,7 @@ def gather(
     assert sums is not None
     assert scale is not None
     of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
-    first = layout.rank + LOSS_FIGURES * np.arange(layout.n)
+    first = layout.rank + LOSS_PARAMETERS * np.arange(layout.n)
     found = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
     return replace(found, dwells=tuple(join_runs(parts, alike) for parts in zip(*held_rows, strict=True)))
 

@@ -55,7 +55,7 @@ class Prior:
         return cls.of(evidence, baseline.prior_of(error), error)
 
     def tightened(self, factor: float) -> Prior:
-        """The same with standard deviations divided by a factor: 100 is as good as the URDF held fast."""
+        """The same with standard deviations divided by a factor: 100 is as good as the URDF fixed."""
         return Prior(self.base * factor**2, self.error.divided(factor), self.further)
 
     def add_to(self, information: Float[Array, "z z"], layout: Layout) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
-from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
@@ -113,7 +113,7 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     # does to the coefficients is little, and what it adds to the residual is known.
     gram = x.T @ x
     silent = _mostly_noise(j, held, settings.mostly_noise * np.diag(gram)[:-1])
-    losses = slice(held[0].rank, held[0].rank + LOSS_FIGURES)
+    losses = slice(held[0].rank, held[0].rank + LOSS_PARAMETERS)
     ridge = np.diag(np.diag(gram)[:-1] * np.where(silent, HELD_AT_ZERO, _ridge(gram, len(x), losses, silent)) + 1e-9)
     inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
     estimate = inverse @ gram[:-1, -1]
@@ -209,12 +209,12 @@ def _mostly_noise(j: int, held: Sequence[Rows], most: Float[Array, " p"]) -> Boo
     for rows in held:
         if rows.noise is not None:
             noise += rows.weight * np.sum(rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0, dtype=float)
-    noise[: held[0].rank + LOSS_FIGURES] = 0.0
+    noise[: held[0].rank + LOSS_PARAMETERS] = 0.0
     return np.asarray(noise > most)
 
 
 def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array, " t"]:
-    """What is left of a run, its own level of friction taken out: how that varies is told apart."""
+    """What is left of a run, its own level of friction taken out: how that varies is estimated separately."""
     left: Array = rows.tables[j] @ weights
     friction = rows.tables[j][:, rows.rank + FRICTION.start : rows.rank + FRICTION.stop]
     where = rows.counts[:, j]

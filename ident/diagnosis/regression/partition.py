@@ -41,7 +41,7 @@ def build_partition(session: SessionContext, settings: RegressionSettings = USUA
     more than in all others together, runs are as good as few: without that run the joint's model is a guess.
     """
     motions = (run.motion for run in session.runs)
-    figures = [
+    facts = [
         (
             each.filtered_length,
             each.interval * each.lowpass.factor,
@@ -50,7 +50,7 @@ def build_partition(session: SessionContext, settings: RegressionSettings = USUA
         )
         for each in motions
     ]
-    lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
+    lengths, steps, continues, travel = (np.array(values) for values in zip(*facts, strict=True))
     recorded = np.cumsum(~continues) - 1
     few, folds = _few(travel, recorded, settings.fewest_runs), settings.folds
     if len(lengths) > settings.most_lone_runs:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
@@ -32,7 +32,7 @@ BATCH_COLUMNS = 64
 class Rows:
     """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
 
-    The first `rank` columns are the base parameters', then come the joint's loss figures. `noise` is what one more
+    The first `rank` columns are the base parameters', then come the joint's loss parameters. `noise` is what one more
     draw of the encoder noise adds to each table, or None where none was drawn; its squares count `weight` times.
     """
 
@@ -115,7 +115,7 @@ def baseline_tables(layout: Layout, known: BaselineColumns) -> list[Float[Array,
     for j, local in enumerate(layout.local):
         table = np.zeros((len(known.target), len(local)))
         table[:, known.felt[j]] = known.base[j]
-        table[:, layout.rank : layout.rank + LOSS_FIGURES] = known.losses[:, j]
+        table[:, layout.rank : layout.rank + LOSS_PARAMETERS] = known.losses[:, j]
         table[:, -1] = known.target[:, j]
         tables.append(table)
     return tables

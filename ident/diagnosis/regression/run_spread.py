@@ -1,4 +1,4 @@
-"""How much each joint's friction varies from run to run: a variance component, told apart from noise.
+"""How much each joint's friction varies from run to run: a variance component, separated from noise.
 
 A run's friction level s_r, as a share of the model's, is estimated from what the model leaves of the run, with variance
 v_r known from the run's length and motion. Of R runs, Σ (s_r − s̄)² / v_r beyond R − 1 is due to friction itself:

@@ -17,7 +17,7 @@ from ident.robot.arm import ArmModel
 
 
 def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
-    """What the effects are told about the runs: modelled torques only, never the measured one."""
+    """What the effects know of the runs: modelled torques only, never the measured one."""
     runs: Sequence[RunContext]
     if isinstance(motions, SpooledMotions):
         runs, every = _SpooledRuns(baseline, motions), motions.every

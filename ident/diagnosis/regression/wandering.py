@@ -33,7 +33,7 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
     Args:
         evidence: Sums of the session, friction free to vary.
         model: The model without the effect.
-        variants: The effect at its joint, with all its inner figures.
+        variants: The effect at its joint, with all its inner parameters.
         rng: Draws levels of friction that wanders.
     """
     joint = variants[0].joint

@@ -1,1 +1,1 @@
-"""Which effects get a name: search, tests, figures with intervals."""
+"""Which effects get a name: search, tests, estimates with intervals."""

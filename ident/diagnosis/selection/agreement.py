@@ -45,8 +45,8 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
     Args:
         search: The session's sums and the belief about the URDF.
         groups: The names.
-        slot: Which of them is asked about.
-        absorbed: Whether tuned inertias hide it: then it is seen against the URDF held fast, as it was judged.
+        slot: which of them is tested.
+        absorbed: Whether tuned inertias hide it: then it is seen against the URDF fixed, as it was judged.
     """
     along, power = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)
     folds = search.evidence.fold_of_block

@@ -23,14 +23,14 @@ from ident.effects.intervals import SizePrior
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All effects of a session that may get a name, each at all its inner figures."""
+    """All effects of a session that may get a name, each at all its inner parameters."""
 
     evidence: Evidence  # sums of the session
     prior: Prior  # the URDF's tolerance
     held_out: HeldOut  # scores on runs left out
     seed: int = 0  # of the sign flips
     barred: frozenset[Key] = frozenset()  # candidates that can't be it, whatever they explain
-    absurd: frozenset[Key] = frozenset()  # those of them whose figures no arm has
+    absurd: frozenset[Key] = frozenset()  # those of them whose parameters no arm has
     # Those of them that another name's law includes: no second name, but perhaps the right one.
     redundant: frozenset[Key] = frozenset()
     settings: SelectionSettings = USUAL_SELECTION  # what candidates are held to
@@ -57,7 +57,7 @@ class Candidates:
     def helps(self, projection: Projection, others: Sequence[Group], group: Group) -> bool:
         """Whether a group beside others does better than they on held-out runs.
 
-        Events can't be held out, and of what tuning absorbs held-out runs tell nothing.
+        Events can't be held out, and of what tuning absorbs held-out runs show nothing.
         """
         if group.effect.event or (group.effect.inertia_like and self.least_seen(projection, group)):
             return True
@@ -70,8 +70,8 @@ class Candidates:
         """
         gain, scaled = self.gain_of(projection, group)
         if group.prior is not None:
-            told = projection.rest(group.columns)
-            return 0.5 * gain - self.cost_of_size(group, group.prior, scaled, told) - self._choices[group.effect.id]
+            known = projection.rest(group.columns)
+            return 0.5 * gain - self.cost_of_size(group, group.prior, scaled, known) - self._choices[group.effect.id]
         column = self._cost_of_column(group)
         essential = group.effect.essential(group.variant)
         if essential:
@@ -90,17 +90,17 @@ class Candidates:
         """What a group's freedom and its grid cost [nats]."""
         return len(group.columns) * self._cost_of_column(group) + self._choices[group.effect.id]
 
-    def cost_of_size(self, group: Group, prior: SizePrior, scaled: Array, told: Array) -> float:
+    def cost_of_size(self, group: Group, prior: SizePrior, scaled: Array, known: Array) -> float:
         """What coefficients cost of whose size something is known [nats].
 
         Args:
             group: The group.
             prior: What is known.
             scaled: Its scaled coefficients.
-            told: What the recordings tell about these, beside the model.
+            known: What the recordings say about these, beside the model.
         """
         scale = self.evidence.scale[group.columns]
-        return prior.cost(scaled / scale, scale[:, None] * told * scale)
+        return prior.cost(scaled / scale, scale[:, None] * known * scale)
 
     @cached_property
     def inertial_nats(self) -> float:
@@ -121,7 +121,7 @@ class Candidates:
     def best_by_key(
         self, projection: Projection, without: Sequence[Group] = (), place: Group | None = None
     ) -> dict[Key, tuple[float, Group]]:
-        """For each effect and joint its best inner figures and their log evidence.
+        """For each effect and joint its best inner parameters and their log evidence.
 
         Args:
             projection: The model beside which they stand.
@@ -142,7 +142,7 @@ class Candidates:
         )
 
     def best_absurd(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
-        """The same of what has figures that no arm has."""
+        """The same of what has parameters that no arm has."""
         return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key in self.absurd])
 
     def _best_of(self, projection: Projection, groups: Sequence[Group]) -> dict[Key, tuple[float, Group]]:
@@ -162,9 +162,9 @@ class Candidates:
         """Log evidence that a group adds to a model of others."""
         return self.score_of(project(gram, self.evidence, self.prior, others), group)
 
-    def is_absorbed(self, tuned: Projection, held_fast: Projection, group: Group) -> bool:
-        """Whether tuning the inertias hides a group, so that it is judged with the URDF held fast."""
-        seen, fast = (float(view.visibility(group.columns).max()) for view in (tuned, held_fast))
+    def is_absorbed(self, tuned: Projection, fixed: Projection, group: Group) -> bool:
+        """Whether tuning the inertias hides a group, so that it is judged with the URDF fixed."""
+        seen, fast = (float(view.visibility(group.columns).max()) for view in (tuned, fixed))
         hidden = seen < self.settings.absorbed_below and fast > self.settings.absorbed_ratio * seen
         return group.effect.inertia_like and hidden
 
@@ -178,14 +178,14 @@ class Candidates:
 
     @cached_property
     def fixed(self) -> HeldOut:
-        """Held-out scores with the URDF held fast."""
+        """Held-out scores with the URDF fixed."""
         return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor * self.prior.error.scale))
 
     def judge(
         self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]
     ) -> list[Named]:
         """What candidates, given with their evidence, show beside the chosen effects, of which `tuned` is the model."""
-        held_fast = project(gram, self.evidence, self.fixed.prior, chosen)
+        fixed = project(gram, self.evidence, self.fixed.prior, chosen)
         p_values = self.p_values(tuned, [group for _, group in short])
         without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
 
@@ -205,7 +205,7 @@ class Candidates:
 
         found = []
         for score, group in short:
-            item = judged(score, group, self.is_absorbed(tuned, held_fast, group))
+            item = judged(score, group, self.is_absorbed(tuned, fixed, group))
             if group.prior is not None and not (item.absorbed or item.gates.passed):
                 # Tuned inertias make up for it on other runs, too; that they would have to go so far is what speaks.
                 item = judged(score, group, True)
@@ -258,7 +258,7 @@ class Candidates:
         absorbed: bool,
         scores: tuple[HeldOutScore, HeldOutScore, HeldOutScore],
     ) -> Gates:
-        """Figures of a candidate from held-out scores of the baseline alone, without and with it."""
+        """Parameters of a candidate from held-out scores of the baseline alone, without and with it."""
         floor = self.evidence.floor
         joints = group.acts_on(self.evidence.layout.n)
         start, old, new = (one.rms[joints] for one in scores)

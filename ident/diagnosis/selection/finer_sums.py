@@ -1,7 +1,7 @@
-"""Sums of names' finer grids, kept while the same names are asked for again.
+"""Sums of names' finer grids, kept while the same names come again.
 
-Names, friction's variation and the URDF's error are told beside each other, again and again until all hold: mostly the
-same names come back, and a pass over the recordings for their finer grids would give the same sums.
+Names, friction's variation and the URDF's error are estimated beside each other, again and again until all hold: mostly
+the same names come back, and a pass over the recordings for their finer grids would give the same sums.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The gates that a name must pass, and what came of the candidates.
 
 1. The sign-flip test over all candidates: family-wise error 5 %. What shows in a handful of stretches can't pass it,
-   however large: where half of a joint's error on runs that it never saw is gone, none is asked for.
+   however large: where half of a joint's error on runs that it never saw is gone, none is required.
 2. On held-out runs the log score gains, or the squared torque error falls, by more than one standard error, at the
    joints where the effect acts: what is open at others says nothing of it.
 3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
@@ -10,7 +10,7 @@
 
 An effect that acts like wrong inertias (a payload, another link's mass, a scaled torque) is no gap at all once every
 inertia may be tuned: the tuned model explains it, by changes that are too large to be believed. Such an effect is
-judged by the evidence, in which the URDF's tolerances count, and its size against the URDF held fast.
+judged by the evidence, in which the URDF's tolerances count, and its size against the URDF fixed.
 
 Whatever it is, an effect must close some share of the gap that there was before anything was named: less may be what is
 left of a cause whose law is not quite the catalogue's. Beside a cause of seven times its size no other is named at the
@@ -30,7 +30,7 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSetting
 
 @dataclass(frozen=True, eq=False)
 class Gates:
-    """What an effect showed when it was asked for its name."""
+    """What an effect showed when it was tested."""
 
     p_value: float  # family-wise, of the sign-flip test
     log_score: tuple[float, float]  # gain on held-out runs [nats], and its standard error
@@ -66,19 +66,19 @@ class Gates:
         """Whether chance alone would hardly have made it so good, passed or not."""
         held = self.settings
         nats = held.event_nats if self.event else held.unlikely_nats
-        told = self.log_score[0] > 0.0 and self.rms_fall >= held.least_told_fall
-        return self.passed or (self.p_value <= held.unlikely and self.evidence >= nats and told)
+        foretells = self.log_score[0] > 0.0 and self.rms_fall >= held.least_hint_fall
+        return self.passed or (self.p_value <= held.unlikely and self.evidence >= nats and foretells)
 
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An effect that was judged, at its best inner figures."""
+    """An effect that was judged, at its best inner parameters."""
 
     group: Group  # the effect
     gates: Gates  # how it did
     before: HeldOutScore  # held-out scores without and with it, in the view in which it was judged
     after: HeldOutScore
-    absorbed: bool = False  # whether tuning the inertias hides it, so that it was judged with the URDF held fast
+    absorbed: bool = False  # whether tuning the inertias hides it, so that it was judged with the URDF fixed
 
     @property
     def shown(self) -> list[int]:

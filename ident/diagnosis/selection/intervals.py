@@ -1,4 +1,4 @@
-"""Figures of named effects with intervals that respect autocorrelation, rival names, and probabilities."""
+"""Parameters of named effects with intervals that respect autocorrelation, rival names, and probabilities."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext, undefined
 from ident.effects.intervals import NORMAL_95
 
-# Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
+# Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9
-# Log odds are told up to this: more is no number of a computer's.
+# Log odds are given up to this: more is no number of a computer's.
 MOST_NATS = 700.0
 # Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
 MOST = 0.5
@@ -32,13 +32,13 @@ MOST = 0.5
 class Estimate:
     """What is known of one named effect."""
 
-    group: Group  # the effect at its best inner figures
-    parameters: dict[str, Interval]  # physical figures with 95 % intervals
+    group: Group  # the effect at its best inner parameters
+    parameters: dict[str, Interval]  # physical parameters with 95 % intervals
     probability: float  # that this effect, and none of its rivals, is the cause
-    rivals: tuple[str, ...]  # ids of the effects that the recordings can't tell from it, itself first
-    told: Group  # the effect at the point of the finer grid that the figures are those of
+    rivals: tuple[str, ...]  # ids of the effects that the recordings can't distinguish from it, itself first
+    refined: Group  # the effect at the point of the finer grid that the parameters are those of
     coefficients: Float[Array, " k"]  # its coefficients there
-    # Of the effect against each other one that was weighed, by its id; against all others none is told.
+    # Of the effect against each other one that was weighed, by its id; none is given against all others.
     odds: Mapping[str, float]
     certain: bool = False  # whether the columns that make the effect what it is are together not zero, at 95 %
 
@@ -50,16 +50,17 @@ class Estimate:
 
     @property
     def class_probability(self) -> float:
-        """That one of the names that can't be told apart is the cause."""
+        """That one of the names that can't be distinguished is the cause."""
         return min(sum(self.shares.values()), 1.0)
 
     @property
     def undefined(self) -> str | None:
         """Why nobody can say that there is such an effect, or None.
 
-        A figure may be unsure where the effect is not: the stiffness at its rest of a spring that rests out of reach.
+        A parameter may be unsure where the effect is not: the stiffness at its rest of a spring that rests out of
+            reach.
         """
-        return None if self.certain else undefined(self.told.effect, self.parameters)
+        return None if self.certain else undefined(self.refined.effect, self.parameters)
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
@@ -77,14 +78,14 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
 
 def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
     """A block sandwich, its variances never below the model's own."""
-    own, told = np.diag(spread), np.diag(sandwich)
+    own, between = np.diag(spread), np.diag(sandwich)
     # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
-    silent = told <= SILENT * own
-    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, told))))
+    silent = between <= SILENT * own
+    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, between))))
     return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
 
 
-def inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
+def measure_inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
     """By how much blocks vary more than the noise model says: divides log evidence.
 
     Median over the tuned coefficients of sandwich to model variance; the sandwich is computed where it isn't known.
@@ -96,7 +97,7 @@ def inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z
 
 
 def estimate_effects(search: Search, fine: Refined, session: SessionContext, named: Sequence[Named]) -> list[Estimate]:
-    """Figures, probability and rivals of every named effect.
+    """Parameters, probability and rivals of every named effect.
 
     Args:
         search: Of the first pass: all rivals.
@@ -105,38 +106,38 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
         named: The named effects in the first pass.
     """
     groups = [item.group for item in named]
-    figures = _figures(fine, session, [item.absorbed for item in named])
+    found = _parameters(fine, session, [item.absorbed for item in named])
     gram = search.evidence.gram()
-    spare = inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
+    inflation = measure_inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
-    for slot, (group, told) in enumerate(zip(groups, fine.groups, strict=True)):
+    for slot, (group, refined) in enumerate(zip(groups, fine.groups, strict=True)):
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
-        probability, rivals, odds = weigh_rivals(search, projection, group, others, spare)
-        parameters, coefficients, certain = figures[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients, odds, certain))
+        probability, rivals, odds = weigh_rivals(search, projection, group, others, inflation)
+        parameters, coefficients, certain = found[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, refined, coefficients, odds, certain))
     return estimates
 
 
-def _figures(
+def _parameters(
     fine: Refined, session: SessionContext, absorbed: Sequence[bool]
 ) -> list[tuple[dict[str, Interval], Float[Array, " k"], bool]]:
-    """Physical figures of every effect with their intervals, its coefficients, and whether these are certain.
+    """Physical parameters of every effect with their intervals, its coefficients, and whether these are certain.
 
-    What tuning absorbs is told against the URDF held fast, as it was judged. What the URDF's own tolerance then does to
-    the figures counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the prior that
-    holds them fast, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
+    What tuning absorbs is estimated against the URDF fixed, as it was judged. What the URDF's own tolerance then does
+    to the parameters counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the
+    prior that fixes them, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
-    solved, spare = solve_effects(fine, absorbed)
+    solved, inflation = solve_effects(fine, absorbed)
     found = []
     for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         prior = fine.search.fixed.prior if absorbed[slot] else fine.search.prior
-        grid = profile(fine.search, project(gram, evidence, prior, others), group, spare)
+        grid = profile(fine.search, project(gram, evidence, prior, others), group, inflation)
         asked, doubt = group.effect.asked(session), group.effect.doubt
-        told = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
-        parameters = grid.widened(told, asked, np.sqrt(np.diag(cells))) | grid.inner_figures()
+        best = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+        parameters = grid.widened(best, asked, np.sqrt(np.diag(cells))) | grid.inner_parameters()
         parameters = {name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}
         found.append((parameters, beta, is_certain(beta, cells, group.effect.essential(group.variant))))
     return found
@@ -160,7 +161,7 @@ def solve_effects(
 
     Args:
         fine: The effects on their finer grids.
-        absorbed: Whether each is told against the URDF held fast.
+        absorbed: Whether each is estimated against the URDF fixed.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
     priors = (fine.search.prior, fine.search.fixed.prior) if any(absorbed) else 2 * (fine.search.prior,)
@@ -168,7 +169,7 @@ def solve_effects(
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in dict.fromkeys(priors)]
     covariances = [robust_covariance(evidence, model) for model in models]
-    spare = inflation(evidence, models[0], covariances[0])
+    inflation = measure_inflation(evidence, models[0], covariances[0])
     if any(absorbed):
         covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1], fine.search.settings.fixed_factor)
     bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
@@ -183,13 +184,13 @@ def solve_effects(
         cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
         signed = np.isin(np.arange(len(beta)), group.signed)
         solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
-    return solved, spare
+    return solved, inflation
 
 
-def _of_tolerance(prior: Prior, held_fast: Projection, factor: float) -> Float[Array, "z z"]:
-    """Covariance of coefficients that were solved with the URDF held fast, from the URDF's tolerance."""
+def _of_tolerance(prior: Prior, fixed: Projection, factor: float) -> Float[Array, "z z"]:
+    """Covariance of coefficients that were solved with the URDF fixed, from the URDF's tolerance."""
     rank = len(prior.base)
-    reach = held_fast.spread[:, :rank]
+    reach = fixed.spread[:, :rank]
     return factor**4 * reach @ prior.base @ reach.T
 
 
@@ -240,14 +241,14 @@ def _beside(
 
 
 def _without_name(
-    search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
+    search: Search, projection: Projection, group: Group, others: Sequence[Group], inflation: float
 ) -> list[float]:
     """Log evidence of the laws that no arm has, as far as they explain what a name does.
 
     Where one of them explains it better by far, something of that shape is there that the catalogue lacks.
     """
     gram, best = search.evidence.gram(), search.best_absurd(projection).values()
-    return [score / spare for score, rival in best if search.score_beside(gram, group, [*others, rival]) <= 0.0]
+    return [score / inflation for score, rival in best if search.score_beside(gram, group, [*others, rival]) <= 0.0]
 
 
 def _most_of_it(
@@ -275,7 +276,7 @@ def _most_of_it(
 def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], excess: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
-    """Probability of a name against all others for its slot, the names too near to tell, and its odds against each.
+    """Probability of a name against all others for its slot, the names too near to it, and its odds against each.
 
     No arm obeys a law to the letter. Where its own differs by a share d of the torque, a rival may explain as much as
     ½ d² of the whole gain less: evidence is counted in units of that and of what tempers it anyway.

@@ -1,16 +1,17 @@
-"""Figures over a grid of laws: how well each point of a named effect's finer grid explains what the best one does.
+"""Parameters over a grid of laws: how well each point of a named effect's finer grid explains what the best one does.
 
-A law has figures in which its torque is not linear: the speed of a Stribeck curve, the order of a wave. Each point of
+A law has parameters in which its torque is not linear: the speed of a Stribeck curve, the order of a wave. Each point
+    of
 their grid has coefficients of its own, so an interval that is true of the best point alone is too narrow. With Δ the
 fall of the log likelihood from the best point to another, θ the coefficients there and s their deviation, the profile
-of a figure reaches to
+of a parameter reaches to
 
     θ ± s √(2 (drop − Δ)),    drop = 1.92 for 95 %,
 
 and its interval holds those of all points with Δ < drop.
 
 No arm obeys a law to the letter. Where its own differs by a share d of the torque, a wrong point may explain as much as
-½ d² of the whole gain more than the right one: falls are told in units in which that counts as the drop itself.
+½ d² of the whole gain more than the right one: falls are counted in units in which that counts as the drop itself.
 
 Source: Pawitan 2001 (profile likelihood).
 """
@@ -36,7 +37,7 @@ TURN = 2.0 * np.pi
 class Profile:
     """A named effect's grid."""
 
-    group: Group  # the point whose figures are told
+    group: Group  # the point whose parameters are reported
     mates: tuple[Group, ...]  # all points of the grid, that one among them
     log_likelihood: Float[Array, " m"]  # of each [nats], in units of what the law's own error leaves open
     # Of each, in the columns' own units; the information is that of the model.
@@ -44,8 +45,8 @@ class Profile:
     information: tuple[Float[Array, "k k"], ...]
     drop: float  # fall at the ends of a 95 % interval [nats]
 
-    def inner_figures(self) -> dict[str, Interval]:
-        """Intervals of the figures of the grid itself; figures that lie on no grid have a point."""
+    def inner_parameters(self) -> dict[str, Interval]:
+        """Intervals of the parameters of the grid itself; parameters that lie on no grid have a point."""
         found = {}
         for name, value in self.group.variant.inner.items():
             values = np.array([mate.variant.inner[name] for mate in self.mates])
@@ -62,16 +63,16 @@ class Profile:
         return found
 
     def widened(
-        self, told: Mapping[str, Interval], session: SessionContext, deviation: Float[Array, " k"]
+        self, best: Mapping[str, Interval], session: SessionContext, deviation: Float[Array, " k"]
     ) -> dict[str, Interval]:
-        """Figures with intervals that hold those of all likely points.
+        """Parameters with intervals that hold those of all likely points.
 
         Args:
-            told: The figures of the best point.
+            best: The parameters of the best point.
             session: The runs that they are taken from.
             deviation: Standard deviations of its coefficients.
         """
-        effect, found = self.group.effect, dict(told)
+        effect, found = self.group.effect, dict(best)
         own = self.mates.index(self.group)
         ratio = deviation / np.sqrt(np.maximum(np.diag(_inverse(self.information[own])), LEAST_POWER))
         falls = np.maximum(self.log_likelihood[own] - self.log_likelihood, 0.0)
@@ -85,14 +86,14 @@ class Profile:
         return found
 
 
-def profile(search: Search, projection: Projection, group: Group, spare: float) -> Profile:
+def profile(search: Search, projection: Projection, group: Group, inflation: float) -> Profile:
     """The grid of a named effect, seen beside the other names.
 
     Args:
         search: Of the second pass, whose sums hold the grid.
         projection: The model without the effect.
-        group: The effect at the point whose figures are told.
-        spare: By how much misfit exceeds noise.
+        group: The effect at the point whose parameters are reported.
+        inflation: By how much misfit exceeds noise.
     """
     scale = search.evidence.scale
     # A point with further columns is a law of its own, whose coefficients are not this one's.
@@ -105,7 +106,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
         and other.variant.inner.keys() == group.variant.inner.keys()
     )
     seen = [search.gain_of(projection, mate) for mate in mates]
-    gains = np.array([gain for gain, _ in seen]) / spare
+    gains = np.array([gain for gain, _ in seen]) / inflation
     drop, share = search.settings.interval_fall, group.effect.doubt.share
     open_ended = 0.5 * share**2 * float(gains[mates.index(group)])
     information = tuple(
@@ -116,7 +117,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
 
 
 def _inverse(information: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """Covariance; of directions of which nothing is told, as wide as numbers allow."""
+    """Covariance; of directions of which nothing is known, as wide as numbers allow."""
     scale = np.sqrt(np.maximum(np.diag(information), LEAST_POWER))
     even = information / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     return np.asarray(np.linalg.inv(even) / np.outer(scale, scale))

@@ -1,4 +1,4 @@
-"""Figures between the points of the grid: the named effects once more, each on a finer grid around what was found.
+"""Parameters between the points of the grid: the named effects once more, each on a finer grid around what was found.
 
 The search needs every effect at every joint and so can afford a few points of each inner grid. Once the names are known
 a second pass over the recordings asks only for them, at many points, with the noise that the first pass found.
@@ -33,7 +33,7 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     """Second pass for named effects.
 
     Args:
-        search: Of the first pass; it keeps the sums of the second, should the same names be asked for again.
+        search: Of the first pass; it keeps the sums of the second, should the same names come again.
         session: The runs.
         baseline: The tuned model.
         groups: The named effects at their points of the coarse grid.
@@ -56,9 +56,10 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
 
 
 def find_needless(fine: Refined) -> int | None:
-    """The number of a name for which the others' laws leave nothing once they are told between points of their grids.
+    """The number of a name for which the others' laws leave nothing once they lie between points of their grids.
 
-    A point near a law's true figures leaves a little of it, of the law's own shape: that must get no name of its own.
+    A point near a law's true parameters leaves a little of it, of the law's own shape: that must get no name of its
+    own.
 
     Args:
         fine: The names on their finer grids.

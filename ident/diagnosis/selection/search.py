@@ -68,12 +68,12 @@ class Search(Candidates):
         return {j for group in groups for j in group.acts_on(self.evidence.layout.n)}
 
     def _renamed(self, gram: Array, item: Named, slot: int, groups: Sequence[Group]) -> Named:
-        """A name at its new inner figures; one that took another's place is judged itself."""
+        """A name at its new inner parameters; one that took another's place is judged itself."""
         group = groups[slot]
         return replace(item, group=group) if group.key == item.group.key else self.judged_beside(gram, groups, slot)
 
     def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
-        """The results with some of the names, at the same inner figures; the best of the others counts as refused."""
+        """The results with some of the names at the same inner parameters; the best of the others is refused."""
         named: list[Named] = []
         ladder = [found.ladder[0]]
         for k in kept:
@@ -129,7 +129,7 @@ class Search(Candidates):
         return group
 
     def _polish(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
-        """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.
+        """Each effect in turn is left out: its inner parameters are found anew, and a better name may take its place.
 
         A swap must have more evidence and do better on held-out runs by more than one standard error.
 

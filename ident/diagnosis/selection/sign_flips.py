@@ -5,7 +5,7 @@ true inside a block (autocorrelation, unequal variance) and needs no noise model
 candidates is compared, so the chance of any false alarm in the family is the nominal one.
 
 Some effects show in few stretches (slow motion, reversals): one block then holds nearly all of the score, and its sign
-alone can't tell anything. Scores are therefore clipped in size, not in sign: no block speaks louder than the
+alone can't show anything. Scores are therefore clipped in size, not in sign: no block speaks louder than the
 one of a certain rank (`voices`). Clipping by size leaves the flips' null distribution exact.
 
 Source: Romano and Wolf 2005 (step-down); Cameron, Gelbach and Miller 2008 (score flipping by cluster).
@@ -130,7 +130,7 @@ def _surprise(length: Array, degrees: int) -> Array:
     return np.asarray(np.interp(length, _LENGTHS, table) + beyond)
 
 
-LONGEST = 36.0  # of a sum of scores: its tail is the smallest number that is told from zero
+LONGEST = 36.0  # of a sum of scores: its tail is the smallest number that differs from zero
 _LENGTHS = np.linspace(0.0, LONGEST, 3601)
 
 

@@ -27,7 +27,7 @@ from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
-from ident.diagnosis.selection.intervals import inflation
+from ident.diagnosis.selection.intervals import measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
@@ -42,7 +42,7 @@ class Belief:
 
 
 def best_belief(
-    search: Search, baseline: Baseline, groups: Sequence[Group], spare: float, error: UrdfError | None = None
+    search: Search, baseline: Baseline, groups: Sequence[Group], inflation: float, error: UrdfError | None = None
 ) -> Belief:
     """How far off the URDF is, most probably, beside the baseline and some effects.
 
@@ -50,7 +50,7 @@ def best_belief(
         search: The session's sums.
         baseline: What the belief is made of.
         groups: The effects.
-        spare: How many times the modelled variance the misfit has.
+        inflation: How many times the modelled variance the misfit has.
         error: How far off it is at least; as the search believes if None.
     """
     least = search.prior.error if error is None else error
@@ -58,7 +58,7 @@ def best_belief(
     for other in _errors(search.settings):
         wider = UrdfError(max(other.scale, least.scale), max(other.com_m, least.com_m), least.usual)
         prior = Prior.believing(search.evidence, baseline, wider)
-        tried.append(Belief(wider, _evidence(search, prior, groups, spare) - _cost(wider, search.settings)))
+        tried.append(Belief(wider, _evidence(search, prior, groups, inflation) - _cost(wider, search.settings)))
     return max(tried, key=lambda belief: belief.evidence)
 
 
@@ -72,14 +72,14 @@ def first_belief(search: Search, baseline: Baseline) -> Belief:
         baseline: What the belief is made of.
     """
     tuned = project(search.evidence.gram(), search.evidence, search.prior)
-    spare = inflation(search.evidence, tuned)
-    alone = best_belief(search, baseline, (), spare)
+    inflation = measure_inflation(search.evidence, tuned)
+    alone = best_belief(search, baseline, (), inflation)
     if alone.error == search.prior.error:
         return alone
     tried = [alone]
     for _, group in search.best_by_key(tuned).values():
         if group.effect.inertia_like:
-            beside = best_belief(search, baseline, [group], spare)
+            beside = best_belief(search, baseline, [group], inflation)
             tried.append(replace(beside, evidence=beside.evidence - search.cost_of(group)))
     return max(tried, key=lambda belief: belief.evidence)
 
@@ -90,12 +90,12 @@ def added_evidence(
     baseline: Baseline,
     group: Group,
     others: Sequence[Group],
-    spare: float,
+    inflation: float,
 ) -> float:
     """Log evidence for a name of the inertias' kind, the URDF as wrong as it likes with it and without it [nats].
 
     Its coefficients are as large beforehand as its catalogue says (`Effect.size_prior`, or `Effect.prior_scale`), or
-    cost what any free figure does.
+    cost what any free parameter does.
     """
     evidence, gram = search.evidence, search.evidence.gram()
     columns = np.append(group.columns, len(gram) - 1)
@@ -104,18 +104,18 @@ def added_evidence(
     without, beside = [], []
     for error in _errors(search.settings):
         prior = Prior.believing(evidence, baseline, replace(error, usual=search.prior.error.usual))
-        alone = _evidence(search, prior, others, spare) - _cost(error, search.settings)
+        alone = _evidence(search, prior, others, inflation) - _cost(error, search.settings)
         view = project(gram, evidence, prior, others, columns)
-        (gain, scaled), told = view.gain(lone), view.rest(lone.columns) / spare
+        (gain, scaled), known = view.gain(lone), view.rest(lone.columns) / inflation
         if group.prior is not None:
-            cost = search.cost_of_size(group, group.prior, scaled, told)
+            cost = search.cost_of_size(group, group.prior, scaled, known)
         elif usual is None:
             cost = search.cost_of(group)
         else:
             size = usual[: len(group.columns)] * evidence.scale[group.columns]
-            cost = 0.5 * float(np.linalg.slogdet(np.eye(len(size)) + size[:, None] * told * size)[1])
+            cost = 0.5 * float(np.linalg.slogdet(np.eye(len(size)) + size[:, None] * known * size)[1])
         without.append(alone)
-        beside.append(alone + 0.5 * gain / spare - cost)
+        beside.append(alone + 0.5 * gain / inflation - cost)
     return max(beside) - max(without)
 
 
@@ -130,19 +130,19 @@ def _cost(error: UrdfError, settings: SelectionSettings) -> float:
     return 0.5 * float(ratio**2 + (error.com_m / settings.usual_urdf_com_m) ** 2)
 
 
-def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group], spare: float) -> bool:
+def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group], inflation: float) -> bool:
     """Whether one link that is far off explains the recordings better than a URDF that is off everywhere.
 
     Args:
         search: The session's sums, and the belief that one starts from.
         baseline: What the belief is made of.
-        groups: The effects beside which it is asked.
-        spare: How many times the modelled variance the misfit has.
+        groups: The effects beside which it is tested.
+        inflation: How many times the modelled variance the misfit has.
     """
     evidence, settings, error = search.evidence, search.settings, search.prior.error
-    everywhere = best_belief(search, baseline, groups, spare).evidence
+    everywhere = best_belief(search, baseline, groups, inflation).evidence
     priors = [baseline.prior_of(error, k, settings.wrong_link_factor) for k in range(evidence.layout.n)]
-    alone = max(_evidence(search, Prior.of(evidence, one), groups, spare) for one in priors)
+    alone = max(_evidence(search, Prior.of(evidence, one), groups, inflation) for one in priors)
     return bool(alone - np.log(len(priors)) > everywhere + settings.unlikely_nats)
 
 
@@ -154,12 +154,12 @@ def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group]
     Args:
         search: The session's sums, and the belief.
         baseline: What the belief is made of.
-        groups: The effects beside which it is asked.
+        groups: The effects beside which it is tested.
     """
     evidence, error, n = search.evidence, search.prior.error, search.evidence.layout.n
     if error.scale <= 1.0 and error.com_m == 0.0:
         return frozenset()
-    excess = inflation(evidence, project(evidence.gram(), evidence, search.prior, groups))
+    excess = measure_inflation(evidence, project(evidence.gram(), evidence, search.prior, groups))
     beliefs = [Prior.believing(evidence, baseline, replace(error, usual=error.usual | {k})) for k in range(n)]
     as_wrong = _evidence(search, search.prior, groups, excess)
     lost = [as_wrong - _evidence(search, belief, groups, excess) for belief in beliefs]
@@ -169,22 +169,22 @@ def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group]
     return wrong if by_themselves - len(wrong) * np.log(n) > as_wrong else frozenset()
 
 
-def _evidence(search: Search, belief: Prior, groups: Sequence[Group], spare: float) -> float:
+def _evidence(search: Search, belief: Prior, groups: Sequence[Group], inflation: float) -> float:
     """Log evidence of a belief about the URDF [nats]."""
     gram = search.evidence.gram()
     model = project(gram, search.evidence, belief, groups, np.array([len(gram) - 1]))
-    told = np.linalg.slogdet(belief.base + _told_of_inertias(gram, model.inside, len(belief.base)) / spare)[1]
-    occam = float(told - np.linalg.slogdet(belief.base)[1])
-    return -0.5 * (model.misfit / spare + occam)
+    known = _information_on_inertias(gram, model.inside, len(belief.base)) / inflation
+    occam = float(np.linalg.slogdet(belief.base + known)[1] - np.linalg.slogdet(belief.base)[1])
+    return -0.5 * (model.misfit / inflation + occam)
 
 
-def _told_of_inertias(gram: Float[Array, "P P"], inside: Int[Array, " z"], rank: int) -> Float[Array, "r r"]:
+def _information_on_inertias(gram: Float[Array, "P P"], inside: Int[Array, " z"], rank: int) -> Float[Array, "r r"]:
     """Information of the recordings about the base parameters, beside the model's other columns."""
     base, others = inside[:rank], inside[rank:]
     inner = gram[np.ix_(others, others)].copy()
     inner[np.diag_indices(len(inner))] += 1e-9 * np.diag(inner) + 1e-9
     across = gram[np.ix_(others, base)]
-    told: Array = gram[np.ix_(base, base)] - across.T @ np.linalg.solve(positive(inner), across)
-    # Sums without encoder noise are estimates; a direction that they don't show tells nothing.
-    values, vectors = np.linalg.eigh(0.5 * (told + told.T))
+    known: Array = gram[np.ix_(base, base)] - across.T @ np.linalg.solve(positive(inner), across)
+    # Sums without encoder noise are estimates; a direction that they don't show says nothing.
+    values, vectors = np.linalg.eigh(0.5 * (known + known.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

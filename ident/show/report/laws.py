@@ -99,7 +99,7 @@ def _draw(analysis: Analysis, finding: Finding) -> LawPicture | None:
 
 
 def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
-    told, beta = finding.estimate.told, finding.estimate.coefficients
+    told, beta = finding.estimate.refined, finding.estimate.coefficients
     session, series = analysis.session.survey, analysis.series
     columns = told.effect.columns(session, told.joint, told.variant)
     if told.effect.rows == "own":

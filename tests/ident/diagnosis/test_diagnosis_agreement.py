@@ -142,14 +142,14 @@ def test_what_lies_beyond_the_limit_is_named(
     assert len(still) == (not is_named)
 
 
-def limits(analysis: Analysis, spare: float) -> dict[tuple[str, int], SizeLimit]:
+def limits(analysis: Analysis, inflation: float) -> dict[tuple[str, int], SizeLimit]:
     """Limits where blocks vary more than the noise model says, by a factor."""
     evidence, search = analysis.evidence, search_of(analysis)
     views = (
         project(evidence.gram(), evidence, search.prior, named_groups(analysis)),
         project(evidence.gram(), evidence, search.fixed.prior),
     )
-    found = find_limits(search, analysis.search, views, spare, analysis.session)
+    found = find_limits(search, analysis.search, views, inflation, analysis.session)
     return {(one.effect.id, one.joint): one for one in found}
 
 

@@ -13,7 +13,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.block_sums import SymmetricSums, add_products, pack
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
+from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
@@ -77,7 +77,7 @@ def least_squares(tall: Array, inside: Array, prior: Prior, ridge: float = RIDGE
     rank = len(prior.base)
     information[:rank, :rank] += prior.base + ridge * np.diag(np.diag(prior.base))
     if prior.further is not None:
-        further = slice(rank + LOSS_FIGURES * 3, rank + LOSS_FIGURES * 3 + len(prior.further))
+        further = slice(rank + LOSS_PARAMETERS * 3, rank + LOSS_PARAMETERS * 3 + len(prior.further))
         information[further, further] += np.diag((1.0 + ridge) * prior.further)
     below = prior_rows(information)
     estimate = np.linalg.lstsq(np.vstack([x, below]), np.concatenate([y, np.zeros(len(below))]), rcond=None)[0]

@@ -275,7 +275,7 @@ def test_ranges_that_it_does_not_need_cost_a_build_up_nothing(analysis: Analysis
     assert best.borrows
     assert RANGE in best.variant.shape.values()
     assert score > search.score_of(projection, whole) + 1.0
-    assert analysis.diagnosis.findings[0].estimate.told.variant.shape == whole.variant.shape
+    assert analysis.diagnosis.findings[0].estimate.refined.variant.shape == whole.variant.shape
 
 
 DROP = 1.92
@@ -295,7 +295,7 @@ def figures(grid: Profile) -> dict[str, tuple[float, float]]:
     effect, best = find_effect("position_dependent_friction"), grid.group
     told = effect.parameters(None, 0, best.variant, grid.coefficients[0], 0.01 * np.eye(2))  # type: ignore[arg-type]
     session: SessionContext = None  # type: ignore[assignment]
-    found = grid.widened(told, session, np.full(2, 0.1)) | grid.inner_figures()
+    found = grid.widened(told, session, np.full(2, 0.1)) | grid.inner_parameters()
     return {name: (one.low, one.high) for name, one in found.items()}
 
 
@@ -330,7 +330,7 @@ def test_an_end_that_was_not_tried_is_open(falls: tuple[float, ...], open_: str,
     points = [Group(effect, 0, Variant({"stribeck_velocity_rad_s": v, "exponent": 1.0}), np.arange(1)) for v in speeds]
     best = points[int(np.argmax(falls))]
     many = (np.ones(1),) * 5, (np.eye(1),) * 5
-    found = Profile(best, tuple(points), np.array(falls), *many, DROP).inner_figures()["stribeck_velocity_rad_s"]
+    found = Profile(best, tuple(points), np.array(falls), *many, DROP).inner_parameters()["stribeck_velocity_rad_s"]
     assert found.open == open_
     assert 0.015 / 2**0.51 < found.low <= found.value <= found.high < 0.24 * 2**0.51
     assert re.search(words, found.words("rad/s"))

@@ -79,8 +79,8 @@ def test_a_load_that_is_not_likely_enough_gets_no_name(short_arm: ArmModel, monk
     assert diagnose(motions, short_arm, catalogue, common_clock=False).diagnosis.findings
 
 
-@pytest.mark.parametrize("spare", [1.0, 3.0])
-def test_arms_within_tolerance_are_told_so(spare: float) -> None:
+@pytest.mark.parametrize("inflation", [1.0, 3.0])
+def test_arms_within_tolerance_are_told_so(inflation: float) -> None:
     """Law: of arms whose inertias err as the prior says, no more than 5 % lie beyond the 5 % point, also where the
     misfit has three times the variance that the noise model knows.
     """
@@ -96,9 +96,9 @@ def test_arms_within_tolerance_are_told_so(spare: float) -> None:
     alarms = 0
     for _ in range(400):
         change = np.linalg.solve(root.T, rng.normal(size=rank))
-        noise = np.sqrt(spare * np.diag(data)) * rng.normal(size=rank)
+        noise = np.sqrt(inflation * np.diag(data)) * rng.normal(size=rank)
         model = SimpleNamespace(estimate=spread @ (data @ change + noise), spread=spread)
-        alarms += measure_tolerance(evidence, prior, model, spare).p_value < 0.05  # type: ignore[arg-type]
+        alarms += measure_tolerance(evidence, prior, model, inflation).p_value < 0.05  # type: ignore[arg-type]
     assert alarms <= 33
 
 
