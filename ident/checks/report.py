@@ -217,28 +217,6 @@ class Findings:
         return self.session.replace(runs=self.runs) if self.told else self.session
 
 
-# All that a telemetry check refuses for.
-ACCEPTABLE = (
-    "clipped_effort",
-    "columns_swapped",
-    "effort_gravity_compensated",
-    "effort_is_model",
-    "effort_not_torque",
-    "effort_sign_flipped",
-    "effort_spike",
-    "garbage_cells",
-    "insufficient_excitation",
-    "joints_locked",
-    "nan_cells",
-    "repeated_session",
-    "time_gap",
-    "time_not_increasing",
-    "too_few_runs",
-    "truncated_row",
-    "units_degrees",
-    "velocity_inconsistent",
-    "wrong_time_base",
-)
 # A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples are made so. It is
 # told where something is fitted; a diagnosis still refuses it.
 TOLD_BY_A_FIT = ("effort_is_model",)
@@ -251,8 +229,8 @@ def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
         InputError: A name that no refusal has.
     """
     for name in accept:
-        if name not in ACCEPTABLE:
-            raise InputError("--accept", f"{name!r} can't be accepted", f"use one of: {', '.join(ACCEPTABLE)}")
+        if name not in WORDS["acceptable"]:
+            raise InputError("--accept", f"{name!r} can't be accepted", f"use one of: {', '.join(WORDS['acceptable'])}")
     return tuple(dict.fromkeys(accept))
 
 

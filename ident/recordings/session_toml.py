@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,27 +32,9 @@ class Key:
     example: str  # A line of the file
 
 
-JOINT = "joint_2 = "
 KEYS = {
-    "angle_unit": Key("", "rad", "Unit of all angles and their derivatives: rad or deg.", 'angle_unit = "deg"'),
-    "columns": Key("names", "names of ros2_control", "Foreign name or 1-based number -> native name.", '1 = "time"'),
-    "counts_per_turn": Key(
-        "counts", "angles are read", "Positions are encoder counts; the middle is zero.", "counts_per_turn = 4096"
-    ),
-    "drive_gain_Nm_per_A": Key(
-        "N m/A", "effort is read", "Joint -> torque for each ampere; guessed = true: unmeasured.", JOINT + "14.87"
-    ),
-    "effort_kind": Key(
-        "", "found", f"Is gravity in the effort: {' or '.join(EFFORT_KINDS)}.", 'effort_kind = "joint_torque"'
-    ),
-    "effort_sign": Key("1 or -1", "1", "Joint -> factor on the recorded torque.", JOINT + "-1"),
-    "gravity_mps2": Key(
-        "m/s²", "the URDF's", "Gravity in the base's frame, as the arm is mounted.", "gravity_mps2 = [9.81, 0, 0]"
-    ),
-    "payload": Key("kg, m", "none", "Known body at the flange: mass_kg, com_m (of the last link).", "mass_kg = 2.6"),
-    "robot": Key("", "--robot", "Name or URDF path, from the file on.", 'robot = "ur10e.urdf"'),
-    "sample_rate_hz": Key("Hz", "the time column", "Rate of tables without a time column.", "sample_rate_hz = 125"),
-    "time_unit": Key("", "s", f"Unit of the time column: {', '.join(TIME_UNITS)}.", 'time_unit = "ms"'),
+    name: Key(**row)
+    for name, row in tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8")).items()
 }
 
 

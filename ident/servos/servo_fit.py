@@ -10,6 +10,7 @@ never saw, more than chance would among all figures and joints.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,17 +95,9 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     return tuple(found)
 
 
-# Figure -> unit of what is reported.
-UNITS = {
-    "inertia_s2": "s²",
-    "lag_s": "s",
-    "dead_band_rad": "rad",
-    "zero_rad": "rad",
-    "droop_rad_Nm": "rad/(N m)",
-    "delay_s": "s",
-    "total_lag_s": "s",
-    "gain_Nm_rad": "N m/rad",
-}
+# What is told, by figure: its unit, its words, and the reason where it is not.
+TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+FIGURES: dict[str, dict[str, str]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 
 
@@ -250,22 +243,13 @@ def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[Serv
         if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
             figures.append(ServoFigure(name, float(beta[k]), float(low[k]), float(high[k])))
         else:
-            untold[name] = REASONS[name]
+            untold[name] = FIGURES[name]["reason"]
     if "droop_rad_Nm" not in rows.names:
         untold["droop_rad_Nm"] = "nobody knows what the joint carries: give --robot"
     elif float(np.std(rows.columns[:, -1])) < LIMIT.least_gravity:
         figures = [one for one in figures if one.name != "droop_rad_Nm"]
         untold["droop_rad_Nm"] = "gravity hardly changes at this joint: move the arm so that it carries more and less"
     return figures, untold
-
-
-REASONS = {
-    "inertia_s2": "too slow to tell: move it faster",
-    "lag_s": "no lag beyond chance: move it faster, at several speeds",
-    "dead_band_rad": "no dead band beyond chance: move it slowly both ways over the same stretch",
-    "zero_rad": "no offset beyond chance",
-    "droop_rad_Nm": "no droop beyond chance: hold known masses in stretched poses",
-}
 
 
 def _solve(rows: _Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
@@ -301,18 +285,6 @@ def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> li
 SCHEMA = "ident.servo/1"
 # Causes of a dead band that goal and position can't part, whatever the motion.
 SAME_AS_DEAD_BAND = ("dead_band", "dry_friction", "backlash")
-PARTED_BY = (
-    "hold the joint by hand at standstill and turn it gently: play gives way without force, the controller's dead band "
-    "without a change of current, dry friction with force"
-)
-WORDS = {
-    "delay_s": "goals act {0:.0f} ms late [{1:.0f}, {2:.0f}]",
-    "lag_s": "the joint trails by {0:.0f} ms of its speed [{1:.0f}, {2:.0f}]",
-    "total_lag_s": "all in all {0:.0f} ms late [{1:.0f}, {2:.0f}]",
-    "dead_band_rad": "it stops {0:.2f} mrad short of the goal, on the side that it comes from [{1:.2f}, {2:.2f}]",
-    "zero_rad": "its zero is off by {0:.2f} mrad [{1:.2f}, {2:.2f}]",
-    "droop_rad_Nm": "it droops by {0:.2f} mrad a newton metre [{1:.2f}, {2:.2f}]",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,18 +309,18 @@ class ServoArm(Result):
             known = f"{1e3 * one.rms_after:.2f} mrad of it are not explained"
             error = f"follows within {1e3 * one.rms_before:.1f} mrad; {known}"
             lines.append(f"{one.joint}: {'nothing can be told' if np.isnan(one.rms_before) else error}")
-            for figure in (figure for figure in one.figures if figure.name in WORDS):
-                ends = (1e3 * value for value in (figure.value, figure.low, figure.high))
-                lines.append("  " + WORDS[figure.name].format(*ends))
+            for name, *ends in (figure for figure in one.figures if "words" in FIGURES[figure.name]):
+                lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in ends)))
             if any(figure.name == "dead_band_rad" for figure in one.figures):
-                lines.append(f"    dead band, dry friction or backlash: {PARTED_BY}")
+                lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not told: {name}: {reason}" for name, reason in one.untold.items()]
         return "\n".join(lines)
 
 
 def _record(one: ServoJoint) -> dict[str, Any]:
     told = {
-        name: {"value": value, "low": low, "high": high, "unit": UNITS[name]} for name, value, low, high in one.figures
+        name: {"value": value, "low": low, "high": high, "unit": FIGURES[name]["unit"]}
+        for name, value, low, high in one.figures
     }
     known = not np.isnan(one.rms_before)
     return {
