@@ -7,10 +7,12 @@ of the family's name say what it holds. Names of Universal Robots' RTDE, libfran
 from __future__ import annotations
 
 import re
+import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 
@@ -27,19 +29,8 @@ from ident.settings import read_group
 
 LIMIT = read_group(__file__, "unnamed")
 
-# Words -> the channel that they speak of, in the order in which they count.
-WORDS: dict[str, tuple[str, ...]] = {
-    "acceleration": ("qdd", "ddq", "acc", "acceleration", "accelerations", "accel"),
-    "velocity": ("qd", "dq", "vel", "velocity", "velocities", "speed", "speeds", "qdot", "omega"),
-    "temperature": ("temp", "temps", "temperature", "temperatures"),
-    "effort": ("tau", "torque", "torques", "effort", "efforts", "moment", "moments", "trq", "tq"),
-    "current": ("current", "currents", "curr", "amps"),
-    "position": ("q", "pos", "position", "positions", "angle", "angles", "ang", "theta", "joints", "state"),
-}
-COMMANDS = "target cmd command commanded commands desired des d ref reference setpoint goal action sent control"
-# What is derived from the torque, not the torque: estimates of contact, residuals, models.
-DERIVED = "ext external hat model residual error tcp tool cartesian dtau gravity std window max min raw pose wrench"
-TIMES = ("time", "timestamp", "t", "stamp", "secs", "seconds", "duration", "clock", "timestamps")
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+TIMES, COMMANDS, DERIVED = (frozenset(WORDS["others"][name]) for name in ("times", "commands", "derived"))
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}
 PLACE = "#"
 
@@ -71,11 +62,11 @@ def judge_words(template: str) -> tuple[str | None, int]:
     words = words_of(template.rpartition("/")[2] or template) if ":" not in template else words_of(template)
     if "current" in words and ("torque" in words or "effort" in words):
         words = [word for word in words if word != "current"]  # a torque made of the current
-    channel = next((name for name, known in WORDS.items() if set(words) & set(known)), None)
+    channel = next((name for name, known in WORDS["channels"].items() if set(words) & set(known)), None)
     if channel is None:
         return ("position_command", 0) if "action" in words else (None, 0)
-    doubt = 3 * len({*words} & {*DERIVED.split()}) - ("actual" in words or "measured" in words)
-    if {*words} & {*COMMANDS.split()}:
+    doubt = 3 * len({*words} & DERIVED) - ("actual" in words or "measured" in words)
+    if {*words} & COMMANDS:
         return COMMANDED.get(channel), doubt
     return channel, doubt
 
@@ -84,7 +75,7 @@ def find_time(names: Sequence[str]) -> str | None:
     """The column whose name says time."""
     ranked = [(words_of(name), name) for name in names]
     plain = [name for words, name in ranked if words and all(word in (*TIMES, "s", "ms", "us", "ns") for word in words)]
-    some = [name for words, name in ranked if set(words) & (set(TIMES) - {"t"})]
+    some = [name for words, name in ranked if set(words) & (TIMES - {"t"})]
     return next(iter([*plain, *some]), None)
 
 

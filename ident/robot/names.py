@@ -9,6 +9,7 @@ import importlib.util
 import os
 import re
 import shlex
+import tomllib
 import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
@@ -76,22 +77,9 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
     return ET.tostring(root, encoding="unicode")
 
 
-# Robots by name: those that armgap ships, all of example-robot-data, and robot_descriptions where it is installed.
-# The name a user types -> path below example-robot-data's robots folder. Any other URDF of the package goes by the
-# name of its file (`tiago_no_hand`).
-EXAMPLE_ROBOTS = {
-    "kinova": "kinova_description/robots/kinova.urdf",
-    "panda": "panda_description/urdf/panda.urdf",
-    "so100": "so_arm_description/urdf/so100.urdf",
-    "so101": "so_arm_description/urdf/so101.urdf",
-    "tiago": "tiago_description/robots/tiago.urdf",
-    "ur3": "ur_description/urdf/ur3_robot.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "ur10": "ur_description/urdf/ur10_robot.urdf",
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
-}
-SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf", "scara": "urdf/scara.urdf"}
+ROBOTS = tomllib.loads(Path(__file__).with_name("robots.toml").read_text(encoding="utf-8"))
+SHIPPED_ROBOTS: dict[str, str] = ROBOTS["shipped"]
+EXAMPLE_ROBOTS: dict[str, str] = ROBOTS["examples"]
 # Names of the package robot_descriptions end so; each is a module that knows the path of a URDF or of a xacro file.
 DESCRIPTION = "_description"
 
