@@ -66,6 +66,13 @@ def _cut(run: Recording, rows: Array) -> list[Recording]:
     return [drop_late_rows(piece)[0] for piece in cut_before(run, rows)]
 
 
+def _parted(run: Recording, limit: float, shortest_s: float = 0.0) -> tuple[Array, list[Recording]]:
+    """Steps of time beyond a limit, and the pieces between them that are long enough for use; the run without any."""
+    rows = np.flatnonzero(np.diff(run.time) > limit)
+    pieces = (piece for piece in _cut(run, rows + 1) if len(piece) >= LIMIT.shortest_piece)
+    return rows, [piece for piece in pieces if piece.duration >= shortest_s] if len(rows) else [run]
+
+
 def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Parts runs where the clock leaps: an even grid over such a leap would be longer than any recording.
 
@@ -73,17 +80,14 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """
     found = Findings(session)
     for run in session.runs:
-        steps = np.diff(run.time)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        jumps = np.flatnonzero(steps > max(LIMIT.jump_intervals * usual, LIMIT.jump_runs * usual * len(run)))
-        if not len(jumps) or usual <= 0.0:
-            found.runs.append(run)
-            continue
-        pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= LIMIT.shortest_piece]
-        lost = len(run) - sum(map(len, pieces))
-        left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
-        found.note(run, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}")
+        usual = run.sample_interval if len(run) > 1 else 0.0
+        leap = usual * max(LIMIT.jump_intervals, LIMIT.jump_runs * len(run)) if usual > 0.0 else np.inf
+        jumps, pieces = _parted(run, leap)
         found.runs += pieces
+        if len(jumps):
+            step, lost = np.diff(run.time)[jumps[0]], len(run) - sum(map(len, pieces))
+            left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
+            found.note(run, f"the clock leaps {step:.3g} s on after row {jumps[0] + 1}{left}")
     few = sum(map(len, found.runs)) >= (1.0 - LIMIT.few_rows) * session.samples
     severity: Severity = "fatal" if not found.runs else "note" if few else "warning"
     issues = found.issues("clock_jump", severity, "", "set the clock before recording")
@@ -94,26 +98,18 @@ def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Parts runs where samples are missing for longer than motion can be interpolated."""
     found = Findings(session)
     for run in session.runs:
-        steps = np.diff(run.time)
-        limit = max(LIMIT.gap_intervals * float(np.median(steps)), LIMIT.gap_s) if len(steps) else np.inf
-        gaps = np.flatnonzero(steps > limit)
-        if not len(gaps):
-            found.runs.append(run)
-            continue
-        pieces = [
-            p for p in _cut(run, gaps + 1) if p.duration >= LIMIT.shortest_piece_s and len(p) >= LIMIT.shortest_piece
-        ]
-        lost = 1.0 - sum(map(len, pieces)) / len(run)
-        longest = gaps[np.argmax(steps[gaps])]
-        what = f"{len(gaps)} gaps, the longest {steps[longest]:.3f} s after {run.time[longest]:.3f} s; parted there"
-        found.note(run, what + (f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else ""))
+        limit = max(LIMIT.gap_intervals * run.sample_interval, LIMIT.gap_s) if len(run) > 1 else np.inf
+        gaps, pieces = _parted(run, limit, LIMIT.shortest_piece_s)
         found.runs += pieces
+        if len(gaps):
+            steps, lost = np.diff(run.time)[gaps], 1.0 - sum(map(len, pieces)) / len(run)
+            where = f"the longest {steps.max():.3f} s after {run.time[gaps[np.argmax(steps)]]:.3f} s; parted there"
+            short = f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else ""
+            found.note(run, f"{len(gaps)} gaps, {where}{short}")
     if not found.runs:
         return session, found.issues("time_gap", "fatal", "; nothing long enough is left", "record without pauses")
-    few = sum(map(len, found.runs)) >= 0.9 * session.samples
-    return found.left(), found.issues(
-        "time_gap", "note" if few else "warning", "", "none needed; look for lost messages"
-    )
+    severity: Severity = "note" if sum(map(len, found.runs)) >= 0.9 * session.samples else "warning"
+    return found.left(), found.issues("time_gap", severity, "", "none needed; look for lost messages")
 
 
 def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:

@@ -76,14 +76,12 @@ class Bag:
         for connection, receipt, raw in self._reader.messages(connections):
             unpacked += len(raw)
             require_unpacked(self.size, unpacked)
-            yield connection, receipt, self._content(raw, connection.msgtype)
-
-    def _content(self, raw: bytes, kind: str) -> Record:
-        if kind not in self._types:
-            return {}
-        if self.old:
-            return _Bytes(memoryview(raw), "<", self._types, aligned=False).record(kind)
-        return _Bytes(memoryview(raw)[4:], "<" if raw[1] & 1 else ">", self._types, aligned=True).record(kind)
+            found: Record = {}
+            if connection.msgtype in self._types:
+                order: Literal["<", ">"] = "<" if self.old or raw[1] & 1 else ">"
+                content = memoryview(raw)[0 if self.old else 4 :]
+                found = _Bytes(content, order, self._types, aligned=not self.old).record(connection.msgtype)
+            yield connection, receipt, found
 
 
 class _Bytes:

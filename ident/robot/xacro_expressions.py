@@ -69,6 +69,11 @@ def _times(a: Any, b: Any) -> Any:
     return a * b
 
 
+def _power(a: Any, b: Any) -> Any:
+    fits = isinstance(b, int | float) and abs(b) <= LARGEST_POWER
+    return _require(fits, f"a power that is no number up to {LARGEST_POWER}") and a**b
+
+
 def _tokenize(text: str, separators: str = ",; ", skip_empty: bool = True) -> list[str]:
     for one in separators[1:]:
         text = text.replace(one, separators[0])
@@ -115,30 +120,21 @@ METHODS: dict[tuple[type, str], Callable[..., Any]] = {
 }
 # Names whose dotted members are the same functions and constants.
 NAMESPACES = ("math", "python", "xacro")
+PLAIN = {
+    "Add": "add",
+    "Sub": "sub",
+    "Div": "truediv",
+    "FloorDiv": "floordiv",
+    "UAdd": "pos",
+    "USub": "neg",
+    "Not": "not_",
+}
+PLAIN |= {"Eq": "eq", "NotEq": "ne", "Lt": "lt", "LtE": "le", "Gt": "gt", "GtE": "ge", "Is": "is_", "IsNot": "is_not"}
 OPERATORS: dict[type, Callable[..., Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
+    **{getattr(ast, name): getattr(operator, function) for name, function in PLAIN.items()},
     ast.Mult: _times,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
     ast.Mod: lambda a, b: _require(isinstance(a, int | float), "% of a text: use str() and +") and a % b,
-    ast.Pow: lambda a, b: (
-        _require(
-            isinstance(b, int | float) and abs(b) <= LARGEST_POWER, f"a power that is no number up to {LARGEST_POWER}"
-        )
-        and a**b
-    ),
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Is: operator.is_,
-    ast.IsNot: operator.is_not,
+    ast.Pow: _power,
     ast.In: lambda a, b: a in b,
     ast.NotIn: lambda a, b: a not in b,
 }
