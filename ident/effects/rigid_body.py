@@ -263,18 +263,6 @@ class GravityMisalignment(Effect):
         return found
 
 
-def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:
-    """Direction in the last link's frame in which tools are mounted: its joint's axis, away from the arm.
-
-    The last link lies behind the flange and in front of the joint, or the reverse where frames sit at the flange: what
-    is away from the arm is told by the way that the last joint is mounted.
-    """
-    axis = np.asarray(arm.joint_axes[-1])
-    placement = arm.model.jointPlacements[arm.n]
-    outward = float(placement.translation @ (placement.rotation @ axis))
-    return -axis if outward < 0.0 else axis
-
-
 def _acting_axes(arm: ArmModel) -> list[int]:
     """Axes of the last link's frame along which a shifted load changes some torque."""
     last = arm.n - 1
@@ -282,11 +270,18 @@ def _acting_axes(arm: ArmModel) -> list[int]:
 
 
 def _load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
-    """About which place a load is laid out, in the last link's frame [m]."""
+    """About which place a load is laid out, in the last link's frame [m].
+
+    A reach goes along the last joint's axis, away from the arm. The last link lies behind the flange, before the
+    joint, or the reverse where frames sit at the flange: which way is away is told by how the last joint is mounted.
+    """
     if LIKE_LINK in variant.shape:
         return link_law(arm, arm.n - 1, Variant())[1:4, 0]
-    reach = variant.shape.get("reach_m")
-    return place_of(variant) if reach is None else _flange_direction(arm) * reach
+    if "reach_m" not in variant.shape:
+        return place_of(variant)
+    axis, placement = np.asarray(arm.joint_axes[-1]), arm.model.jointPlacements[arm.n]
+    inward = float(placement.translation @ (placement.rotation @ axis)) < 0.0
+    return (-axis if inward else axis) * variant.shape["reach_m"]
 
 
 def _acting_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 k"]:

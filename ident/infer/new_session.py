@@ -114,7 +114,14 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
     Raises:
         RecordingError: No table there, or none that can be made out from its names or numbers.
     """
-    table = read_foreign(_largest(path))
+    if not path.exists():
+        raise RecordingError(path, "no such file or folder", "give a folder of runs or a table")
+    runs = [path]
+    if path.is_dir() and not (is_dataset(path) or (path / METADATA).is_file()):
+        runs = [one for one in path.iterdir() if is_run(one)]
+    if not runs:
+        raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
+    table = read_foreign(max(runs, key=lambda one: (one.stat().st_size, one.name)))
     signals = guess_by_name(table, arm) if table.has_names else None
     if signals is None:
         if arm is None:
@@ -126,18 +133,6 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
     if robot is not None:
         guess.settings["robot"] = os.path.relpath(robot, place.parent) if Path(robot).is_file() else robot
     return NewSession(place, guess, write_text(guess))
-
-
-def _largest(path: Path) -> Path:
-    """The run by which columns are made out: the largest file of a folder."""
-    if path.is_file() or is_dataset(path) or (path / METADATA).is_file():
-        return path
-    if not path.is_dir():
-        raise RecordingError(path, "no such file or folder", "give a folder of runs or a table")
-    found = [one for one in path.iterdir() if is_run(one)]
-    if not found:
-        raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
-    return max(found, key=lambda one: (one.stat().st_size, one.name))
 
 
 def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Guess:

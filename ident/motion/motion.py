@@ -315,13 +315,9 @@ def no_motion(where: str | Path, settings: MotionSettings = USUAL_MOTION) -> Rec
 
 
 def _on_grid(time: Array, states: Smoothed, grid: Array | None) -> Float[Array, "T n 3"]:
-    """Smoothed states side by side, at their own times or at those of a grid."""
-    found = (states.q, states.dq, states.ddq) if grid is None else _resample(time, states, grid)
-    return np.stack(found, axis=-1)
-
-
-def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:
-    """States at other times: the quintic through q, dq and ddq at both neighbours."""
+    """Smoothed states side by side: at their own times, or at others by the quintic through both neighbours' states."""
+    if grid is None:
+        return np.stack([states.q, states.dq, states.ddq], axis=-1)
     left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
     h = (time[left + 1] - time[left])[:, None]
     u = ((grid - time[left])[:, None]) / h
@@ -335,4 +331,4 @@ def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array,
     q = q0 + u * (v0 + u * (a0 / 2 + u * (c3 + u * (c4 + u * c5))))
     dq = (v0 + u * (a0 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h
     ddq = (a0 + u * (6 * c3 + u * (12 * c4 + u * 20 * c5))) / h**2
-    return q, dq, ddq
+    return np.stack([q, dq, ddq], axis=-1)

@@ -225,16 +225,15 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
         # A cast loads all of Arrow's functions, at a tenth of a second.
         # Unsafe, as nanoseconds since 1970 need more than 53 bits: a float rounds them to a quarter of a microsecond.
         column = column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False)
-        parts = [_doubles(chunk) for chunk in (column.chunks if isinstance(column, pa.ChunkedArray) else [column])]
-        parts = [part for part in parts if len(part)]
+        chunks = (one for one in (column.chunks if isinstance(column, pa.ChunkedArray) else [column]) if len(one))
+        # Without a gap from the buffer itself: Arrow's own way loads pandas where there is one, at half a second.
+        parts = [
+            np.asarray(one.to_numpy(zero_copy_only=False))
+            if one.null_count
+            else np.frombuffer(one.buffers()[1], dtype=float)[one.offset : one.offset + len(one)]
+            for one in chunks
+        ]
         return np.concatenate([np.empty(0), *parts]) if len(parts) != 1 else parts[0]
     except (pa.ArrowException, ValueError, TypeError) as error:
         what = f"holds no numbers ({first_line(error)})"
         raise RecordingError(f"{where}, column {name}", what, "write it as numbers") from None
-
-
-def _doubles(chunk: pa.DoubleArray) -> Float[Array, " T"]:
-    """Numbers of a chunk, NaN where there is none. Arrow's own way loads pandas where there is one: half a second."""
-    if chunk.null_count or not len(chunk):
-        return np.asarray(chunk.to_numpy(zero_copy_only=False))
-    return np.frombuffer(chunk.buffers()[1], dtype=float)[chunk.offset : chunk.offset + len(chunk)]

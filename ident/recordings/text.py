@@ -246,8 +246,10 @@ def open_text(path: Path) -> NamedColumns:
 def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
         return Table({})
-    data = _content(path, layout)
-    columns = None
+    columns, data = None, pa.memory_map(str(path)).read_buffer() if layout.separator != " " else b""
+    if layout.separator == " ":  # runs of blanks are made one: Arrow knows single separators only
+        data = re.sub(rb" {2,}", b" ", path.read_bytes().replace(b"\t", b" "))
+        data = re.sub(rb"^ +| +$", b"", data, flags=re.MULTILINE)
     for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
         try:
             found = zip(chosen.values(), _parse(data, layout, chosen, {TIME: clock}, layout.first_line), strict=True)
@@ -269,11 +271,3 @@ def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
         columns = {name: values[:-1] for name, values in columns.items()}
         unused = (*unused, cut_short(path, "row", rows))
     return Table(columns, unused)
-
-
-def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
-    """The file's bytes: mapped, or with runs of blanks made one (Arrow knows single separators only)."""
-    if layout.separator != " ":
-        return pa.memory_map(str(path)).read_buffer()
-    data = path.read_bytes().replace(b"\t", b" ")
-    return re.sub(rb"^ +| +$", b"", re.sub(rb" {2,}", b" ", data), flags=re.MULTILINE)

@@ -200,8 +200,15 @@ class ArmModel:
     def with_inertial_parameters(self, parameters: Float[Array, " 10n"]) -> ArmModel:
         """The same arm with other link inertias, in the order of `inertial_parameters`."""
         model = pin.Model(self.model)
-        for i, link in enumerate(np.reshape(np.asarray(parameters, dtype=float), (self.n, 10))):
-            model.inertias[i + 1] = _inertia(link)
+        for i, link in enumerate(np.reshape(np.asarray(parameters, dtype=float), (self.n, 10)), start=1):
+            # Set piece by piece: the constructor refuses what least squares may find, an inertia that no body could
+            # have. A zero mass carries its moments about the joint frame.
+            inertia, mass = pin.Inertia.Zero(), float(link[0])
+            lever = link[1:4] / mass if mass != 0.0 else np.zeros(3)
+            about_origin = link[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
+            cross = pin.skew(lever)
+            inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
+            model.inertias[i] = inertia
         return self._with_model(model)
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
@@ -352,18 +359,6 @@ class ArmModel:
     def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
         fixed = self.locked_joints if locked is None else locked
         return ArmModel(self.name, self.urdf, model, self.joint_names, self.source, fixed, self.tip)
-
-
-def _inertia(link: Float[Array, " 10"]) -> pin.Inertia:
-    """A link's inertia from its ten parameters; a zero mass carries its moments about the joint frame."""
-    mass = float(link[0])
-    lever = link[1:4] / mass if mass != 0.0 else np.zeros(3)
-    about_origin = np.array([[link[4], link[5], link[7]], [link[5], link[6], link[8]], [link[7], link[8], link[9]]])
-    cross = pin.skew(lever)
-    # Set piece by piece: the constructor refuses what least squares may find, an inertia that no body could have.
-    inertia = pin.Inertia.Zero()
-    inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
-    return inertia
 
 
 def _require_serial_arm(model: pin.Model, where: str, urdf: str) -> None:

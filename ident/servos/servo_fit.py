@@ -295,12 +295,18 @@ class ServoArm(Result):
     joints: tuple[ServoJoint, ...]  # what is told of each
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "schema": SCHEMA,
-            "robot": self.robot,
-            "joints": {one.joint: _record(one) for one in self.joints},
-            "provenance": self.provenance.to_dict(),
-        }
+        joints = {}
+        for one in self.joints:
+            told = {name: {"value": value, "low": low, "high": high} for name, value, low, high in one.figures}
+            errors = {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after}
+            joints[one.joint] = {
+                "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in told.items()},
+                "class": {"dead_band_rad": list(SAME_AS_DEAD_BAND)} if "dead_band_rad" in told else {},
+                "not_told": dict(one.untold),
+                "heldout": None if np.isnan(one.rms_before) else errors,
+            }
+        provenance = self.provenance.to_dict()
+        return {"schema": SCHEMA, "robot": self.robot, "joints": joints, "provenance": provenance}
 
     def summary(self) -> str:
         """A few lines a joint."""
@@ -315,17 +321,3 @@ class ServoArm(Result):
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not told: {name}: {reason}" for name, reason in one.untold.items()]
         return "\n".join(lines)
-
-
-def _record(one: ServoJoint) -> dict[str, Any]:
-    told = {
-        name: {"value": value, "low": low, "high": high, "unit": FIGURES[name]["unit"]}
-        for name, value, low, high in one.figures
-    }
-    known = not np.isnan(one.rms_before)
-    return {
-        "figures": told,
-        "class": {"dead_band_rad": list(SAME_AS_DEAD_BAND)} if "dead_band_rad" in told else {},
-        "not_told": dict(one.untold),
-        "heldout": {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after} if known else None,
-    }
