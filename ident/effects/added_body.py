@@ -20,12 +20,10 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval
+from ident.effects.typical_sizes import ADDED_BODY as LIMIT
 from ident.effects.typical_sizes import arm_mass, arm_reach, rated_torque, sampled_states
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "added_body")
 
 PLACE = ("x_m", "y_m", "z_m")
 # Distance of a tool's centre from the flange, as a share of the arm's reach.

@@ -17,12 +17,10 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import amplitude_interval, exactly
+from ident.effects.typical_sizes import CONTACT as LIMIT
 from ident.effects.typical_sizes import arm_reach, rated_torque
 from ident.laws.acting import point_mass
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "contact")
 
 
 @dataclass(frozen=True)

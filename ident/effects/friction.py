@@ -13,6 +13,7 @@ from ident.arrays import Array, Float
 from ident.effects.base import Interval, SessionContext, StatesEffect, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
+from ident.effects.typical_sizes import FRICTION as LIMIT
 from ident.effects.typical_sizes import (
     LARGEST_TORQUE_SHARE,
     coulomb_level,
@@ -24,9 +25,6 @@ from ident.effects.typical_sizes import (
     typical_load,
     usual_speed,
 )
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "friction")
 
 
 class StribeckFriction(StatesEffect):

@@ -28,12 +28,9 @@ from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval
+from ident.effects.typical_sizes import GEAR as LIMIT
 from ident.effects.typical_sizes import high_passed, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.elastic import LONGEST_STEP, integrate_twist
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "gear")
-
 
 _integrate = compiled("f2 f1 f i f2")(integrate_twist)
 

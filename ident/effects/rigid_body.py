@@ -23,12 +23,10 @@ from ident.effects.added_body import (
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
+from ident.effects.typical_sizes import RIGID_BODY as LIMIT
 from ident.effects.typical_sizes import arm_mass, arm_reach
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "rigid_body")
 
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.

@@ -13,12 +13,10 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
+from ident.effects.typical_sizes import SENSING as LIMIT
 from ident.effects.typical_sizes import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "sensing")
 
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))

@@ -30,9 +30,7 @@ from ident.effects.typical_sizes import (
     travel,
     usual_speed,
 )
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "transmission")
+from ident.effects.typical_sizes import TRANSMISSION as LIMIT
 
 STRAIGHT, BENT, PERIODIC = range(3)
 # Figures of a spring with two rests a turn.

@@ -13,7 +13,17 @@ from ident.laws.carried import JointStates, states_of
 from ident.robot.arm import ArmModel
 from ident.settings import read_group
 
+# Numbers that decide, an attribute each: `settings.toml` has their units, meanings and sources.
 LIMIT = read_group(__file__, "typical")
+ADDED_BODY = read_group(__file__, "added_body")
+CONTACT = read_group(__file__, "contact")
+FRICTION = read_group(__file__, "friction")
+GEAR = read_group(__file__, "gear")
+MEMORY = read_group(__file__, "memory")
+RIGID_BODY = read_group(__file__, "rigid_body")
+RIPPLE = read_group(__file__, "ripple")
+SENSING = read_group(__file__, "sensing")
+TRANSMISSION = read_group(__file__, "transmission")
 
 # A joint that covers less than this shows nothing of its friction [rad or m].
 LEAST_TRAVEL = 0.03

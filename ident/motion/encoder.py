@@ -20,11 +20,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.motion.filter import ENCODER as LIMIT
 from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_both_ways
 from ident.motion.smoothing import NoiseLevels
-from ident.settings import read_group
-
-LIMIT = read_group(__file__, "encoder")
 
 
 def mean_spectrum(

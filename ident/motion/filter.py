@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
-from ident.settings import Settings, number
+from ident.settings import Settings, number, read_group
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class MotionSettings(Settings, table="motion"):
 
 USUAL_MOTION = MotionSettings()
 FOR_DIAGNOSIS = MotionSettings(cutoff_hz=25.0, oversampling=2.5)
+ENCODER = read_group(__file__, "encoder")
 
 
 # The common filter: second-order sections of a Butterworth low-pass, forwards and backwards over many columns at

@@ -111,7 +111,6 @@ class _Footer:
         return value >> 1 ^ -(value & 1)
 
 
-# Parquet files, and Arrow's columns as numbers.
 # A column of lists is as many columns: `q.0`, `q.1`, …, or `q.<label>` where the file names its places.
 # How an ISO 8601 time ends that says its zone.
 ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")

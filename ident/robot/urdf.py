@@ -1,6 +1,6 @@
 """A URDF brought into the one form that the rest works on: a chain of one-axis joints.
 
-Their own complaints go to the terminal, name no file, or never come: a mass that is no number becomes no mass.
+It is checked here: parsers' complaints go to the terminal, name no file, or never come.
 """
 
 from __future__ import annotations
@@ -132,9 +132,6 @@ def _check_tree(root: ET.Element, where: str) -> None:
     bases = [link for link in links if link not in children]
     what = f"it has {len(bases)} base links" + (f" ({', '.join(map(str, bases[:4]))})" if bases else "")
     _require(len(bases) == 1, where, what, "join all links to one base")
-
-
-# A URDF brought into the one form that the rest works on: a chain of one-axis joints.
 
 
 MOVING = ("revolute", "continuous", "prismatic")
