@@ -21,7 +21,8 @@ from ident.effects.intervals import SizePrior, coefficient_interval, delta_inter
 from ident.effects.typical_sizes import friction_level, friction_states, lacking, least_rest_speed, rated_torque
 from ident.laws.carried import JointStates, LawKind, evaluate
 
-__all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]
+__all__ = ["Effect", "Expression", "Interval", "Range", "RunContext", "SessionContext", "Variant"]
+__all__ += ["delta_interval", "linear_interval"]
 
 
 class Effect(ABC):

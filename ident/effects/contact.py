@@ -14,8 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.effect_info import Range
+from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.typical_sizes import CONTACT as LIMIT
 from ident.effects.typical_sizes import arm_reach, rated_torque

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Interval, SessionContext, StatesEffect, Variant
-from ident.effects.effect_info import Range
+from ident.effects.base import Interval, Range, SessionContext, StatesEffect, Variant
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
 from ident.effects.typical_sizes import FRICTION as LIMIT
 from ident.effects.typical_sizes import (

@@ -25,8 +25,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.effect_info import Range
+from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
 from ident.effects.typical_sizes import GEAR as LIMIT
 from ident.effects.typical_sizes import high_passed, joined, rated_torque, root_mean_square, sampled_states

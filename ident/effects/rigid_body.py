@@ -20,8 +20,7 @@ from ident.effects.added_body import (
     places_of_tuning,
     weighs,
 )
-from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import Range
+from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import RIGID_BODY as LIMIT
 from ident.effects.typical_sizes import arm_mass, arm_reach
@@ -73,7 +72,7 @@ class UnknownPayload(Effect):
 
     def _law(self, arm: ArmModel, variant: Variant) -> Float[Array, "10 k"]:
         """Change of the last link's numbers by the columns."""
-        nominal, axes = _load_place(arm, variant), _acting_axes(arm)
+        nominal, axes = load_place(arm, variant), _acting_axes(arm)
         unit = link_law(arm, arm.n - 1, Variant())[:, 0] if LIKE_LINK in variant.shape else point_mass(nominal)
         return np.column_stack([unit, moment_change(nominal)[:, axes]])
 
@@ -81,7 +80,7 @@ class UnknownPayload(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         arm = session.runs[0].arm
-        last, nominal, far = arm.n - 1, _load_place(arm, variant), LARGEST_TOOL_SHARE * arm_reach(arm)
+        last, nominal, far = arm.n - 1, load_place(arm, variant), LARGEST_TOOL_SHARE * arm_reach(arm)
         mass = coefficient_interval(0, coefficients, covariance)
         moment = moment_about_axis(arm, last, self._law(arm, variant), coefficients, covariance)
         centres = {
@@ -267,7 +266,7 @@ def _acting_axes(arm: ArmModel) -> list[int]:
     return [column - 1 for column in acting(arm, last, link_law(arm, last, Variant())) if column > 0]
 
 
-def _load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
+def load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
     """About which place a load is laid out, in the last link's frame [m].
 
     A reach goes along the last joint's axis, away from the arm. The last link lies behind the flange, before the

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import Range
+from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import SENSING as LIMIT
 from ident.effects.typical_sizes import is_near, joined, rated_torque, root_mean_square, sampled_states

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import Expression, Range
+from ident.effects.base import Effect, Expression, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import (
     amplitude_interval,
     coefficient_interval,

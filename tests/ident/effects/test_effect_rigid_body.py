@@ -13,6 +13,7 @@ from ident.effects.added_body import PLACE
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.intervals import beside_prior
+from ident.effects.rigid_body import load_place
 from ident.laws.acting import point_mass
 from ident.model.inertia import parameter_scale
 from ident.recordings.recording import Payload
@@ -88,12 +89,10 @@ def test_priors_follow_the_arm() -> None:
 
 def test_the_tool_side_is_the_flanges(arm: ArmModel) -> None:
     """The grid of payloads lies beyond the flange, for frames at the wrist and at the flange."""
-    from ident.effects.rigid_body import _flange_direction
-
     for robot in (arm, ArmModel.load("panda"), ArmModel.load("ur10")):
         pose = robot.forward_kinematics(robot.neutral)[robot.links[-1]]
         before = robot.forward_kinematics(robot.neutral)[robot.links[-2]]
-        outward = (pose[:3, 3] - before[:3, 3]) @ pose[:3, :3] @ _flange_direction(robot)
+        outward = (pose[:3, 3] - before[:3, 3]) @ pose[:3, :3] @ load_place(robot, Variant(shape={"reach_m": 1.0}))
         assert outward >= -1e-9
 
 
