@@ -107,7 +107,9 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
         if need == "moves":
             reasons.append(hardly_moves(session, joint))
         elif need == "poses":
-            reasons.append(near_one_pose(session))
+            widest = max(high - low for low, high in (travel(session, j) for j in range(session.n)))
+            near = f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
+            reasons.append(near if widest < LIMIT.least_poses else None)
         elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < least:
             reasons.append(f"{name} covers {covered:.2f} rad; {least:g} are needed")
         elif need == "top_speed" and (fastest := top_speed(session, joint)) < least:
@@ -119,16 +121,6 @@ def travel(session: SessionContext, joint: int) -> tuple[float, float]:
     """Lowest and highest position of a joint [rad]."""
     q = joined(session, "q", joint)
     return float(q.min()), float(q.max())
-
-
-def near_one_pose(session: SessionContext) -> str | None:
-    """The reason why nothing that varies from pose to pose can show, if the arm stays near one."""
-    widest = max(high - low for low, high in (travel(session, joint) for joint in range(session.n)))
-    return (
-        f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
-        if widest < LIMIT.least_poses
-        else None
-    )
 
 
 def top_speed(session: SessionContext, joint: int) -> float:

@@ -8,11 +8,14 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment
 
 from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
@@ -140,14 +143,14 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     whole = np.isfinite(np.column_stack([signals.time, *signals.tables.values()])).all(axis=1)
     tables = {name: values[whole] for name, values in signals.tables.items()}
     signals = replace(signals, time=signals.time[whole], tables=tables)
-    time, angle = time_unit(signals), angle_unit(signals, arm)
+    (time, second, clock), (angle, radian, turn) = time_unit(signals), angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
         raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
-    signals = signals.in_si(time.factor if rate is None else 1.0 / rate, angle.factor)
+    signals = signals.in_si(second if rate is None else 1.0 / rate, radian)
     signals, velocity, refused = check_velocity(signals)
-    reasons = [*signals.reasons, time.reason, rate_reason, angle.reason, velocity]
+    reasons = [*signals.reasons, clock, rate_reason, turn, velocity]
     nominal = "effort" if "effort" in signals.tables else "current"
     joints, channel, settings = signals.joints, nominal, dict[str, Any]()
     if arm is not None:
@@ -160,12 +163,9 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
         reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
-    if time.name != "s":
-        settings["time_unit"] = time.name
-    if angle.name != "rad":
-        settings["angle_unit"] = angle.name
-    if rate is not None:
-        settings["sample_rate_hz"] = rate
+    settings |= {"time_unit": time} if time != "s" else {}
+    settings |= {"angle_unit": angle} if angle != "rad" else {}
+    settings |= {"sample_rate_hz": rate} if rate is not None else {}
     columns = {} if signals.clock is None else {signals.clock: TIME}
     for name, own in signals.columns.items():
         native = channel if name == nominal else name
@@ -191,39 +191,11 @@ def fold_names(names: Sequence[str]) -> list[str]:
 
 def write_text(guess: Guess) -> str:
     """The text of session.toml: keys, then tables, the evidence as comments."""
-    why = {reason.what: reason for reason in guess.reasons}
-    lines: list[str] = []
-    for key, value in guess.settings.items():
-        if not isinstance(value, dict):
-            reason = why.get(key)
-            lines += [f"# {_comment(reason.evidence)}"] if reason else []
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
-    lines += ["", "[columns]"]
-    channel = ""
-    for name, native in guess.columns.items():
-        own = native.rpartition("/")[2]
-        if own != channel:
-            named = (own, "effort") if own == "current" else (own,)
-            why_so = [reason for reason in guess.reasons if reason.what in named]
-            lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in why_so]
-            channel = own
-        lines.append(f"{toml_key(name)} = {json.dumps(native, ensure_ascii=False)}")
-    for key in (GAINS, "effort_sign"):
-        if key in guess.settings:
-            lines += ["", f"[{key}]"]
-            for joint, value in guess.settings[key].items():
-                reason = why.get(f"{key}.{joint}")
-                lines.append(f"{toml_key(joint)} = {value:g}" + (f"  # {_comment(reason.evidence)}" if reason else ""))
-            if key == GAINS:
-                lines.append(f"{GUESSED} = true  # until somebody has measured them")
-    lines += ["", "# Further evidence:"]
-    lines += [
-        f"# {reason.what}: {_comment(f'{reason.guess}; {reason.evidence}')}"
-        for reason in guess.reasons
-        if reason.what in ("joints", "angle_unit", "time_unit") or reason.what.startswith("effort_sign")
-    ]
-    lines += [f"# {_comment(line)}" for line in guess.left_out]
-    body = "\n".join(lines) + "\n"
+    pages = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    template = pages.from_string(Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8"))
+    words = {"comment": _comment, "json": partial(json.dumps, ensure_ascii=False), "key": toml_key}
+    channels = groupby(guess.columns.items(), key=lambda column: column[1].rpartition("/")[2])
+    body = template.render(guess=guess, channels=channels, gains=GAINS, marked=GUESSED, **words)
     return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,26 +24,21 @@ FARTHEST_RAD = 6 * math.pi
 GAINS = "drive_gain_Nm_per_A"
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit: its name, its factor to SI, and why."""
-
-    name: str
-    factor: float
-    reason: Reason | None = None
+# Its name, its factor to SI, and why.
+Unit = tuple[str, float, Reason | None]
 
 
 def time_unit(signals: Signals) -> Unit:
     """The unit of time, by the column's name and by the step from sample to sample."""
     if signals.clock is None:
-        return Unit("s", 1.0)
+        return "s", 1.0, None
     step = float(np.median(np.diff(signals.time)))
     named = [unit for unit in TIME_UNITS if unit != "s" and unit in words_of(signals.clock)]
     fitting = [unit for unit, factor in TIME_UNITS.items() if LIMIT.fastest_s <= step * factor <= LIMIT.slowest_s]
     unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
     factor = TIME_UNITS[unit]
     seen = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
-    return Unit(unit, factor, Reason("time_unit", unit, seen))
+    return unit, factor, Reason("time_unit", unit, seen)
 
 
 def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
@@ -68,8 +62,8 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
         j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
         limit = f"its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
         seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
-        return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", seen))
-    return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
+        return "deg", math.radians(1.0), Reason("angle_unit", "deg", seen)
+    return "rad", 1.0, Reason("angle_unit", "rad", seen)
 
 
 def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None]:
