@@ -99,7 +99,7 @@ def scene_keys() -> str:
     parts = []
     for name, keys in KEYS.items():
         title = f"[{name}]" if name else "At the top"
-        parts.append(f"## {title}\n\n" + table(("key", "what"), [(f"`{key}`", what) for key, what in keys.items()]))
+        parts.append(f"## {title}\n\n" + table(("key", "what"), [(f"`{key}`", one.says) for key, one in keys.items()]))
     return HEAD + "# scene.toml\n\nUnits stand in the names of the keys.\n\n" + "\n".join(parts)
 
 

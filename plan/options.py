@@ -40,7 +40,6 @@ class SolveOptions(TaskOptions):
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
     resume: Path | None = option(None, "Checkpoint file: written on the way, taken up if there.")
-    workers: int = option(1, "Processes that share the starts.", min=1)
 
 
 @dataclass(frozen=True)

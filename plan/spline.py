@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicHermiteSpline
 
 from ident.arrays import Array, Float, freeze
 
@@ -174,12 +175,10 @@ class Splines:
 
     def at(self, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration of the first trajectory at given times, each (T, n)."""
+        found = [self._curve(times, order) for order in range(3)]
+        return found[0], found[1], found[2]
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
         knots = np.concatenate([[0.0], np.cumsum(self.durations[0])])
-        section = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
-        h = self.durations[0][section][:, None]
-        s = ((np.asarray(times) - knots[section]) / h[:, 0])[:, None]
-        q0, q1 = self.points[0][section], self.points[0][section + 1]
-        v0, v1 = self.slopes[0][section] * h, self.slopes[0][section + 1] * h
-        d = q1 - q0
-        c2, c3 = 3 * d - 2 * v0 - v1, v0 + v1 - 2 * d
-        return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * c3 * s)) / h, (2 * c2 + 6 * c3 * s) / h**2
+        return CubicHermiteSpline(knots, self.points[0], self.slopes[0])

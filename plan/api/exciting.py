@@ -12,7 +12,7 @@ from ident.diagnosis.result import Diagnosis
 from ident.progress import stage, step
 from ident.results import Provenance
 from ident.sessions import Robot, load_robot
-from plan.experiment import design
+from plan.experiment.design import Designer
 from plan.experiment.feasible import surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
@@ -46,7 +46,7 @@ def excite(
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching motions")
-    found = design.excite(arm, hypotheses, chosen, around, step)
+    found = Designer(arm, hypotheses, chosen, around).best(step)
     named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
     given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}
     return found.with_provenance(Provenance("plan excite", settings={**named, **given}))

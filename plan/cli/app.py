@@ -109,8 +109,7 @@ def paper(
 ) -> None:
     """The paper's planning tables and figures beside ours, on one page."""
     from ident.model.hybrid import HybridModel
-    from plan.paper.page import FILES, write_page
-    from plan.paper.repeat import repeat_paper
+    from plan.paper.repeat import FILES, repeat_paper, write_page
 
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)

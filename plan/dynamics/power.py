@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -17,27 +17,14 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from ident.robot.chain import Chain
-from plan.dynamics.compiled_nets import ResidualTerm, read_residual
-from plan.dynamics.newton_euler import rnea
+from plan.dynamics.compiled_nets import CompiledNet, read_residual
+from plan.dynamics.rigid import rnea
 from plan.spline import Splines
 
 Metric = Literal["signed", "positive", "absolute", "copper"]
 METRICS: tuple[Metric, ...] = ("signed", "positive", "absolute", "copper")
 # Gauss-Legendre points a section: exact for smooth power to far below a per cent.
 POINTS = 8
-
-
-class TorqueModel(Protocol):
-    """What the planner needs of a model: joint torque of batches of trajectories."""
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    def torque(
-        self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
-    ) -> Float[Array, "B T n"]:
-        """Joint torque [N m]."""
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -68,7 +55,7 @@ class ChainTorque:
 
     chain: Chain
     losses: LossParameters
-    net: ResidualTerm | None = None
+    net: CompiledNet | None = None
     named: tuple[NamedLaw, ...] = ()
 
     @property
@@ -83,9 +70,7 @@ class ChainTorque:
         flat_q, flat_dq, flat_ddq = (
             np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)
         )
-        loss = self.losses
-        parts = loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
-        tau, rigid = _torque_states(self.chain, parts, flat_q, flat_dq, flat_ddq)
+        tau, rigid = _torque_states(self.chain, _parts(self.losses), flat_q, flat_dq, flat_ddq)
         if self.named:
             tau += named_torque(self.named, flat_q, flat_dq, rigid, self.losses.transition_speed)
         if self.net is not None:
@@ -130,7 +115,7 @@ def power_integrals(tau: Array, dq: Array, weights: Array) -> dict[Metric, float
 
 
 def energy(
-    model: TorqueModel, splines: Splines, metric: Metric, points: int = POINTS
+    model: ChainTorque, splines: Splines, metric: Metric, points: int = POINTS
 ) -> tuple[Float[Array, " B"], Float[Array, "B n"]]:
     """Energy of each trajectory by one metric [J], and the peak torque of each joint [N m].
 
@@ -172,11 +157,12 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
     arm = reduce_arm(model.arm, moving, list(fixed))
-    net = None
-    if model.net is not None:
-        net = read_residual(model.net)
-        net = net if len(fixed) == 0 else net.frozen(fixed)
+    net = None if model.net is None else read_residual(model.net)
+    net = net if net is None or len(fixed) == 0 else net.frozen(fixed)
     named = tuple(law for law in model.named if law.joint < moving)  # of joints that stand still there is no friction
-    loss = model.loss
-    parts = loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
-    return ChainTorque(arm.chain, LossParameters(*(part[:moving] for part in parts)), net, named)
+    return ChainTorque(arm.chain, LossParameters(*(part[:moving] for part in _parts(model.loss))), net, named)
+
+
+def _parts(loss: LossParameters) -> tuple[Array, ...]:
+    """Motor inertia, viscous and Coulomb friction, offset and transition speed of all joints."""
+    return loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed

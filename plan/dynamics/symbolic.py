@@ -97,7 +97,7 @@ def _net_torque(net: CompiledJointNets, j: int, dq: Symbol, ddq: Symbol, load: S
         dq, ddq, load = (ca.fmin(ca.fmax(part, float(low)), float(high)) for part, low, high in edges)
     near, far = (ca.tanh(dq / scale) for scale in DIRECTION_SCALES)
     x = ca.vertcat(dq, ddq, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
-    *layers, (last, offset) = net.side_by_side(j)
+    *layers, (last, offset) = net.joints[j]
     for weight, bias in layers:
         x = ca.sparsify(ca.DM(np.array(weight.T))) @ x + ca.DM(np.array(bias))
         x = 0.5 * x * (1.0 + ca.tanh(0.5 * x))

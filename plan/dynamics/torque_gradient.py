@@ -9,8 +9,8 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.laws.carried import states_of
-from plan.dynamics.newton_euler import rnea
 from plan.dynamics.power import ChainTorque
+from plan.dynamics.rigid import rnea
 
 # Step of the central difference by position [rad]: the error of either kind is then some 1e-9 of the torque.
 STEP = 1e-5

@@ -10,7 +10,6 @@ from ident.console import styled
 from ident.effects.effect_info import describe_motion
 from ident.errors import plural
 from plan.experiment.result import Excitation, odds_of
-from plan.geometry.scene import limits_of_proof
 
 AIMS = {"separate": "tells {effects} apart", "show": "shows {effects}", "identify": "identifies the base parameters"}
 
@@ -40,7 +39,10 @@ def print_excitation(console: Console, found: Excitation) -> None:
     for pair, value in found.distances.items():
         by_chance = f"random motion of that length {found.random[pair]:.3g}"
         say(f"  {' against '.join(pair)}: {value:.3g} nats; {by_chance}")
-    (proposed, chance), (took, took_by_chance) = found.smallest, map(_minutes, found.minutes)
+    (proposed, chance), (took, took_by_chance) = (
+        found.smallest,
+        ("for ever" if value is None or value > 1e4 else f"{value:.2g} min" for value in found.minutes),
+    )
     if found.distances:
         odds = f"odds to be expected {_odds(proposed)}, by random motion {_odds(chance)}"
         say(f"  {odds}; 20 : 1 takes {took}, random motion {took_by_chance}")
@@ -55,13 +57,9 @@ def print_excitation(console: Console, found: Excitation) -> None:
     say(f"  distance of the arm from {around}{'' if scene.obstacles else '; no obstacle was named'}: {clear}")
     for one in found.carried:
         say(f"  carried: {one['name']} on {one['link']}", highlight=False)
-    for line in limits_of_proof(scene.shapes, scene.unchecked, scene.coarser):
+    for line in scene.limits_of_proof:
         say(f"  {line}")
 
 
 def _odds(distance: float) -> str:
     return "over 10⁶ : 1" if (odds := odds_of(distance)) > 1e6 else f"{odds:.3g} : 1"
-
-
-def _minutes(value: float | None) -> str:
-    return "for ever" if value is None or value > 1e4 else f"{value:.2g} min"

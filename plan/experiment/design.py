@@ -1,9 +1,14 @@
-"""From hypotheses to the motion that parts them: search, length, proof, and random motion to compare with."""
+"""From hypotheses to the motion that parts them: search, length, proof, and random motion to compare with.
+
+The families are searched for the set of runs with the best score: random starts, then local steps.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,14 +17,89 @@ from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import PredictedDesign, Predictor
+from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import OPEN, Feasibility
-from plan.experiment.hypotheses import Hypotheses
-from plan.experiment.indistinguishable import LONGEST_MINUTES
+from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
 from plan.experiment.run_set import WIDE_FIGURES, RunSet, duration_of, random_runs
-from plan.experiment.search import BASELINE, Progress, search
 from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings
+
+# Share of the budget for random starts, and that of these for the family that is known to suit the question.
+STARTS_SHARE, HINTED_SHARE = 0.5, 0.35
+# What every proposal must beat.
+BASELINE = "random"
+# Starts that are improved, of different families, and the steps' size at first, as a share of each range.
+FINALISTS, STEP = 3, 0.15
+# A step that worked makes the next ones larger, others make them smaller: one in five may work.
+GROW, SHRINK = 1.5, 0.9
+
+Progress = Callable[[int, int, float], None]
+
+
+class RatedRuns(NamedTuple):
+    """A set of runs with its score.
+
+    Attributes:
+        rate: Its score; minus infinity if it does not fit.
+        family: Name of its family.
+        shares: What it was made of, see `RunSet.decode`.
+    """
+
+    rate: float
+    family: str
+    shares: Float[Array, " d"]
+
+
+def search(
+    rate: Callable[[str, Array], float],
+    joints: int,
+    hinted: str,
+    evaluations: int,
+    seed: int,
+    progress: Progress | None = None,
+) -> list[RatedRuns]:
+    """The best set of each of the best families, by score; random motion is among them.
+
+    Args:
+        rate: Score of a family and its shares.
+        joints: Number of the arm's joints.
+        hinted: The family that is known to suit: it is tried most often, every other in turn.
+        evaluations: Most sets that are rated.
+        seed: Of all chance.
+        progress: Called after each with evaluations, allowed, best score.
+    """
+    rng, done = np.random.default_rng(seed), list[RatedRuns]()
+
+    def attempt(family: str, shares: Array) -> RatedRuns:
+        done.append(RatedRuns(rate(family, shares), family, shares))
+        if progress is not None:
+            progress(len(done), evaluations, max(one.rate for one in done))
+        return done[-1]
+
+    count, names = max(len(FAMILIES), int(STARTS_SHARE * evaluations)), list(FAMILIES)
+    first = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
+    for family in first + [names[k % len(names)] for k in range(count - len(first))]:
+        attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
+    finalists = _best_of_families(done)[:FINALISTS]
+    for i, best in enumerate(finalists):  # a (1 + 1) evolution strategy in the unit cube
+        step = STEP
+        for _ in range((evaluations - len(done)) // (len(finalists) - i)):
+            move = step * rng.standard_normal(len(best.shares))
+            trial = attempt(best.family, np.clip(best.shares + move, 0.0, 1.0))
+            step *= GROW if trial.rate > best.rate else SHRINK
+            best = trial if trial.rate > best.rate else best
+    ranked = _best_of_families(done)
+    return ranked[:FINALISTS] + [one for one in ranked[FINALISTS:] if one.family == BASELINE]
+
+
+def _best_of_families(done: Sequence[RatedRuns]) -> list[RatedRuns]:
+    """The best trial of each family, the best first."""
+    best: dict[str, RatedRuns] = {}
+    for trial in sorted(done, key=lambda one: -one.rate):
+        best.setdefault(trial.family, trial)
+    return list(best.values())
+
 
 # Runs by which a set is rated while searching: two of its family and two wide ones.
 TRIAL_RUNS = 4
@@ -38,40 +118,26 @@ PROOF_TRIES = 5
 USUAL = ExciteOptions()
 
 
-def excite(
-    arm: ArmModel,
-    hypotheses: Hypotheses,
-    options: ExciteOptions = USUAL,
-    around: Surroundings = OPEN,
-    progress: Progress | None = None,
-) -> Excitation:
-    """The motion that parts hypotheses best.
+class Designer:
+    """Looks for the motion of one arm that parts some hypotheses.
 
     Args:
         arm: The arm.
         hypotheses: What is to be parted.
         options: Length, evaluations, seed, and what stands in for links without collision geometry.
         around: What stands around the arm, and limits inside the robot's.
-        progress: Called after each evaluation with evaluations, allowed, best score.
 
     Raises:
-        RobotError: No motion of this arm keeps its limits and its distance from itself, or a link has no shape.
+        RobotError: A link has no shape.
     """
-    return Designer(arm, hypotheses, options, around).best(progress)
-
-
-class Designer:
-    """Looks for the motion of one arm that parts some hypotheses; arguments as of `excite`."""
 
     def __init__(
         self, arm: ArmModel, hypotheses: Hypotheses, options: ExciteOptions = USUAL, around: Surroundings = OPEN
     ) -> None:
-        self.arm, self.options = arm, options
+        self.arm, self.options, self.hypotheses = arm, options, hypotheses
         self.predictor, self.feasible = Predictor.of(arm, hypotheses.noise), Feasibility(arm, options.shapes, around)
-        self.general = RunSet(
-            "wide", WIDE_FIGURES, np.array(self.feasible.limits.centre), hypotheses.joint, options.seed
-        )
-        self.hypotheses = hypotheses
+        home = np.array(self.feasible.limits.centre)
+        self.general = RunSet("wide", WIDE_FIGURES, home, hypotheses.joint, options.seed)
         self.hypotheses = replace(hypotheses, testable=self._testable())
 
     def see(self, runs: list[ReferenceMotion]) -> PredictedDesign:
@@ -89,7 +155,14 @@ class Designer:
         return 60.0 * self.hypotheses.score(self.see(runs)) / duration_of(runs) if runs else -np.inf
 
     def best(self, progress: Progress | None = None) -> Excitation:
-        """The motion that a search finds, with random motion of its length beside it."""
+        """The motion that a search finds, with random motion of its length beside it.
+
+        Args:
+            progress: Called after each evaluation with evaluations, allowed, best score.
+
+        Raises:
+            RobotError: No motion of this arm keeps its limits and its distance from itself.
+        """
         began, asked, scene = time.perf_counter(), self.hypotheses, self.feasible.scene
         run_sets, evaluations, seed = [self.general], 0, self.options.seed
         if asked.testable != ():

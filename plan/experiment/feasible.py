@@ -18,8 +18,7 @@ from plan.geometry.link_pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import record_carried
 from plan.options import ExciteOptions
-from plan.problem.obstacle_tables import floor_box
-from plan.problem.task_file import Surroundings, load_surroundings
+from plan.problem.task_file import Surroundings, floor_box, load_surroundings
 
 # Distances that a proof tries [m]; the first is kept: an arm under test follows its commands by some millimetres only.
 MARGINS = (0.01, 0.005, 0.001)

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pacsv
 
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder
 from ident.results import Result
-from ident.trajectories.reference import TICK_S, ReferenceMotion
+from ident.trajectories.files import write_commands
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.hypotheses import Aim, Distances
 from plan.experiment.run_set import RunSet, duration_of
 from plan.geometry.scene import Scene
@@ -26,8 +25,6 @@ MOTION_KIND = "motion"
 Status = Literal["ready", "one_sided", "needs_set_up"]
 # Odds at which a class counts as decided, and the largest that are believed.
 ODDS, LARGEST_ODDS = 20.0, 1e9
-# Of a millisecond's ticks one in this many is written: 250 Hz.
-THINNING = 4
 
 
 def odds_of(distance: float) -> float:
@@ -142,8 +139,7 @@ class Excitation(Result):
             "joints": list(self.noise),
             "obstacles": [box.name for box in self.scene.obstacles],
             "carried": list(self.carried),
-            "unchecked_pairs": [pair.to_dict() for pair in self.scene.unchecked],
-            **self.scene.shapes.to_dict(),
+            **self.scene.to_dict(),
             "distance": {
                 "proposed": {" against ".join(pair): value for pair, value in self.distances.items()},
                 "random": {" against ".join(pair): value for pair, value in self.random.items()},
@@ -167,10 +163,5 @@ class Excitation(Result):
     def write(self, folder: str | Path) -> None:
         """The runs as command files at 250 Hz in native columns, and `excite.json`; whole or not at all."""
         with atomic_folder(folder, MOTION_KIND) as part:
-            for file, run in zip(self.file_names, self.runs, strict=True):
-                q, dq = np.round(run.q[::THINNING], 8), np.round(run.dq[::THINNING], 7)
-                columns = {"time": np.round(np.arange(len(q)) * THINNING * TICK_S, 6)}
-                for j, joint in enumerate(self.noise):
-                    columns |= {f"{joint}/position_command": q[:, j], f"{joint}/velocity_command": dq[:, j]}
-                pacsv.write_csv(pa.table(columns), part / file)
+            write_commands(self.runs, list(self.noise), part)
             (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")

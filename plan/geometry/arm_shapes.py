@@ -2,12 +2,18 @@
 
 Without a shape there is nothing to prove. A link that the URDF gives no `<collision>` is named, and the arm refused,
 unless the user says what is to stand in for it: its visual shapes, or capsules or boxes fitted to the link's length.
+
+Meshes of links count as convex parts: a bent link's hull fills its bend, and many positions of a folded arm with it. A
+mesh is cut by planes along its axes, each time where the hulls of both sides lose the most volume together, until a cut
+brings next to nothing. Every triangle is cut with it, so each lies inside a part, whatever the mesh is like.
 """
 
 from __future__ import annotations
 
+import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -15,13 +21,119 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ident.errors import RobotError
+from ident.arrays import Array, Float
+from ident.compiled import user_cache
+from ident.errors import InputError, RobotError
+from ident.files import atomic_write
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
+from ident.safe_read import read_arrays
 from plan.errors import MethodError
-from plan.geometry.boxes import Box
-from plan.geometry.convex_parts import convex_parts
-from plan.geometry.solids import Solid, mesh_triangles
+from plan.geometry.solids import Box, Solid, hull_points, mesh_triangles
+
+# Places of cuts, as shares of the length along each axis; least gain of one, as a share of the whole hull's volume.
+PLACES, LEAST = np.linspace(0.1, 0.9, 9), 0.02
+MOST = 16
+# Triangles by which cuts are chosen, at most; area vectors of a closed surface add up to this share of it, or less.
+ENOUGH, CLOSED = 3000, 1e-3
+# Changes with the way of cutting, so that parts that were kept before are not taken up.
+VERSION = b"1"
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexParts:
+    """A mesh as convex parts.
+
+    Attributes:
+        corners: Of each part, in the mesh's axes [m].
+        excess: By how much the parts hold more than the mesh, as a share of its volume; None of an open mesh.
+    """
+
+    corners: tuple[Float[Array, "k 3"], ...]
+    excess: float | None
+
+
+def convex_parts(triangles: Float[Array, "m 3 3"]) -> ConvexParts:
+    """Parts whose hulls hold every triangle; kept in the user's cache by the triangles' content.
+
+    Args:
+        triangles: Corners of each [m].
+    """
+    triangles = np.ascontiguousarray(triangles, dtype=float)
+    cache, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
+    kept = None if cache is None else cache / "parts" / name
+    with suppress(InputError, ValueError, KeyError, TypeError):  # what can't be read is made anew
+        arrays = read_arrays(kept, "remove it") if kept is not None and kept.is_file() else {}
+        excess = float(arrays["excess"])
+        return ConvexParts(tuple(np.split(arrays["corners"], arrays["ends"])), None if np.isnan(excess) else excess)
+    found = _cut(triangles)
+    if kept is not None:
+        ends = np.cumsum([len(part) for part in found.corners])[:-1]
+        with suppress(OSError, InputError), atomic_write(kept) as file:  # nobody may write everywhere
+            np.savez(file, corners=np.concatenate(found.corners), ends=ends, excess=np.array(found.excess, dtype=float))
+    return found
+
+
+def _cut(triangles: Array) -> ConvexParts:
+    a, b, c = (triangles[:, k] for k in range(3))
+    areas, whole, parts, volume = np.cross(b - a, c - a), _hull_volume(triangles), [triangles], None
+    if np.linalg.norm(areas.sum(axis=0)) <= CLOSED * np.linalg.norm(areas, axis=1).sum():
+        volume = float(abs(np.einsum("ij,ij->i", a - a[0], np.cross(b - a[0], c - a[0])).sum()) / 6.0) or None
+    cuts = [_best_cut(triangles, whole)] if volume is None or whole > (1.0 + LEAST) * volume else []
+    while cuts and len(parts) < MOST:
+        worst = max(range(len(parts)), key=lambda k: cuts[k][0])
+        gain, axis, place = cuts[worst]
+        if gain < LEAST * whole:
+            break
+        sides = clip(parts[worst], axis, place)
+        parts[worst : worst + 1] = sides
+        cuts[worst : worst + 1] = [_best_cut(side, _hull_volume(side)) for side in sides]
+    held = sum(_hull_volume(part) for part in parts)
+    corners = tuple(hull_points(np.unique(part.reshape(-1, 3), axis=0)) for part in parts)
+    return ConvexParts(corners, None if volume is None else max(held / volume - 1.0, 0.0))
+
+
+def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
+    """Volume that the best cut takes off the hull [m³], its axis and its place [m]."""
+    some = triangles[:: max(1, len(triangles) // ENOUGH)]
+    low, high = (pick(some.reshape(-1, 3), axis=0) for pick in (np.min, np.max))
+    best = (0.0, 0, 0.0)
+    for axis in range(3):
+        for place in low[axis] + PLACES * (high[axis] - low[axis]):
+            sides = clip(some, axis, place)
+            if all(len(side) for side in sides):
+                best = max(best, (whole - sum(_hull_volume(side) for side in sides), axis, float(place)))
+    return best
+
+
+def clip(triangles: Float[Array, "m 3 3"], axis: int, place: float) -> tuple[Array, Array]:
+    """The triangles below and above a plane, those that cross it cut in three."""
+    above = triangles[:, :, axis] > place
+    count = above.sum(axis=1)
+    sides = [[triangles[count == 0]], [triangles[count == 3]]]
+    for side in (0, 1):  # those with one corner alone on this side
+        crossing = count == (1 if side else 2)
+        corners, rows = triangles[crossing], np.arange(int(crossing.sum()))
+        alone = np.argmax(above[crossing] == bool(side), axis=1)
+        tip, left, right = (corners[rows, (alone + k) % 3] for k in range(3))
+        on_left, on_right = (
+            tip + ((place - tip[:, axis]) / (end[:, axis] - tip[:, axis]))[:, None] * (end - tip)
+            for end in (left, right)
+        )
+        sides[side].append(np.stack([tip, on_left, on_right], axis=1))
+        sides[1 - side] += [np.stack([on_left, left, right], axis=1), np.stack([on_left, right, on_right], axis=1)]
+    return np.concatenate(sides[0]), np.concatenate(sides[1])
+
+
+def _hull_volume(triangles: Array) -> float:
+    """Volume of the hull of some triangles [m³]; zero where they are flat."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to load, and only meshes need it
+
+    try:
+        return float(ConvexHull(np.unique(triangles.reshape(-1, 3), axis=0)).volume)
+    except (QhullError, ValueError):
+        return 0.0
+
 
 StandIn = Literal["visual", "capsules", "boxes"]
 STAND_INS: tuple[StandIn, ...] = get_args(StandIn)
@@ -46,9 +158,9 @@ class ArmShapes:
     """
 
     boxes: tuple[Box, ...]
-    bare: tuple[str, ...] = ()
-    stand_in: StandIn | None = None
-    meshes: tuple[tuple[str, int, float | None], ...] = ()
+    bare: tuple[str, ...]
+    stand_in: StandIn | None
+    meshes: tuple[tuple[str, int, float | None], ...]
 
     @property
     def issue(self) -> TelemetryIssue | None:
@@ -70,17 +182,14 @@ class ArmShapes:
 
     def to_dict(self) -> dict[str, Any]:
         """What stands in for which links, the issue that reports it, and the convex parts of meshes."""
-        issue = self.issue
         names = ("link", "parts", "excess_volume_share")
         return {
             "stand_in": {"shapes": self.stand_in, "links": list(self.bare)},
-            "issues": [] if issue is None else [issue.to_dict()],
+            "issues": [] if self.issue is None else [self.issue.to_dict()],
             "link_meshes": [dict(zip(names, mesh, strict=True)) for mesh in self.meshes],
         }
 
 
-# Before any shape was read.
-NO_SHAPES = ArmShapes(())
 WORDS: dict[StandIn, str] = {
     "visual": "their visual shapes",
     "capsules": "capsules fitted to the links' lengths",

@@ -11,9 +11,8 @@ from numba import njit
 
 from ident.arrays import Array
 from ident.robot.chain import Chain
-from plan.geometry.boxes import Box
-from plan.geometry.simplex import simplex_gap
-from plan.geometry.solids import Solid
+from plan.geometry.separation import simplex_gap
+from plan.geometry.solids import Box, Solid
 
 # Hulls of so many corners are searched as they are; of larger ones at most so many corners, or as many as it takes
 # until the others stand out by less than this [m], which a radius makes up for.
@@ -112,9 +111,10 @@ class CompiledScene(NamedTuple):
     reach: Array
 
 
-def make_compiled(chain: Chain, links: int, bodies: CompiledBodies, tree: Tree) -> CompiledScene:
-    """A world with room of its own: loops of different threads must not share one."""
-    n = len(chain.masses)
+def compile_scene(chain: Chain, boxes: Sequence[Box], links: int) -> CompiledScene:
+    """Shapes for compiled loops, the arm's first; with room to write into, so for one thread at a time."""
+    bodies, n = compile_bodies(boxes), len(chain.masses)
+    tree = _build_tree(bodies, len(boxes), links)
     placed = bodies._replace(placed_rot=bodies.rot.copy(), placed_at=bodies.at.copy())
     return CompiledScene(chain, links, placed, tree, np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(n))
 
@@ -157,8 +157,8 @@ def _bodies_of(box: Box) -> tuple[Array, Array, Array, Array, float, Array, Arra
         half = np.full((len(at), 3), radius)
         # A ball has no axes, and its box along the base's is the smallest.
         return np.eye(3), at, half, np.zeros_like(half), radius, half[:, 0], np.empty((len(at), 0, 3))
-    if solid.kind in ("surface", "heights"):
-        corners = solid.prisms() if solid.kind == "heights" else solid.points[solid.triangles]
+    if solid.kind == "surface":
+        corners = solid.points[solid.triangles]
         low, high = corners.min(axis=1), corners.max(axis=1)
         middle, half = (low + high) / 2, (high - low) / 2
         local = corners - middle[:, None]
@@ -227,7 +227,7 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
         number += 1
 
 
-def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
+def _build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     """The tree of the bodies of the shapes from number `first` on, all of which stand in the world."""
     owned = np.flatnonzero((bodies.owner >= first) & (bodies.owner < shapes))
     extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[owned]), bodies.half[owned])

@@ -11,12 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
+from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_text, read_xml
-from plan.dynamics.placement import random_positions
+from plan.dynamics.rigid import random_positions
 from plan.errors import SceneError
-from plan.geometry.boxes import Box
-from plan.geometry.compiled import build_tree, compile_bodies, make_compiled
+from plan.geometry.compiled import compile_scene
+from plan.geometry.solids import Box
 from plan.geometry.sweep import ALL, gaps_of_states
 from plan.geometry.tool import CARRIED
 
@@ -32,7 +33,7 @@ OVERLAP = "their shapes overlap in most positions"
 
 
 @dataclass(frozen=True)
-class Unchecked:
+class Unchecked(Record):
     """Two links whose clearance is not looked at.
 
     Attributes:
@@ -42,9 +43,6 @@ class Unchecked:
 
     links: tuple[str, str]
     reason: str
-
-    def to_dict(self) -> dict[str, object]:
-        return {"links": list(self.links), "reason": self.reason}
 
 
 def choose_pairs(
@@ -90,10 +88,8 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
     """Gaps of some pairs at random positions [m]."""
     if not pairs:
         return np.empty((PROBES, 0))
-    bodies = compile_bodies(boxes)
-    world = make_compiled(arm.chain, links, bodies, build_tree(bodies, len(boxes), links))
-    found = gaps_of_states(world, np.array(pairs, dtype=np.int64), random_positions(arm, PROBES), 1e9, ALL)
-    return np.asarray(found)
+    which, q = np.array(pairs, dtype=np.int64), random_positions(arm, PROBES)
+    return np.asarray(gaps_of_states(compile_scene(arm.chain, boxes, links), which, q, 1e9, ALL))
 
 
 def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:

@@ -7,13 +7,12 @@ keep what was asked for; an end at which an obstacle is nearer than that is refu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Float, freeze
 
 if TYPE_CHECKING:
     from plan.geometry.scene import Scene
@@ -93,11 +92,6 @@ def find_cuts(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> tuple[Cu
     end, least = distances.argmin(axis=0), distances.min(axis=0)
     near = np.flatnonzero(scene.own & (least < asked))
     return tuple(Cut(int(p), scene.names_of(int(p)), ENDS[end[p]], asked, max(float(least[p]), 0.0)) for p in near)
-
-
-def uncut(scene: Scene, cuts: Sequence[Cut]) -> Bool[Array, " P"]:
-    """Which pairs keep what was asked for."""
-    return ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
 
 
 def why_refused(scene: Scene, q: Float[Array, " n"], asked: float) -> tuple[str, str] | None:

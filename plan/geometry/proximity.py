@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float, Int
 from ident.robot.arm import ArmModel
-from plan.dynamics.placement import slopes_of_points
-from plan.geometry.boxes import Box
+from plan.dynamics.rigid import slopes_of_points
+from plan.geometry.solids import Box
 
 # Coal's own default of 1e-6 leaves noise of 0.1 µm in distances, which spoils their derivatives.
 TOLERANCE = 1e-10

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.records import as_record
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
-from plan.dynamics.placement import random_positions
-from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, arm_shapes
-from plan.geometry.boxes import Box
-from plan.geometry.compiled import CompiledBodies, CompiledScene, Tree, build_tree, compile_bodies, make_compiled
+from plan.dynamics.rigid import random_positions
+from plan.geometry.arm_shapes import ArmShapes, arm_shapes
+from plan.geometry.compiled import CompiledScene, compile_scene
 from plan.geometry.link_pairs import FLOOR, OVERLAP, Unchecked, choose_pairs
 from plan.geometry.margins import Margins
-from plan.geometry.mesh_obstacles import holds
+from plan.geometry.obstacle_files import holds
 from plan.geometry.proximity import Proximity
-from plan.geometry.solids import CLOSED, Solid
+from plan.geometry.solids import Box, Solid
 from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep
-from plan.geometry.tool import Carried, allowed_touches, place_carried
+from plan.geometry.tool import Carried, place_carried
 from plan.spline import Splines
 
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
@@ -30,19 +30,6 @@ SHARP = 0.01
 # Links with no more joints between them than this, the share of so many positions in which "hardly ever" is meant, and
 # the gap beyond which it does not matter [m].
 BESIDE, HARDLY, DRAWN, WIDE = 2, 0.95, 200, 0.1
-
-
-def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: Sequence[str] = ()) -> list[str]:
-    """What a proof of clearance does not speak of, a line each: shapes that stand in or hold more, pairs left out."""
-    lines = [] if shapes.issue is None else [f"not the arm's own shape: {shapes.issue.evidence}"]
-    lines += [shapes.coarser] * bool(shapes.coarser) + [f"larger than its file says: {one}" for one in coarser]
-    reasons: dict[str, list[str]] = {}
-    for pair in unchecked:
-        reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
-    return lines + [
-        f"{'warning: ' * (reason == OVERLAP)}not checked ({reason}): {'; '.join(pairs)}"
-        for reason, pairs in reasons.items()
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +47,8 @@ class Scene:
     arm: ArmModel
     boxes: tuple[Box, ...]
     pairs: Int[Array, "P 2"]
-    unchecked: tuple[Unchecked, ...] = ()
-    shapes: ArmShapes = NO_SHAPES
+    unchecked: tuple[Unchecked, ...]
+    shapes: ArmShapes
 
     @classmethod
     def build(
@@ -85,8 +72,10 @@ class Scene:
             RobotError: A link has no shape and nothing stands in.
         """
         shapes = arm_shapes(arm, stand_in)
-        links = place_carried(arm, shapes.boxes, carried)
-        pairs, unchecked = choose_pairs(arm, links, obstacles, {**(disabled or {}), **allowed_touches(carried)})
+        links, left_out = place_carried(arm, shapes.boxes, carried), dict(disabled or {})
+        for one in carried:
+            left_out |= {frozenset((one.box.name, name)): "it may touch what is carried" for name in one.touches}
+        pairs, unchecked = choose_pairs(arm, links, obstacles, left_out)
         every = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         every.setflags(write=False)
         return cls(arm, (*links, *obstacles), every, unchecked, shapes)
@@ -100,6 +89,24 @@ class Scene:
     def coarser(self) -> tuple[str, ...]:
         """Obstacles that are larger here than in their files, because these hold too much; and by how much."""
         return tuple(f"{box.name}: {box.solid.note}" for box in self.obstacles if box.solid.note)
+
+    @property
+    def limits_of_proof(self) -> list[str]:
+        """What a proof does not speak of, a line each: shapes that stand in or hold more, pairs left out."""
+        issue, meshes = self.shapes.issue, self.shapes.coarser
+        lines = [] if issue is None else [f"not the arm's own shape: {issue.evidence}"]
+        lines += [meshes] * bool(meshes) + [f"larger than its file says: {one}" for one in self.coarser]
+        reasons: dict[str, list[str]] = {}
+        for pair in self.unchecked:
+            reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
+        return lines + [
+            f"{'warning: ' * (reason == OVERLAP)}not checked ({reason}): {'; '.join(pairs)}"
+            for reason, pairs in reasons.items()
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same for results: pairs left out, what stands in for which links, and the convex parts of meshes."""
+        return {"unchecked_pairs": as_record(self.unchecked), **self.shapes.to_dict()}
 
     @property
     def in_the_way(self) -> tuple[Box, ...]:
@@ -118,7 +125,11 @@ class Scene:
     # Compiled: gaps that are never above the distance, thousands of positions at a time.
 
     def gaps(
-        self, q: Float[Array, "T n"], beyond: float = 1e9, wanted: Bool[Array, "T P"] | None = None
+        self,
+        q: Float[Array, "T n"],
+        beyond: float = 1e9,
+        wanted: Bool[Array, "T P"] | None = None,
+        pairs: Int[Array, "P 2"] | None = None,
     ) -> Float[Array, "T P"]:
         """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm.
 
@@ -126,13 +137,12 @@ class Scene:
             q: Positions [rad].
             beyond: Gap that may stand for any larger one: far pairs then cost next to nothing [m].
             wanted: Which pairs to look at, position by position, if not all; `beyond` stands for the others.
+            pairs: Other pairs than all that are checked.
         """
-        return self._gaps(self.pairs, q, beyond, ALL if wanted is None else wanted)
-
-    def _gaps(self, pairs: Array, q: Array, beyond: float, wanted: Array = ALL) -> Array:
+        pairs, q = self.pairs if pairs is None else pairs, np.ascontiguousarray(q, dtype=float)
         if len(pairs) == 0:
             return np.empty((len(q), 0))
-        return np.asarray(gaps_of_states(self._world, pairs, _rows(q), beyond, wanted))
+        return np.asarray(gaps_of_states(self._world, pairs, q, beyond, ALL if wanted is None else wanted))
 
     def separation(
         self, q: Float[Array, "T n"], margins: Margins | float = 0.0, most: float = 1.0
@@ -161,7 +171,7 @@ class Scene:
         """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
         found = self.proximity.distances(q)
         for pair in self._pieced:
-            closed = self.boxes[self.pairs[pair, 0]].solid.kind in CLOSED
+            closed = self.boxes[self.pairs[pair, 0]].solid.kind == "surface"
             if closed and found[pair] > 0.0 and self._engulfed(q, pair):
                 found[pair] = -found[pair]
         return found
@@ -179,24 +189,23 @@ class Scene:
         """
         known, beyond = np.full(len(self.pairs), -np.inf), np.zeros(len(self.pairs)) + target + near
         if len(self._pieced):
-            known[self._pieced] = self._gaps(self.pairs[self._pieced], q[None], float(np.max(beyond)))[0]
+            known[self._pieced] = self.gaps(q[None], float(np.max(beyond)), None, self.pairs[self._pieced])[0]
             beyond[self._pieced] += min(near, SHARP) - near
         return self.proximity.near_distances(q, beyond, known)
 
     def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
         """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
         rows = np.flatnonzero(np.isin(pairs, self._pieced))
-        bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], _rows(q[rows])) if len(rows) else ()
+        bodies = nearest_of_states(self._world, self.pairs[pairs[rows]], q[rows]) if len(rows) else ()
         return self.proximity.gradients(q, pairs, dict(zip(rows, map(self._piece, bodies), strict=True)))
 
     def _piece(self, number: int) -> Box:
         """A body of what stands in the world as a shape by itself."""
-        bodies = self._compiled[0]
+        bodies = self._world.bodies
         solid = Solid.simple("sphere", bodies.radius[number])
         if bodies.number[number] > 0:
             corners = bodies.corners[bodies.first[number] :][: bodies.number[number]]
-            flat = len(corners) == 3
-            solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
+            solid = Solid.surface(corners, np.array([[0, 1, 2]]))
         return Box.around(self.boxes[bodies.owner[number]].name, solid, 0, bodies.rot[number], bodies.at[number])
 
     def _engulfed(self, q: Array, pair: int) -> bool:
@@ -261,9 +270,9 @@ class Scene:
 
     @cached_property
     def _pieced(self) -> Int[Array, " s"]:
-        """Pairs whose first shape is many bodies: a closed mesh, a height field or a cloud."""
-        kinds = (*CLOSED, "cloud")
-        return np.array([i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in kinds], dtype=np.int64)
+        """Pairs whose first shape is many bodies: a closed mesh or a cloud."""
+        kinds = [self.boxes[first].solid.kind for first, _ in self.pairs]
+        return np.array([i for i, kind in enumerate(kinds) if kind in ("surface", "cloud")], dtype=np.int64)
 
     @cached_property
     def _links(self) -> int:
@@ -271,22 +280,6 @@ class Scene:
         return sum(box.body >= 0 for box in self.boxes)
 
     @cached_property
-    def _compiled(self) -> tuple[CompiledBodies, Tree]:
-        bodies = compile_bodies(self.boxes)
-        return bodies, build_tree(bodies, len(self.boxes), self._links)
-
-    @cached_property
-    def _rooms(self) -> threading.local:
-        return threading.local()
-
-    @property
     def _world(self) -> CompiledScene:
-        """For compiled loops, one for each thread."""
-        if not hasattr(self._rooms, "world"):
-            self._rooms.world = make_compiled(self.arm.chain, self._links, *self._compiled)
-        found: CompiledScene = self._rooms.world
-        return found
-
-
-def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
-    return np.ascontiguousarray(q, dtype=float)
+        """For compiled loops."""
+        return compile_scene(self.arm.chain, self.boxes, self._links)

@@ -1,10 +1,11 @@
-"""What a shape is exactly, beside the box around it: a ball, a rod, a hull, a surface, a cloud of balls."""
+"""Shapes of the arm's links and of obstacles: what each is exactly, and the oriented box around it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import coal
@@ -12,9 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 
-Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface", "cloud", "heights"]
-# Kinds with an inside that the triangles of their surface alone do not know.
-CLOSED: tuple[Kind, ...] = ("surface", "heights")
+Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface", "cloud"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +23,7 @@ class Solid:
     Attributes:
         kind: What it is.
         size: Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule, whose
-            half length leaves its caps out, and of a cylinder; radius of a cloud's balls; height of the base of a
-            height field; empty for the others [m].
+            half length leaves its caps out, and of a cylinder; radius of a cloud's balls; empty for the others [m].
         points: Corners of a hull or a surface, middles of a cloud's balls [m].
         triangles: Corners of each triangle of a surface, by number, seen from outside against the clock.
         note: What of the file that it comes from was made coarser; empty for nothing.
@@ -65,16 +63,6 @@ class Solid:
         """By which the points that Coal knows have to be grown [m]."""
         return float(self.size[0]) if self.kind == "cloud" else 0.0
 
-    def prisms(self) -> Float[Array, "c 6 3"]:
-        """Corners of the prisms of a height field: each triangle of its top, and the same at its base."""
-        assert self.kind == "heights"
-        sides = self.points[self.triangles]
-        normal = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-        top = sides[normal[:, 2] > 0.0]
-        foot = top.copy()
-        foot[:, :, 2] = self.size[0]
-        return np.concatenate([top, foot], axis=1)
-
     @property
     def half(self) -> Float[Array, " 3"]:
         """Half edge lengths of the box around it [m]."""
@@ -106,7 +94,9 @@ class Solid:
             make = coal.Capsule if self.kind == "capsule" else coal.Cylinder
             return make(float(self.size[0]), 2.0 * float(self.size[1]))
         if self.kind == "hull":
-            return coal.ConvexBase.convexHull(_vector(self.points), True, "Qt")
+            points = coal.StdVec_Vec3s()
+            points.extend(np.array(point) for point in self.points)
+            return coal.ConvexBase.convexHull(points, True, "Qt")
         model = coal.BVHModelOBBRSS()
         cloud = self.kind == "cloud"
         triangles = np.repeat(np.arange(len(self.points))[:, None], 3, axis=1) if cloud else self.triangles
@@ -136,8 +126,74 @@ def mesh_triangles(model: coal.BVHModelBase) -> Int[Array, "m 3"]:
     return np.array(corners, dtype=np.int64).reshape(-1, 3)
 
 
-def _vector(points: Float[Array, "k 3"]) -> coal.StdVec_Vec3s:
-    out = coal.StdVec_Vec3s()
-    for point in points:
-        out.append(np.array(point))
-    return out
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A shape fixed to a joint of the arm, or to the world, by the box around it.
+
+    Attributes:
+        name: Name of the link or obstacle.
+        joint: Number of the joint that carries it, 1 to n; 0 for the world.
+        rotation: Its axes in the joint frame.
+        centre: Its centre in the joint frame [m].
+        half: Half edge lengths [m].
+        body: Order of its link along the arm; -1 for an obstacle.
+        solid: What it is exactly; the box itself if not given.
+    """
+
+    name: str
+    joint: int
+    rotation: Float[Array, "3 3"]
+    centre: Float[Array, " 3"]
+    half: Float[Array, " 3"]
+    body: int = -1
+    solid: Solid = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for field in ("rotation", "centre", "half"):
+            object.__setattr__(self, field, freeze(np.asarray(getattr(self, field), dtype=float)))
+        if self.solid is None:
+            object.__setattr__(self, "solid", Solid.simple("box", *self.half))
+
+    @classmethod
+    def around(
+        cls,
+        name: str,
+        solid: Solid,
+        joint: int = 0,
+        rotation: Float[Array, "3 3"] | None = None,
+        centre: Float[Array, " 3"] | None = None,
+        body: int = -1,
+    ) -> Box:
+        """The box around a solid, whose axes and centre are the solid's own."""
+        axes, place = np.eye(3) if rotation is None else rotation, np.zeros(3) if centre is None else centre
+        return cls(name, joint, axes, place, solid.half, body, solid)
+
+    @classmethod
+    def around_parts(
+        cls, name: str, parts: Sequence[Float[Array, "k 3"]], joint: int, rotation: Array, centre: Array, body: int
+    ) -> Box:
+        """Convex parts by their corners, which are given in axes of their own, placed in the joint frame like these."""
+        points = np.concatenate(parts)
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        solid = Solid.hull(points - middle, [part - middle for part in parts] if len(parts) > 1 else ())
+        return cls.around(name, solid, joint, rotation, centre + rotation @ middle, body)
+
+    @cached_property
+    def parts(self) -> tuple[Box, ...]:
+        """Its convex parts, each a shape by itself; itself alone if it has none."""
+        if not self.solid.parts:
+            return (self,)
+        place = self.joint, self.rotation, self.centre, self.body
+        return tuple(Box.around_parts(self.name, [part], *place) for part in self.solid.parts)
+
+    @property
+    def corners(self) -> Float[Array, "8 3"]:
+        """Corners in the joint frame [m]."""
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+        return self.centre + (signs * self.half) @ self.rotation.T
+
+    @property
+    def farthest(self) -> float:
+        """Farthest that a point of it can be from the joint frame's origin [m]."""
+        ball = float(np.linalg.norm(self.centre)) + self.solid.radius
+        return min(ball, float(np.linalg.norm(self.corners, axis=1).max()))

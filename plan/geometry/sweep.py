@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from plan.dynamics.placement import joint_axis, place_bodies, place_frames
+from plan.dynamics.rigid import joint_axis, place_bodies, place_frames
 from plan.geometry.compiled import DEEPEST
 from plan.geometry.separation import BAND, ball_gap, shape_gap
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
-from plan.geometry.boxes import Box
+from plan.geometry.solids import Box
 
 if TYPE_CHECKING:  # a scene file is read before anything heavy is loaded
     import pinocchio as pin
@@ -105,11 +105,6 @@ def place_carried(arm: ArmModel, links: Sequence[Box], carried: Sequence[Carried
         at: tuple[Array, Array] = (turn @ box.rotation, turn @ box.centre + place)
         placed.append(Box(box.name, frame.parentJoint, *at, box.half, CARRIED + 2 * number, box.solid))
     return sorted([*links, *placed], key=lambda box: box.joint)
-
-
-def allowed_touches(carried: Sequence[Carried]) -> Mapping[frozenset[str], str]:
-    """Pairs of what is carried and links that may touch each other, and why."""
-    return {frozenset((one.box.name, name)): "it may touch what is carried" for one in carried for name in one.touches}
 
 
 def name_links(arm: ArmModel, carried: Sequence[Carried]) -> tuple[Carried, ...]:

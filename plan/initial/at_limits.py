@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
@@ -35,11 +33,15 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
         needs.append(np.sqrt(np.abs(ddq[0]).max(axis=0) / limits.acceleration))
     if limits.jerk is not None:
         needs.append(np.cbrt(unit.top_jerk[0] / limits.jerk))
-    tool = _tool_speed(problem, q[0], dq[0])
+    rows = [] if problem.rules is None else problem.rules.rows(q[0], dq[0])
+    tool = max((float(np.sqrt(row.value.max() / row.aim)) for row in rows if row.by_speed is not None), default=0.0)
     least = max(tool, float(np.max(np.concatenate(needs))), 1e-3)
     times = least * SLOWER
     while times[-1] / times[0] > 1.001:
-        kept = _torque_kept(problem, (q, dq, ddq), times)
+        stretch = times[:, None, None]
+        states = (np.repeat(part, len(times), axis=0) for part in (q, dq, ddq))
+        torque = problem.model.torque(*(part / stretch**order for order, part in enumerate(states)))
+        kept = (np.abs(torque) <= limits.torque).all(axis=(1, 2))
         if not kept[-1]:
             times = np.array([least])
             break
@@ -49,34 +51,18 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
     return replace(problem, durations=shares * total)
 
 
-def _tool_speed(problem: PlanningProblem, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> float:
-    """Duration that the tool's top speed asks for, of a motion given at unit duration [s]."""
-    if problem.rules is None:
-        return 0.0
-    rows = [row for row in problem.rules.rows(q, dq) if row.by_speed is not None]
-    return max((float(np.sqrt(row.value.max() / row.aim)) for row in rows), default=0.0)
-
-
-def _torque_kept(problem: PlanningProblem, unit: tuple[Array, Array, Array], times: Float[Array, " m"]) -> Array:
-    """Whether a motion of unit duration keeps the torque limits when it lasts so long."""
-    q, dq, ddq = (np.repeat(part, len(times), axis=0) for part in unit)
-    stretch = times[:, None, None]
-    torque = np.abs(problem.model.torque(q, dq / stretch, ddq / stretch**2))
-    return np.asarray((torque <= problem.limits.torque).all(axis=(1, 2)))
-
-
 def quickest_of_each_joint(problem: PlanningProblem) -> PlanningProblem | None:
     """The motion that is quickest by the limits of speed, acceleration and jerk alone, all joints arriving together.
 
     Exact for a task without obstacles whose torque limits leave the room.
 
     Returns:
-        None where acceleration has no limit, or ruckig is not installed.
+        None where acceleration has no limit.
 
     Source: Berscheid and Kröger, Jerk-limited real-time trajectory generation with arbitrary target states, 2021.
     """
     limits = problem.limits
-    if limits.acceleration is None or importlib.util.find_spec("ruckig") is None:
+    if limits.acceleration is None:
         return None
     from ruckig import InputParameter, Result, Ruckig, Trajectory
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
 from ident.robot.arm import ArmModel
-from plan.problem.pose import Pose
+from plan.problem.rules import Pose
 
 # Places that the search starts from, most steps from each, and their damping.
 STARTS, STEPS, DAMPING = 160, 60, 1e-4
@@ -36,22 +36,15 @@ class Ways:
     nearest: tuple[float, float]
 
 
-def find_frame(arm: ArmModel, name: str | None) -> int | None:
-    """Number of a frame of the arm, that of its last link without a name; None where it has none of that name."""
-    wanted = arm.links[-1] if name is None else name
-    found = [k for k, frame in enumerate(arm.model.frames) if frame.name == wanted]
-    return found[-1] if found else None
-
-
 def reach_pose(
-    arm: ArmModel, pose: Pose, frame: int, start: Float[Array, " n"], lower: Float[Array, " n"], upper: Array
+    arm: ArmModel, pose: Pose, frame: str, start: Float[Array, " n"], lower: Float[Array, " n"], upper: Array
 ) -> Ways:
     """Every joint position that brings a frame to a pose, by damped Gauss-Newton steps from many places.
 
     Args:
         arm: The arm.
         pose: Where the frame is to be.
-        frame: The frame's number.
+        frame: The frame's name.
         start: Where the arm stands; joints that turn all round are brought as near to it as their limits allow.
         lower, upper: Position limits.
     """
@@ -77,10 +70,11 @@ def reach_pose(
 
 
 class PoseSolver:
-    """Brings one frame, known by its number, to places and poses."""
+    """Brings one frame, known by its name, to places and poses."""
 
-    def __init__(self, arm: ArmModel, frame: int) -> None:
-        self._model, self._frame, self._data = arm.model, frame, arm.model.createData()
+    def __init__(self, arm: ArmModel, frame: str) -> None:
+        self._model, self._data = arm.model, arm.model.createData()
+        self._frame = max(k for k, one in enumerate(arm.model.frames) if one.name == frame)
 
     def place(self, q: Float[Array, " n"]) -> Float[Array, " 3"]:
         """The frame's place at a joint position [m]."""

@@ -8,20 +8,19 @@ the line are the places through which the tip may go. Trees lead from the start 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from plan.geometry.boxes import Box
-from plan.geometry.scene import Scene
+from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import PoseSolver
-from plan.initial.rrt import Path, TreeOptions, connect, is_free, prune
-from plan.problem.pose import Pose
+from plan.initial.trees import Trees
 from plan.problem.problem import PlanningProblem
+from plan.problem.rules import Pose
 
 DIRECTIONS = 8
 # Initial positions from which the arm is brought to a point, and how near to it is there [m].
@@ -64,150 +63,98 @@ def midplane_targets(
     """
     middle, along = (start + goal) / 2, goal - start
     length = np.linalg.norm(along)
-    normal = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
     found = [("midpoint", middle)]
     if not obstacles:
         return found
-    axes = _plane_axes(normal)
-    corners = np.concatenate([box.corners for box in obstacles])
-    flat = (corners - middle) @ axes.T
-    hull = _hull(flat)
-    centre = hull.mean(axis=0)
+    axes = _plane_axes(along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0]))
+    flat = (np.concatenate([box.corners for box in obstacles]) - middle) @ axes.T
+    try:
+        hull = ConvexHull(flat)
+    except QhullError:  # they have no area, seen from there
+        hull = ConvexHull(flat, qhull_options="QJ")
+    centre = flat[hull.vertices].mean(axis=0)
+    room = -(hull.equations[:, :2] @ centre + hull.equations[:, 2])
     for i in range(DIRECTIONS):
         angle = 2 * np.pi * i / DIRECTIONS
         ray = np.array([np.cos(angle), np.sin(angle)])
-        place = centre + (_exit(hull, centre, ray) + inflation) * ray
-        found.append((f"{round(np.degrees(angle))} deg", middle + place @ axes))
+        outward = hull.equations[:, :2] @ ray
+        exit_ = float((room / np.where(outward > 1e-12, outward, np.nan))[outward > 1e-12].min())
+        found.append((f"{round(np.degrees(angle))} deg", middle + (centre + (exit_ + inflation) * ray) @ axes))
     return found
 
 
 def _plane_axes(normal: Float[Array, " 3"]) -> Float[Array, "2 3"]:
     """Two unit vectors of the plane: the first level where that is possible, the second upwards."""
-    up = np.array([0.0, 0.0, 1.0])
-    first = np.cross(up, normal)
+    first = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(first) < 1e-6:
         first = np.array([1.0, 0.0, 0.0])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first)])
 
 
-def _hull(points: Float[Array, "k 2"]) -> Float[Array, "m 2"]:
-    """Corners of the convex hull, in order; the points themselves where they have no area."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
-        return points
-
-
-def _exit(hull: Float[Array, "m 2"], origin: Float[Array, " 2"], ray: Float[Array, " 2"]) -> float:
-    """Distance from a point inside the hull to its boundary along a ray [m]."""
-    best = 0.0
-    for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True):
-        edge = b - a
-        matrix = np.array([ray, -edge]).T
-        if abs(np.linalg.det(matrix)) < 1e-12:
-            continue
-        distance, share = np.linalg.solve(matrix, a - origin)
-        if -1e-9 <= share <= 1 + 1e-9:
-            best = max(best, float(distance))
-    return best
-
-
-def find_seeds(
-    problem: PlanningProblem,
-    rng: np.random.Generator,
-    options: TreeOptions | None = None,
-    seconds: float = np.inf,
-) -> list[Seed]:
-    """Looks for the nine ways; those that fail say why.
-
-    Args:
-        problem: Task; its scene's obstacles shape the midplane.
-        rng: Source of randomness.
-        options: How the trees grow; the margins are the problem's unless given.
-        seconds: Processor time after which no further way is looked for [s].
-    """
-    started = time.process_time()
-    late = False
-    seeds: list[Seed] = []
-    ways = iterate_seeds(problem, rng, options)
-    for label, target in midplane_of(problem)[0]:
-        late = late or time.process_time() - started > seconds
-        seeds.append(Seed(label, target, reason="no time was left to look for it") if late else next(ways))
-    return seeds
-
-
-def midplane_of(problem: PlanningProblem) -> list[list[tuple[str, Float[Array, " 3"]]]]:
-    """The nine points of a task, at one, two and three girths from the obstacles' hull."""
-    tip, width = tip_solver(problem.scene.arm), girth(problem.scene)
-    ends = tip.place(problem.start), tip.place(problem.goal)
-    return [midplane_targets(*ends, problem.scene.in_the_way, share * width) for share in INFLATIONS]
+def find_seeds(problem: PlanningProblem, rng: np.random.Generator, seconds: float = np.inf) -> list[Seed]:
+    """Looks for the nine ways, for so much processor time at most [s]; those that fail say why."""
+    end = time.process_time() + seconds
+    return list(iterate_seeds(problem, Trees.of(problem, rng), late=lambda: time.process_time() > end))
 
 
 def iterate_seeds(
-    problem: PlanningProblem, rng: np.random.Generator, options: TreeOptions | None = None
+    problem: PlanningProblem, trees: Trees, most: int = RANGES[-1][1], late: Callable[[], bool] = lambda: False
 ) -> Iterator[Seed]:
-    """The nine ways one by one, each looked for when it is asked for."""
-    options, tip = options or TreeOptions(margins=problem.margins), tip_solver(problem.scene.arm)
-    for rays in zip(*midplane_of(problem), strict=True):
-        for label, target in rays:
-            seed = _find_seed(problem, tip, label, target, rng, options)
+    """The nine ways one by one, each looked for when it is asked for.
+
+    Args:
+        problem: Task; its scene's obstacles shape the midplane.
+        trees: Look for ways.
+        most: Most nodes of trees.
+        late: Whether no time is left to look for another one.
+    """
+    arm, scene = problem.scene.arm, problem.scene
+    tip = tip_solver(arm)
+    # Half the thickness of the arm's thickest moving box: how far the tip's way must stay outside.
+    girth = max((np.sort(box.half)[1] for box in scene.boxes if box.joint > 0 and box.body >= 0), default=0.0)
+    ends = tip.place(problem.start), tip.place(problem.goal)
+    for rays in zip(*(midplane_targets(*ends, scene.in_the_way, share * girth) for share in INFLATIONS), strict=True):
+        seed = Seed(rays[0][0], rays[0][1], reason="no time was left to look for it")
+        for label, target in () if late() else rays:
+            found = _look(problem, tip, target, trees, most)
+            seed = Seed(label, target, reason=found) if isinstance(found, str) else Seed(label, target, found)
             if not seed.reason or label == "midpoint":
                 break
         yield seed
 
 
-def girth(scene: Scene) -> float:
-    """Half the thickness of the arm's thickest moving box: how far the tip's way must stay outside [m]."""
-    return float(max((np.sort(box.half)[1] for box in scene.boxes if box.joint > 0 and box.body >= 0), default=0.0))
-
-
-def _find_seed(
-    problem: PlanningProblem,
-    tip: PoseSolver,
-    label: str,
-    target: Float[Array, " 3"],
-    rng: np.random.Generator,
-    options: TreeOptions,
-) -> Seed:
-    reached = _reach(problem, tip, target, rng, options)
+def _look(
+    problem: PlanningProblem, tip: PoseSolver, target: Array, trees: Trees, most: int
+) -> Float[Array, "V n"] | str:
+    """Via points of a way on which the tip passes a point; or why there is none."""
+    reached = _reach(problem, tip, target, trees)
     if isinstance(reached, str):
-        return Seed(label, target, reason=reached)
-    halves: list[Path] = []
+        return reached
+    halves: list[Array] = []
     for a, b, name in ((problem.start, reached, "from the start"), (reached, problem.goal, "to the goal")):
-        path = _connect(problem, a, b, options, rng)
-        if not path.found:
-            return Seed(label, target, reason=f"{name}: {path.reason}")
+        for reach, nodes in RANGES:  # ways near the ends are shorter
+            path = trees.connect(a, b, min(nodes, most), reach)
+            if not isinstance(path, str):
+                break
+        if isinstance(path, str):
+            return f"{name}: {path}"
         halves.append(path)
-    points = prune(problem.scene, np.concatenate([halves[0].points, halves[1].points[1:]]), options)
-    return Seed(label, target, points[1:-1])
+    return trees.prune(np.concatenate([halves[0], halves[1][1:]]))[1:-1]
 
 
-def _connect(problem: PlanningProblem, a: Array, b: Array, options: TreeOptions, rng: np.random.Generator) -> Path:
-    """A way between two positions: looked for near them first, which gives shorter ones."""
-    for reach, nodes in RANGES:
-        low = np.maximum(problem.limits.lower, np.minimum(a, b) - reach)
-        high = np.minimum(problem.limits.upper, np.maximum(a, b) + reach)
-        path = connect(problem.scene, a, b, low, high, replace(options, nodes=min(nodes, options.nodes)), rng)
-        if path.found:
-            break
-    return path
-
-
-def _reach(
-    problem: PlanningProblem, tip: PoseSolver, target: Array, rng: np.random.Generator, options: TreeOptions
-) -> Float[Array, " n"] | str:
+def _reach(problem: PlanningProblem, tip: PoseSolver, target: Array, trees: Trees) -> Float[Array, " n"] | str:
     """A free position with the tip at the target, the nearest to the middle of the task; or why there is none."""
-    middle = (problem.start + problem.goal) / 2
+    middle, limits = (problem.start + problem.goal) / 2, problem.limits
     found, blocked, outside = [], 0, 0
     for attempt in range(TRIES):
-        guess = middle + (rng.normal(size=problem.n) * 0.15 * attempt if attempt else 0.0)
-        q, missed = tip.descend(Pose(None, target), np.clip(guess, problem.limits.lower, problem.limits.upper))
+        guess = middle + (trees.rng.normal(size=problem.n) * 0.15 * attempt if attempt else 0.0)
+        q, missed = tip.descend(Pose(None, target), np.clip(guess, limits.lower, limits.upper))
         if missed[0] > THERE:
             continue
-        if np.any(q < problem.limits.lower) or np.any(q > problem.limits.upper):
+        if np.any(q < limits.lower) or np.any(q > limits.upper):
             outside += 1
-        elif not is_free(problem.scene, q[None], options.margins):
+        elif not trees.is_free(q[None]):
             blocked += 1
         else:
             found.append(q)
@@ -220,4 +167,4 @@ def _reach(
 
 def tip_solver(arm: ArmModel) -> PoseSolver:
     """Of the arm's tip: the last frame that the last joint moves."""
-    return PoseSolver(arm, max(k for k, frame in enumerate(arm.model.frames) if frame.parentJoint == arm.n))
+    return PoseSolver(arm, [frame.name for frame in arm.model.frames if frame.parentJoint == arm.n][-1])

@@ -1,15 +1,22 @@
-"""Initial trajectories as problems to search from: the straight line, seeds round obstacles, taught via points."""
+"""Where searches may begin: the line, taught via points, ways of trees and round obstacles, bent lines, rules."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count, pairwise
 
 import numpy as np
+import pinocchio as pin
 
 from ident.arrays import Array, Float
-from plan.initial.rrt_starts import Seed
+from plan.initial.inverse_kinematics import PoseSolver
+from plan.initial.rrt_starts import Seed, iterate_seeds
+from plan.initial.trees import Trees, endless
 from plan.problem.problem import PlanningProblem
+from plan.problem.rule_values import TURNING, Rules
+from plan.problem.rules import Pose
+from plan.spline import Splines
 
 # More via points than this are thinned out: every one adds n variables.
 MOST_VIAS = 5
@@ -30,41 +37,198 @@ def time_stamps(points: Float[Array, "K n"], speed: Float[Array, " n"], total: f
     return total * need / need.sum()
 
 
-def from_vias(problem: PlanningProblem, vias: Float[Array, "V n"], label: str, least: int) -> PlanningProblem:
-    """The problem from other via points, at least so many of them, the whole duration kept."""
-    vias = _thin(_refine(problem, np.asarray(vias, dtype=float).reshape(-1, problem.n), least), problem)
+def through(problem: PlanningProblem, vias: Float[Array, "V n"], label: str) -> PlanningProblem:
+    """The problem from other via points, the whole duration kept."""
     points = np.concatenate([[problem.start], vias, [problem.goal]])
     durations = time_stamps(points, problem.limits.speed, float(problem.durations.sum()))
     return replace(problem, vias=vias, durations=durations, label=label)
 
 
+def from_vias(problem: PlanningProblem, vias: Float[Array, "V n"], label: str, least: int) -> PlanningProblem:
+    """The same with at least so many of them: the longest sections are parted; thinned out where they are too many."""
+    points = np.concatenate([[problem.start], np.asarray(vias, dtype=float).reshape(-1, problem.n), [problem.goal]])
+    while len(points) < least + 2:
+        longest = int(np.argmax(np.abs(np.diff(points, axis=0)).max(axis=1)))
+        points = np.insert(points, longest + 1, (points[longest] + points[longest + 1]) / 2, axis=0)
+    while len(points) > MOST_VIAS + 2:  # without the one that the path misses least
+        detour = np.abs(points[1:-1] - (points[:-2] + points[2:]) / 2).max(axis=1)
+        points = np.delete(points, int(np.argmin(detour)) + 1, axis=0)
+    return through(problem, points[1:-1], label)
+
+
 def from_seeds(problem: PlanningProblem, seeds: Sequence[Seed]) -> list[PlanningProblem]:
     """One problem a seed that was found, the straight line in front; ways that are the same are kept once."""
-    problems = [problem]
-    known = [problem.vias]
+    problems, known = [problem], [problem.vias]
     for seed in seeds:
-        if seed.reason or len(seed.vias) == 0:
-            continue
-        if any(other.shape == seed.vias.shape and np.abs(other - seed.vias).max() < 0.02 for other in known):
-            continue
-        known.append(seed.vias)
-        problems.append(from_vias(problem, seed.vias, seed.label, problem.via_count))
+        same = any(other.shape == seed.vias.shape and np.abs(other - seed.vias).max() < 0.02 for other in known)
+        if not seed.reason and len(seed.vias) and not same:
+            known.append(seed.vias)
+            problems.append(from_vias(problem, seed.vias, seed.label, problem.via_count))
     return problems
 
 
-def _refine(problem: PlanningProblem, vias: Array, least: int) -> Array:
-    """Adds the middle of the longest section until there are enough via points."""
-    while len(vias) < least:
-        points = np.concatenate([[problem.start], vias, [problem.goal]])
-        longest = int(np.argmax(np.abs(np.diff(points, axis=0)).max(axis=1)))
-        vias = np.insert(vias, longest, (points[longest] + points[longest + 1]) / 2, axis=0)
-    return vias
+# Nodes and reach beyond the ends [rad] of the trees that look for any way at all, the quick look first: trees that may
+# go anywhere come back by ways that are twice as long as need be. The patient ones are for where no other found any.
+QUICK, PATIENT = ((400, 0.7), (1500, 1.5), (3000, np.pi), (1500, 1.5)), (20000, np.pi)
+# Nodes of the trees that look for further ways, and how far they reach, the second time where the first finds none.
+FURTHER, REACHES = 2000, (1.5, np.pi)
+# Bent lines: standard deviation of the middle's offset [rad]; where something is in the way, of so many that are drawn
+# the one that collides least.
+BEND, DRAWN = 0.6, 6
+# Sections by which a way of trees is followed closely, fewest first, and factors by which it is then slowed down.
+CLOSELY, SLOWER = (20, 40, 80), 1.5 ** np.arange(9)
 
 
-def _thin(vias: Array, problem: PlanningProblem) -> Array:
-    """Takes out the via points that the path misses least until few enough are left."""
-    while len(vias) > MOST_VIAS:
-        points = np.concatenate([[problem.start], vias, [problem.goal]])
-        detour = np.abs(points[1:-1] - (points[:-2] + points[2:]) / 2).max(axis=1)
-        vias = np.delete(vias, int(np.argmin(detour)), axis=0)
-    return vias
+def iterate_ways(
+    problem: PlanningProblem, rng: np.random.Generator, solved: Callable[[], bool], left: Callable[[], float] = endless
+) -> Iterator[PlanningProblem]:
+    """Initial trajectories without end, so that the one who asks decides when it is enough.
+
+    Args:
+        problem: The task, started from the straight line.
+        rng: Source of randomness.
+        solved: Whether a plan is known; if not after a way of trees, it is followed closely, and if not after the line
+            either, trees look farther.
+        left: Processor time that is left, at which trees end [s].
+
+    Yields:
+        The task from one initial trajectory after the other, each with its label.
+    """
+    trees, least, ends = Trees.of(problem, rng, left), problem.via_count, (problem.start, problem.goal)
+    blocked = len(problem.scene.pairs) > 0 and not trees.edge_is_free(*ends)
+
+    def of_trees(looks: Sequence[tuple[int, float]], label: str) -> Iterator[PlanningProblem]:
+        way = any_way(problem, trees, looks)
+        if way is not None:
+            yield from_vias(problem, way, label, least)
+            if not solved():
+                yield follow_closely(problem, way)
+
+    if blocked:
+        yield from of_trees(QUICK[:1], "trees")
+    yield problem
+    if blocked and not solved():
+        yield from of_trees(QUICK[1:], "farther trees")
+    seeds = iterate_seeds(problem, trees, FURTHER) if blocked else iter(())
+    for number in count(1):
+        seed = next(seeds, None)
+        if seed is not None and not seed.reason and len(seed.vias):
+            yield from_vias(problem, seed.vias, seed.label, least)
+        drawn = (trees.vias(*ends, FURTHER, reach) for reach in REACHES if blocked)
+        further = next((one for one in drawn if one is not None), None)
+        if further is not None:
+            yield from_vias(problem, further, f"trees {number}", least)
+        bends = [_bent(problem, rng, f"bent {number}") for _ in range(DRAWN if blocked else 1)]
+        yield min(bends, key=lambda bent: float(bent.initial_evaluation.collision[0])) if blocked else bends[0]
+
+
+def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> PlanningProblem:
+    """The task from a trajectory that is bent round the way's corners, and nowhere else far from it.
+
+    A spline through a few via points leaves the edges between them, and in a narrow place gradients alone don't find
+    back. Where time is free, it takes as long as it must for the limits to hold.
+    """
+    points = np.concatenate([[problem.start], way, [problem.goal]])
+    total = float(problem.durations.sum())
+    stamps = np.concatenate([[0.0], np.cumsum(time_stamps(points, problem.limits.speed, total))])
+    found = []
+    for sections in CLOSELY:
+        even = np.linspace(0.0, total, sections + 1)
+        near = np.stack([np.interp(even, stamps, column) for column in points.T], axis=1)
+        splines = Splines(near[None], np.full((1, sections), total / sections))
+        found.append((-float(problem.scene.sweep(splines, problem.margins)[0][0]), splines))
+        if -found[-1][0] >= 0.0:
+            break
+    splines = min(found, key=lambda pair: pair[0])[1]
+    for factor in SLOWER if problem.objective == "time" else (1.0,):
+        slower = problem.with_initial(Splines(splines.points, splines.durations * factor), label="trees, closely")
+        if not slower.initial_evaluation.speed[0] + slower.initial_evaluation.torque[0] > 0.0:
+            break
+    return slower
+
+
+def any_way(
+    problem: PlanningProblem, trees: Trees, looks: Sequence[tuple[int, float]] = QUICK
+) -> Float[Array, "V n"] | None:
+    """Via points of the first way for which there is time; else of the quickest one found, None if there is none."""
+    best, quickest = None, np.inf
+    for nodes, reach in looks:
+        found = trees.vias(problem.start, problem.goal, nodes, reach)
+        if found is None:
+            continue
+        points = np.concatenate([[problem.start], found, [problem.goal]])
+        need = float(np.max(np.abs(np.diff(points, axis=0)) / problem.limits.speed, axis=1).sum())
+        if problem.objective == "time" or need < problem.durations.sum():
+            return found
+        best, quickest = (found, need) if need < quickest else (best, quickest)
+    return trees.vias(problem.start, problem.goal, *PATIENT) if best is None and looks != QUICK[:1] else best
+
+
+def _bent(problem: PlanningProblem, rng: np.random.Generator, label: str) -> PlanningProblem:
+    """The straight line bent by a random amount, most in its middle."""
+    count = max(problem.via_count, 3) if problem.grows else problem.via_count
+    shares = np.arange(1, count + 1) / (count + 1)
+    bend: Array = rng.normal(size=problem.n) * BEND
+    vias = straight(problem.start, problem.goal, count) + np.sin(np.pi * shares)[:, None] * bend
+    return from_vias(problem, np.clip(vias, problem.limits.lower, problem.limits.upper), label, count)
+
+
+# Via points along a straight line of the tool, or six apart in time; nodes and reach [rad] of trees between two stops.
+ALONG, NODES, REACH = 12, 2000, 1.5
+# Standard deviation of a bend between two stops, and of where the arm's position at a place is looked for [rad].
+SPREAD = 0.3
+
+
+def iterate_rule_ways(problem: PlanningProblem, rng: np.random.Generator) -> Iterator[PlanningProblem]:
+    """The task from ways that keep its rules, or nearly: one along a straight line, without end through via points."""
+    rules = problem.rules
+    assert rules is not None
+    if rules.rules.straight is not None:
+        yield through(problem, _along(problem, rules), "straight line of the tool")
+        return
+    trees = Trees.of(problem, rng)
+    for number in count():
+        stops = _stops(problem, rules, rng, SPREAD if number > 1 else 0.0)
+        points = [stops[0]]
+        for a, b in pairwise(stops):
+            blocked = len(problem.scene.pairs) > 0 and not trees.edge_is_free(a, b)
+            between = trees.vias(a, b, NODES, REACH) if blocked else None
+            if between is not None:
+                points += list(between)
+            elif number:
+                points.append((a + b) / 2 + rng.normal(size=problem.n) * SPREAD)
+            points.append(b)
+        inside = np.clip(np.array(points[1:-1]), problem.limits.lower, problem.limits.upper)
+        yield through(problem, inside, f"through {number}" if number else "through the via points")
+
+
+def _stops(problem: PlanningProblem, rules: Rules, rng: np.random.Generator, spread: float) -> list[Array]:
+    """Start, a position at each via point, goal."""
+    arm, found = problem.scene.arm, [problem.start]
+    solver = PoseSolver(arm, rules.frame)
+    for via in rules.rules.vias:
+        if not via.of_tool:
+            found.append(via.target)
+            continue
+        middle = (found[-1] + problem.goal) / 2 + rng.normal(size=problem.n) * spread
+        found.append(solver.descend(Pose(None, via.target), middle)[0])
+    return [*found, problem.goal]
+
+
+def _along(problem: PlanningProblem, rules: Rules) -> Float[Array, "V n"]:
+    """Positions along the tool's straight line, each found from the one before, drawn to the goal's own."""
+    (place, axes), (end, _) = rules.first, rules.last
+    turn = pin.log3(axes.T @ rules.last[1])
+    solver = PoseSolver(problem.scene.arm, rules.frame)
+    shares = np.arange(1, ALONG + 2) / (ALONG + 1)
+
+    def at(share: float, guess: Array) -> Array:
+        rotation = axes @ pin.exp3(share * turn) if problem.n >= TURNING else None
+        return solver.descend(Pose(None, place + share * (end - place), rotation), guess)[0]
+
+    found = [problem.start]
+    for share in shares:
+        found.append(at(float(share), found[-1]))
+    rest = problem.goal - found[-1]
+    drawn = [at(float(share), q + share * rest) for share, q in zip(shares, found[1:], strict=True)]
+    return np.clip(np.array(drawn[:-1]), problem.limits.lower, problem.limits.upper)

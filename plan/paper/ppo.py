@@ -35,7 +35,6 @@ class Ppo(Planner):
         clip: Range of the probability ratio.
         spread: Initial standard deviation as a share of each variable's range.
         learning_rate: Of Adam; falls linearly to a tenth.
-        entropy: Weight of the policy's entropy.
     """
 
     epochs: int = 2100
@@ -45,7 +44,6 @@ class Ppo(Planner):
     clip: float = 0.3
     spread: float = 0.03
     learning_rate: float = 3e-3
-    entropy: float = 0.0
     name: ClassVar[str] = "ppo"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -135,7 +133,7 @@ class _Agent:
             ratio = torch.exp(logarithm - old)
             clipped = torch.clamp(ratio, 1.0 - options.clip, 1.0 + options.clip)
             gained = torch.minimum(ratio * advantage, clipped * advantage).mean()
-            loss = -gained + 0.5 * ((value - reward) ** 2).mean() - options.entropy * spread.sum()
+            loss = -gained + 0.5 * ((value - reward) ** 2).mean()
             self.adam.zero_grad(set_to_none=True)
             loss.backward()
             self.adam.step()

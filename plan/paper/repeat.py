@@ -1,4 +1,4 @@
-"""The paper's planning experiments run again: Tables 3 to 7 and what Figs. 10, 11 and 13 show.
+"""The paper's planning experiments run again, Tables 3 to 7 and Figs. 10, 11 and 13, and one page of both side by side.
 
 Source: paper (Machines 2023, 11, 350), sections 4.2 to 4.4; its figures stand in `paper.toml`.
 """
@@ -11,10 +11,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, StrictUndefined
 
 from ident.arrays import Array
+from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
-from plan.geometry.boxes import Box
+from plan.geometry.solids import Box
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.options import PaperOptions, SolveOptions, TaskOptions
@@ -28,6 +30,7 @@ from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.problem.task_file import Task
+from plan.show.pictures import draw_comparison, draw_motion, save_figure
 from plan.solving.compare import Comparison
 from plan.solving.set_up import set_up
 from plan.solving.solve import Starts, find_starts, solve
@@ -117,10 +120,12 @@ class _Experiments:
     def ppo(self, times: float = 1.0) -> Ppo:
         return Ppo(epochs=max(1, round(self.effort.epochs * times)))
 
-    def run(self, problem: PlanningProblem, planner: Planner, seed: int = 0, own: bool = False) -> PlanResult:
-        """One search; from the problem's own initial trajectory alone, if that is wanted."""
+    def run(
+        self, problem: PlanningProblem, planner: Planner, seed: int = 0, starts: Starts | None = None
+    ) -> PlanResult:
+        """One search, from given initial trajectories if that is wanted."""
         options = SolveOptions(seed=seed, evaluations=10**8, seconds=LONGEST, gap=False)
-        return solve(problem, options, planner, None, Starts((problem,)) if own else None, self.progress)
+        return solve(problem, options, planner, None, starts, self.progress)
 
     def enter(self, table: str, *lines: Line) -> None:
         self.tables.setdefault(table, []).extend(lines)
@@ -140,27 +145,28 @@ class _Experiments:
             run = self.run(replace(problem, grows=False), planner)
             vias = problem.vias if run.splines is None else run.splines.points[0, 1:-1]
             details = _details(key, vias, run.cpu_seconds, 1.0 - run.cost / start)
-            self.enter("Table 3", replace(_line(name, "J", PAPER[key], [run]), details=details))
-        free = self.run(problem, Sequential())
-        self.enter("Table 3", _line("default (sqp), via points free", "J", (), [free]))
+            self.enter("Table 3", replace(_line(name, "J", PAPER[key], run), details=details))
+        self.enter("Table 3", _line("default (sqp), via points free", "J", (), self.run(problem, Sequential())))
 
     def compare_searches(self, problem: PlanningProblem) -> Comparison:
         """Fig. 10: PPO against the genetic algorithm from the same starts, and ours."""
-        starts = find_starts(problem, np.random.default_rng(0))
-        options = SolveOptions(evaluations=10**8, seconds=LONGEST, gap=False)
-        planners: list[Planner] = [self.ppo(MORE), Genetic(generations=self.effort.generations)]
-        runs = [solve(problem, options, planner, None, starts, self.progress) for planner in planners]
-        runs.append(self.run(problem, Sequential()))
-        for name, key, run in zip(("RL (PPO)", "GA", "default (sqp)"), ("ppo", "ga", ""), runs, strict=True):
-            self.enter("Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {key}", ()), [run]))
+        starts, runs = find_starts(problem, np.random.default_rng(0)), []
+        planners: dict[str, tuple[Planner, Starts | None]] = {
+            "RL (PPO)": (self.ppo(MORE), starts),
+            "GA": (Genetic(generations=self.effort.generations), starts),
+            "default (sqp)": (Sequential(), None),
+        }
+        for name, (planner, begin) in planners.items():
+            runs.append(self.run(problem, planner, starts=begin))
+            self.enter("Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {planner.name}", ()), runs[-1]))
         return Comparison("fig. 10", "energy", 2100, 1.0, tuple(runs))
 
     def shorten_from_the_task(self, problem: PlanningProblem) -> None:
         """Fig. 11: the shortest motion, via points and stamps free."""
         timed = replace(problem, objective="time", free="both")
         fast = [self.run(timed, self.ppo(MORE), t) for t in range(3)]
-        self.enter("Fig. 11", _line("RL (PPO), stamps and via points", "s", PAPER["Fig. 11"], fast))
-        self.enter("Fig. 11", _line("default (sqp)", "s", (), [self.run(timed, Sequential())]))
+        self.enter("Fig. 11", _line("RL (PPO), stamps and via points", "s", PAPER["Fig. 11"], *fast))
+        self.enter("Fig. 11", _line("default (sqp)", "s", (), self.run(timed, Sequential())))
         self.motions["figure_11"] = (problem, fast[0])
 
     def improve_the_taught(self, problem: PlanningProblem) -> tuple[list[PlanResult], list[PlanResult]]:
@@ -168,7 +174,7 @@ class _Experiments:
         trials = range(self.effort.trials)
         taught = {tester: [_teach(problem, tester, t) for t in trials] for tester in (1, 2, 3)}
         learned = [self.run(problem, self.ppo(MORE), t) for t in trials]
-        improved = [self.run(start, self.ppo(), t, own=True) for t, start in enumerate(taught[1])]
+        improved = [self.run(start, self.ppo(), t, Starts((start,))) for t, start in enumerate(taught[1])]
         for tester, starts in taught.items():
             ours = tuple(float(start.initial_evaluation.cost[0]) for start in starts)
             name = f"tester {tester}"
@@ -177,9 +183,9 @@ class _Experiments:
             if tester == 1:
                 name = "tester 1, Act. (ours drawn here, by the model)"
                 self.enter("Table 5", Line(name, "J", PAPER["taught"], ours))
-        self.enter("Table 4", _line("RL (PPO), Mo. (by the model)", "J", PAPER["learned"], learned))
+        self.enter("Table 4", _line("RL (PPO), Mo. (by the model)", "J", PAPER["learned"], *learned))
         self.enter("Table 4", Line("RL (PPO), Act. (on the arm)", "J", PAPER["learned, Act."]))
-        self.enter("Table 5", _line("RL (PPO) from tester 1's", "J", PAPER["improved"], improved))
+        self.enter("Table 5", _line("RL (PPO) from tester 1's", "J", PAPER["improved"], *improved))
         return learned, improved
 
     def shorten_from_energy_optima(self, table: str, problem: PlanningProblem, plans: Sequence[PlanResult]) -> None:
@@ -193,15 +199,15 @@ class _Experiments:
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = [self.run(one, planner, t, own=True) for t, one in enumerate(starts)]
-            self.enter(table, _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], last))
+            last = [self.run(one, planner, t, Starts((one,))) for t, one in enumerate(starts)]
+            self.enter(table, _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last))
         free = self.run(replace(problem, objective="time", free="both"), Sequential())
-        self.enter(table, _line("default (sqp), from the task", "s", (), [free]))
+        self.enter(table, _line("default (sqp), from the task", "s", (), free))
         if last:
             self.motions[f"figure_13_{table[-1]}"] = (slow[0], last[0])
 
 
-def _line(name: str, unit: str, paper: Sequence[float], runs: Sequence[PlanResult]) -> Line:
+def _line(name: str, unit: str, paper: Sequence[float], *runs: PlanResult) -> Line:
     return Line(name, unit, tuple(paper), tuple(run.cost for run in runs), sum(run.cpu_seconds for run in runs))
 
 
@@ -227,3 +233,46 @@ def _teach(problem: PlanningProblem, tester: int, trial: int) -> PlanningProblem
         start = from_vias(problem, vias + rng.uniform(-SPREAD, SPREAD, vias.shape), f"tester {tester}", 2)
         if start.initial_evaluation.feasible[0] and not certify(start, start.decode(start.initial)).broken:
             return start
+
+
+TEMPLATE = Path(__file__).with_name("page.md.jinja")
+PICTURES = {
+    "figure_10.png": "Fig. 10: cost against evaluations and processor time",
+    "figure_11.png": "Fig. 11: torques before and after speed optimisation",
+    "figure_13_6.png": "Fig. 13a: before and after, from the learned energy optimum",
+    "figure_13_7.png": "Fig. 13b: before and after, from a drawn tester's via points",
+}
+PAGE = "paper.md"
+# All that a page's folder may hold.
+FILES = (PAGE, *PICTURES)
+
+
+def write_page(repeat: Repeat, out: Path) -> Path:
+    """Writes `paper.md` and its pictures into a folder; returns the page."""
+    save_figure(draw_comparison(repeat.search), out / "figure_10.png")
+    drawn = {"figure_10.png"}
+    for name, (problem, result) in repeat.motions.items():
+        if result.splines is not None:
+            save_figure(draw_motion(problem, result), out / f"{name}.png")
+            drawn.add(f"{name}.png")
+    settings = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
+    text = settings.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        effort=repeat.effort,
+        full=PaperOptions(),
+        tables=repeat.tables,
+        pictures={name: words for name, words in PICTURES.items() if name in drawn},
+        cells=_cells,
+        mean=_mean,
+    )
+    with atomic_write(out / PAGE) as part:
+        part.write_text(text, encoding="utf-8")
+    return out / PAGE
+
+
+def _cells(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.2f}" if np.isfinite(value) else "no plan" for value in values) or "–"
+
+
+def _mean(values: Sequence[float]) -> str:
+    kept = [value for value in values if np.isfinite(value)]
+    return f"{np.mean(kept):.2f}" if kept else "–"

@@ -11,12 +11,13 @@ import numpy as np
 from toppra.algorithm import TOPPRA
 from toppra.constraint import DiscretizationType, JointVelocityConstraint, SecondOrderConstraint
 from toppra.interpolator import SplineInterpolator
+from toppra.parametrizer import ParametrizeConstAccel
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.model.loss import LossParameters
 from plan.dynamics.power import ChainTorque
-from plan.errors import MethodError
-from plan.planners.base import Candidate, Ledger, Planner
+from plan.planners.base import Ledger, Planner
+from plan.planners.compressed import shortest
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
@@ -26,6 +27,8 @@ GRID = 200
 KNOTS = 60
 # The path is read at so many instants, and carried by so many knots over its length.
 SAMPLES, PATH_KNOTS = 4000, 60
+# Most by which the spline through the motion is slowed down.
+SLOWEST = 2.0
 
 
 @dataclass(frozen=True)
@@ -47,26 +50,24 @@ class Toppra(Planner):
     name: ClassVar[str] = "toppra"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
-        """Times every initial path; uses no randomness.
-
-        Raises:
-            MethodError: The task asks for energy, or the model is not a compiled one.
-        """
+        """Times every initial path; uses no randomness."""
         for problem in problems:
-            if problem.objective != "time" or not isinstance(problem.model, ChainTorque):
-                raise MethodError("--method toppra", "it finds the time of a path only", "use --objective time")
             model = problem.model
             linear = replace(LossParameters.zero(model.n), motor_inertia=model.losses.motor_inertia)
             motion = self._iterate(problem, ChainTorque(model.chain, linear), ledger)
             if motion is None:
                 ledger.notes.append(f"toppra ({problem.label}): no time law keeps the limits on this path")
                 continue
-            times, points = motion
-            ledger.notes.append(f"toppra ({problem.label}): {times[-1]:.4f} s, a bound for its model on this path")
-            _stretch(problem, times, points, ledger)
+            note = f"toppra ({problem.label}): {motion.duration:.4f} s, a bound for its model on this path"
+            ledger.notes.append(note)
+            # The spline through the motion is slowed down until every limit holds.
+            times = np.linspace(0.0, motion.duration, KNOTS)
+            found = Splines(motion(times)[None], SLOWEST * np.diff(times)[None])
+            carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
+            shortest(carrier, ledger, np.array(carrier.durations), np.arange(len(carrier.durations)), 1.0 / SLOWEST)
 
-    def _iterate(self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger) -> tuple[Array, Array] | None:
-        """Times and positions of the motion; `linear` is as much of the model as is of toppra's form."""
+    def _iterate(self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger) -> ParametrizeConstAccel | None:
+        """The motion; `linear` is as much of the model as is of toppra's form."""
         path = _path(problem)
         grid = np.linspace(0.0, path.duration, GRID + 1)
         rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
@@ -80,10 +81,10 @@ class Toppra(Planner):
             states = q[None], dq[None], ddq[None]
             new = (problem.model.torque(*states) - linear.torque(*states))[0]
             rest = new if turn == 0 else 0.5 * (rest + new)
-            motion = _sample(path, grid, speed)
-            if abs(motion[0][-1] - last) < self.tolerance * last:
+            motion = ParametrizeConstAccel(path, grid, speed)
+            if abs(motion.duration - last) < self.tolerance * last:
                 break
-            last = motion[0][-1]
+            last = motion.duration
         return motion
 
 
@@ -129,40 +130,3 @@ def _solve(
     if pace is None or not np.isfinite(pace).all():
         return None, grid
     return np.asarray(pace), np.append(push, push[-1])
-
-
-def _sample(path: SplineInterpolator, grid: Float[Array, " G"], speed: Float[Array, " G"]) -> tuple[Array, Array]:
-    """The motion as KNOTS positions at equal steps of time."""
-    steps = 2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9)
-    clock = np.concatenate([[0.0], np.cumsum(steps)])
-    times = np.linspace(0.0, clock[-1], KNOTS)
-    cell = np.clip(np.searchsorted(clock, times, side="right") - 1, 0, len(steps) - 1)
-    # Between grid points the squared speed is linear in s, so the path's acceleration is constant.
-    push = np.diff(speed**2) / (2.0 * np.diff(grid))
-    since = times - clock[cell]
-    return times, path(np.clip(grid[cell] + speed[cell] * since + 0.5 * push[cell] * since**2, 0.0, path.duration))
-
-
-def _stretch(problem: PlanningProblem, times: Array, points: Array, ledger: Ledger) -> None:
-    """Slows the spline through the motion down until every limit holds, and enters it."""
-    found = Splines(points[None], np.diff(times)[None])
-    carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
-
-    def slowed(factor: float) -> Candidate:
-        x = carrier.encode(carrier.vias, carrier.durations * factor)
-        trial = carrier.evaluate(x[None])
-        return Candidate(carrier, x, float(trial.cost[0]), float(trial.violation[0]))
-
-    low, high = 1.0, 1.0
-    for _ in range(40):
-        ledger.count(1)
-        if slowed(high).feasible:
-            break
-        low, high = high, high * 1.02
-    for _ in range(12):
-        if high - low < 1e-4:
-            break
-        middle = 0.5 * (low + high)
-        ledger.count(1)
-        low, high = (low, middle) if slowed(middle).feasible else (middle, high)
-    ledger.offer(slowed(high))

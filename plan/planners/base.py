@@ -7,7 +7,7 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -121,26 +121,26 @@ class Ledger:
     _saved: float = 0.0
     _looked: float = -math.inf
     _spent: float = 0.0
+    _digest: str = ""
 
     def __post_init__(self) -> None:
+        """Takes up what an interrupted search of the same task left; that of another task is not used."""
+        self._digest = hashlib.sha256(self.fingerprint.encode()).hexdigest()
         if self.journal is None or not os.path.lexists(self.journal):
             return
-        if require_regular(self.journal, JOURNAL_REMEDY, MethodError):  # an empty one is a place made for it
-            stored = read_arrays(self.journal, JOURNAL_REMEDY, MethodError)
-            try:
-                self._take_up(stored)
-            except (ValueError, KeyError, TypeError) as error:
-                what = f"no checkpoint of a search ({type(error).__name__}: {error})"
-                raise MethodError(self.journal, what, JOURNAL_REMEDY) from None
-
-    def _take_up(self, stored: Mapping[str, np.ndarray]) -> None:
-        """Takes up what an interrupted search of the same task left; that of another task is not used."""
-        rows = np.asarray(stored["rows"], dtype=float)
-        seconds, cpu = float(stored["seconds"]), float(stored["cpu_seconds"])
-        if rows.ndim != 2 or not (seconds >= 0.0 and cpu >= 0.0):
-            raise ValueError("its figures are none of a search")
-        if str(stored["fingerprint"]) == self._digest:
-            self._replay, self._seconds_before, self._cpu_before = rows, seconds, cpu
+        if not require_regular(self.journal, JOURNAL_REMEDY, MethodError):  # an empty one is a place made for it
+            return
+        stored = read_arrays(self.journal, JOURNAL_REMEDY, MethodError)
+        try:
+            rows = np.asarray(stored["rows"], dtype=float)
+            seconds, cpu = float(stored["seconds"]), float(stored["cpu_seconds"])
+            if rows.ndim != 2 or not (seconds >= 0.0 and cpu >= 0.0):
+                raise ValueError("its figures are none of a search")
+            if str(stored["fingerprint"]) == self._digest:
+                self._replay, self._seconds_before, self._cpu_before = rows, seconds, cpu
+        except (ValueError, KeyError, TypeError) as error:
+            what = f"no checkpoint of a search ({type(error).__name__}: {error})"
+            raise MethodError(self.journal, what, JOURNAL_REMEDY) from None
 
     @property
     def seconds(self) -> float:
@@ -174,9 +174,12 @@ class Ledger:
         x = np.atleast_2d(x)[: self.remaining]
         if len(x) == 0:
             raise BudgetSpentError
-        found = self._recall(len(x), problem.n)
-        if found is None:
-            found = problem.evaluate(x)
+        if self._replay is None or len(self._replay) < len(x) or self._replay.shape[1] != 6 + problem.n:
+            self._replay, found = None, problem.evaluate(x)
+        else:
+            rows, self._replay = self._replay[: len(x)], self._replay[len(x) :]
+            cost, collision, speed, torque, position, gap = rows[:, :6].T
+            found = BatchEvaluation(cost, collision, speed, torque, position, gap, rows[:, 6:])
         self._record(problem, x, found)
         return found
 
@@ -189,8 +192,7 @@ class Ledger:
         if self.journal is None or not self._told:
             return
         with atomic_write(self.journal) as part, Path(part).open("wb") as stream:
-            rows = np.concatenate(self._told)
-            digest = np.array(self._digest)
+            rows, digest = np.concatenate(self._told), np.array(self._digest)
             np.savez(stream, rows=rows, fingerprint=digest, seconds=self.seconds, cpu_seconds=self.cpu_seconds)
         self._saved = time.perf_counter()
 
@@ -209,36 +211,15 @@ class Ledger:
     def _record(self, problem: PlanningProblem, x: Array, found: BatchEvaluation) -> None:
         self.evaluations += len(x)
         violation = found.violation
-        order = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))
-        first = order[0]
+        first = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))[0]
         self.offer(Candidate(problem, x[first].copy(), float(found.cost[first]), float(violation[first])))
         if self.journal is not None:
-            self._told.append(_to_rows(found))
+            parts = found.cost, found.collision, found.speed, found.torque, found.position, found.gap, found.peak
+            self._told.append(np.column_stack(parts))
             if time.perf_counter() - self._saved > CHECKPOINT_EVERY:
                 self.save()
         if self.progress is not None and self.best is not None:
             self.progress(self.evaluations, self.budget.evaluations, self.best.cost)
-
-    def _recall(self, count: int, n: int) -> BatchEvaluation | None:
-        if self._replay is None or len(self._replay) < count or self._replay.shape[1] != 6 + n:
-            self._replay = None
-            return None
-        rows, self._replay = self._replay[:count], self._replay[count:]
-        return _from_rows(rows)
-
-    @property
-    def _digest(self) -> str:
-        return hashlib.sha256(self.fingerprint.encode()).hexdigest()
-
-
-def _to_rows(found: BatchEvaluation) -> Array:
-    parts = (found.cost, found.collision, found.speed, found.torque, found.position, found.gap)
-    return np.column_stack([*parts, found.peak])
-
-
-def _from_rows(rows: Array) -> BatchEvaluation:
-    cost, collision, speed, torque, position, gap = rows[:, :6].T
-    return BatchEvaluation(cost, collision, speed, torque, position, gap, rows[:, 6:])
 
 
 class Planner(ABC):

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.arrays import Array
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -56,23 +55,12 @@ class _Run:
     def __init__(self, problem: PlanningProblem, options: Evolution, seed: int) -> None:
         import cma  # slow to load, and the default method does without
 
-        self.problem = problem
-        self.span = problem.upper - problem.lower
-        self.best = np.inf
+        self.problem, self.span, self.best = problem, problem.upper - problem.lower, np.inf
+        first = np.clip((problem.initial - problem.lower) / self.span, 1e-6, 1.0 - 1e-6)
+        limits = {"tolfun": options.tolerance, "tolfunhist": options.tolerance, "tolx": 1e-6}
         size = options.population or 2 * (4 + int(3 * np.log(problem.dimension)))
-        self.strategy = cma.CMAEvolutionStrategy(
-            self._inward(problem.initial),
-            options.step,
-            {
-                "bounds": [0.0, 1.0],
-                "popsize": size,
-                "seed": seed,
-                "verbose": -9,
-                "tolfun": options.tolerance,
-                "tolfunhist": options.tolerance,
-                "tolx": 1e-6,
-            },
-        )
+        settings = {"bounds": [0.0, 1.0], "popsize": size, "seed": seed, "verbose": -9, **limits}
+        self.strategy = cma.CMAEvolutionStrategy(first, options.step, settings)
 
     @property
     def done(self) -> bool:
@@ -82,11 +70,7 @@ class _Run:
     def advance(self, ledger: Ledger) -> None:
         """One generation."""
         asked = self.strategy.ask()
-        x = self.problem.lower + np.array(asked) * self.span
-        cost = ledger.penalised(self.problem, x)
+        cost = ledger.penalised(self.problem, self.problem.lower + np.array(asked) * self.span)
         self.best = min(self.best, float(cost.min()))
         padded = np.concatenate([cost, np.full(len(asked) - len(cost), cost.max())])
         self.strategy.tell(asked, padded.tolist())
-
-    def _inward(self, x: Array) -> Array:
-        return np.clip((x - self.problem.lower) / self.span, 1e-6, 1.0 - 1e-6)

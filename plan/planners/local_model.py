@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -123,7 +124,7 @@ class LocalModel:
         shares = [np.abs(tau) / self._torque_limit, np.abs(dq) / self._speed_limit]
         turns = self._turns(coefficients, dq, ddq, duration)
         at_turns, first = self._states_at(turns.shares, coefficients, duration)
-        shares.append(np.abs(turns.torque(self._exact, at_turns)) / self._turn_limit(turns, first))
+        shares.append(np.abs(turns.torque(self.problem.model, at_turns)) / self._turn_limit(turns, first))
         shares += [np.abs(value) / limit for value, limit in self._rates(coefficients, duration, ddq)]
         limits = self.problem.limits
         outside = max(float((q - limits.upper).max()), float((limits.lower - q).max()))
@@ -204,13 +205,7 @@ class LocalModel:
 
     @cached_property
     def _model(self) -> ChainTorque:
-        assert isinstance(self.problem.model, ChainTorque)
         return rounded(self.problem.model, self.width)
-
-    @property
-    def _exact(self) -> ChainTorque:
-        assert isinstance(self.problem.model, ChainTorque)
-        return self.problem.model
 
     @cached_property
     def _extra(self) -> float:
@@ -270,7 +265,7 @@ class LocalModel:
         """What each coefficient gives at each node: position, and its first and second derivative by the share."""
         out = np.zeros((3, len(self.grid.shares), self.grid.sections + DEGREE))
         rows = np.arange(len(self.grid.shares))[:, None]
-        out[:, rows, self.grid.first[:, None] + np.arange(DEGREE + 1)] = self.grid.bases
+        out[:, rows, self.grid.first[:, None] + np.arange(DEGREE + 1)] = self.grid.bases[:3]
         return out
 
     def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> ConstraintRows:  # type: ignore[no-untyped-def]
@@ -286,11 +281,11 @@ class LocalModel:
         """Torque where joints turn round, friction fully there on either side."""
         turns = self._turns(coefficients, *states[1:], duration)
         at, first = self._states_at(turns.shares, coefficients, duration)
-        near = np.abs(turns.torque(self._exact, at)) > WATCHED_SHARE * self._turn_limit(turns, first)
+        near = np.abs(turns.torque(self.problem.model, at)) > WATCHED_SHARE * self._turn_limit(turns, first)
         if not near.any():
             return ConstraintRows.none(self.size)
         turns, at, first = turns.only(near), tuple(part[near] for part in at), first[near]
-        tau, parts = turns.gradient(self._exact, at, self.grid.jerk(coefficients, duration)[first])
+        tau, parts = turns.gradient(self.problem.model, at, self.grid.jerk(coefficients, duration)[first])
         limit = self._turn_limit(turns, first)
         local = [part * (np.sign(tau) / limit)[:, None] for part in parts]
         bases, first = self.grid.at(turns.shares)
@@ -308,46 +303,34 @@ class LocalModel:
     ) -> tuple[tuple[Array, Array, Array], Int[Array, " m"]]:
         """Position, speed and acceleration at some places, and the section of each."""
         bases, first = self.grid.at(shares)
-        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases, coefficients[first[:, None] + np.arange(DEGREE + 1)])
+        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases[:3], coefficients[first[:, None] + np.arange(DEGREE + 1)])
         return (q, dq / duration, ddq / duration**2), first
 
     def _kinematic_rows(
         self, coefficients: Array, states: tuple[Array, Array, Array], duration: float
     ) -> list[ConstraintRows]:
         """Position, speed and acceleration at the nodes, and jerk section by section."""
-        limits, q, found = self.problem.limits, states[0], []
+        limits, q, found, each = self.problem.limits, states[0], [], len(self.grid.nodes)
         ones, rates = np.ones_like(q), [(1, self._speed_limit)]
         wanted = [(0, limits.upper - q, ones, 0.5), (0, q - limits.lower, -ones, 0.5)]
+        everything = [*states, np.repeat(self.grid.jerk(coefficients, duration), each, axis=0)]
         if limits.acceleration is not None:
             rates.append((2, SHARE * limits.acceleration))
-        for order, limit in rates:
-            share = states[order] / limit
-            wanted.append((order, 1.0 - np.abs(share), np.sign(share) / limit, 1.0 - WATCHED_SHARE))
-        for order, room, slope, near in wanted:
-            nodes, joints = np.nonzero(room < near)
-            rows = np.eye(self.n)[joints] * slope[nodes, joints][:, None]
-            local = [rows if k == order else np.zeros_like(rows) for k in range(3)]
-            found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
         if limits.jerk is not None:
-            found.append(self._jerk_rows(coefficients, duration))
+            rates.append((3, SHARE * limits.jerk))
+        for order, limit in rates:
+            share, watched = everything[order] / limit, WATCHED_SHARE * (0.5 if order == 3 else 1.0)
+            wanted.append((order, 1.0 - np.abs(share), np.sign(share) / limit, 1.0 - watched))
+        for order, room, slope, near in wanted:
+            one = np.arange(len(room)) % each == 0 if order == 3 else True  # jerk is the same all along a section
+            nodes, joints = np.nonzero((room < near) & np.reshape(one, (-1, 1)))
+            rows = np.eye(self.n)[joints] * slope[nodes, joints][:, None]
+            local = [rows if k == order else np.zeros_like(rows) for k in range(order + 1)]
+            found.append(ConstraintRows(self._node_rows(nodes, local, everything, duration), room[nodes, joints]))
         return found
 
-    def _jerk_rows(self, coefficients: Array, duration: float) -> ConstraintRows:
-        assert self.problem.limits.jerk is not None
-        limit = SHARE * self.problem.limits.jerk
-        share = self.grid.jerk(coefficients, duration) / limit
-        sections, joints = np.nonzero(np.abs(share) > 0.5 * WATCHED_SHARE)
-        signs = np.sign(share[sections, joints])
-        values = self.grid.jerks[sections] * (signs / limit[joints])[:, None] / duration**3
-        columns = (sections[:, None] + np.arange(DEGREE + 1) - self.grid.held) * self.n + joints[:, None]
-        matrix = self._spread(values, columns)
-        if self.timed:
-            by_time = -3.0 * np.abs(share[sections, joints]) * self.reference / duration
-            matrix = self._with_time(matrix, by_time)
-        return ConstraintRows(matrix, 1.0 - np.abs(share[sections, joints]))
-
     def _node_rows(
-        self, nodes: Array, local: list[Array], states: tuple[Array, Array, Array], duration: float
+        self, nodes: Array, local: list[Array], states: Sequence[Array], duration: float
     ) -> Float[Array, "r d"]:
         """Rows from derivatives by the states at some nodes."""
         bases, first = self.grid.bases[:, nodes], self.grid.first[nodes]
@@ -355,7 +338,7 @@ class LocalModel:
 
     def _rows(
         self,
-        bases: Float[Array, "3 r 4"],
+        bases: Float[Array, "4 r 4"],
         first: Int[Array, " r"],
         local: list[Array],
         states: list[Array] | None = None,
@@ -373,9 +356,9 @@ class LocalModel:
             return matrix
         by_time = np.zeros(len(first))
         if states is not None:
-            for order in (1, 2):
+            for order in range(1, len(local)):
                 by_time -= order * (local[order] * states[order]).sum(axis=1) * self.reference / duration
-        return self._with_time(matrix, by_time)
+        return np.concatenate([matrix, by_time[:, None]], axis=1)
 
     def _spread(self, values: Float[Array, "r k"], columns: Int[Array, "r k"]) -> Float[Array, "r d"]:
         """Rows of values at columns; columns of held coefficients fall away."""
@@ -384,6 +367,3 @@ class LocalModel:
         inside = (columns >= 0) & (columns < count)
         out[np.arange(len(values))[:, None], np.where(inside, columns, count)] = values  # no column twice in a row
         return out[:, :count]
-
-    def _with_time(self, matrix: Array, by_time: Array) -> Float[Array, "r d"]:
-        return np.concatenate([matrix, by_time[:, None]], axis=1)

@@ -73,7 +73,6 @@ def _without_symbols(problem: PlanningProblem) -> list[str]:
         "obstacles": bool(problem.scene.obstacles),
         "rules of the way": problem.way.given,
         "the penalty of singular poses": problem.avoid_singular,
-        "effects that have no derivatives": not isinstance(problem.model, ChainTorque),
     }
     return [what for what, is_there in there.items() if is_there]
 
@@ -82,7 +81,6 @@ class _Programme:
     """The nonlinear programme of a task, its graph built once."""
 
     def __init__(self, problem: PlanningProblem) -> None:
-        assert isinstance(problem.model, ChainTorque)
         self.problem, n, sections = problem, problem.n, problem.via_count + 1
         self.timed, self.opti = problem.objective == "time", ca.Opti()
         opti, limits = self.opti, problem.limits

@@ -10,12 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from plan.dynamics.power import ChainTorque, section_nodes
+from plan.dynamics.power import section_nodes
 from plan.errors import MethodError
 from plan.initial.at_limits import at_its_limits, quickest_of_each_joint
-from plan.initial.initial_guesses import iterate_ways
-from plan.initial.rule_starts import iterate_rule_ways
-from plan.initial.starts import straight
+from plan.initial.starts import iterate_rule_ways, iterate_ways, straight
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
 from plan.planners.evolution import Evolution
@@ -81,7 +79,6 @@ class Sequential(Planner):
         kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
         gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
         levels: Most refinements, for energy and for time.
-        share: Which of so many equal shares of the starts is tried here.
         named: Whether to search what is named free and no more, though the task would allow it: for comparisons.
     """
 
@@ -92,22 +89,17 @@ class Sequential(Planner):
     kept: tuple[int, ...] = (4, 2, 1)
     gains: tuple[float, float] = (0.005, 0.001)
     levels: tuple[int, int] = (3, 3)
-    share: tuple[int, int] = (0, 1)
     named: bool = False
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
-        """Tries the given starts, and further ones where only the straight line is given.
-
-        Raises:
-            MethodError: The model has effects without derivatives.
-        """
+        """Tries the given starts, and further ones where only the straight line is given."""
         given = problems[0]
         if self.named or not given.grows or given.free == "times":
             self._search_named(problems, ledger, rng)
             return
-        ways = islice(self._initial(problems, ledger, rng), self.share[0], None, self.share[1])
+        ways = self._initial(problems, ledger, rng)
         courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, ())
         if given.objective == "energy" and given.n <= FEW and ledger.remaining > 0:
             self._round(islice(ways, self.more * self.starts), ledger, courses)
@@ -122,7 +114,9 @@ class Sequential(Planner):
         """
         problems = [replace(problem, grows=False) for problem in problems]
         first = problems[0]
-        require_soft_vias(first)
+        if first.limits.jerk is not None and first.via_count < SOFT_VIAS:
+            what = f"with a jerk limit {first.via_count} via points leave nothing free"
+            raise MethodError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
         if first.searches_vias:
             courses: list[Course] = []
             ways = self._initial(problems, ledger, rng, first.via_count)
@@ -179,10 +173,14 @@ class Sequential(Planner):
 
     def _settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
         """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
-        cost = enter(course, ledger)
-        if ledger.remaining > 0 and nearly_kept(course) and passes_between(course):
-            course = descend(tightened(course), ledger, self.steps // 4, 0.02, 1e-5)
-            cost = min(cost, enter(course, ledger))
+        cost, look, local = enter(course, ledger), course.look, course.local
+        nearly = look.limits <= NEARLY and look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
+        if ledger.remaining > 0 and nearly:
+            torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
+            if max(torque.max(), speed.max()) > 1.0 + KEPT:
+                local = replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed)
+                course = descend(begin(local, course.x), ledger, self.steps // 4, 0.02, 1e-5)
+                cost = min(cost, enter(course, ledger))
         return course, cost
 
     def _initial(
@@ -249,13 +247,6 @@ class Sequential(Planner):
         return cost, refined
 
 
-def require_soft_vias(problem: PlanningProblem) -> None:
-    """Refuses a task whose jerk limit holds so many points at the ends that none is left."""
-    if problem.limits.jerk is not None and problem.via_count < SOFT_VIAS:
-        what = f"with a jerk limit {problem.via_count} via points leave nothing free"
-        raise MethodError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
-
-
 def begin_course(problem: PlanningProblem, named: bool = False) -> Course:
     """A problem's initial trajectory on a grid of its own knots.
 
@@ -264,20 +255,24 @@ def begin_course(problem: PlanningProblem, named: bool = False) -> Course:
         named: Whether the knots are those that the user has named; else long sections are parted, and acceleration is
             zero at both ends.
     """
-    if not isinstance(problem.model, ChainTorque):
-        raise MethodError("--method sqp", "this model has effects without derivatives", "use --method cma")
     problem = at_its_limits(problem) if problem.objective == "time" else problem
     knots = np.round(np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum(), 12)
     knots[-1] = 1.0
-    while not named and len(knots) < COARSE[problem.objective == "time"] + 1:
-        widest = int(np.argmax(np.diff(knots)))
-        knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
+    knots = knots if named else _parted(knots, COARSE[problem.objective == "time"])
     nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)
     grid = Grid(freeze(knots), not named or problem.limits.jerk is not None, nodes)
     aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
     start = Splines(np.concatenate([[problem.start], problem.vias, [problem.goal]])[None], problem.durations[None])
     return begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
+
+
+def _parted(knots: Float[Array, " K"], sections: int) -> Float[Array, " K"]:
+    """The knots with the longest section parted until there are so many sections."""
+    while len(knots) < sections + 1:
+        widest = int(np.argmax(np.diff(knots)))
+        knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
+    return knots
 
 
 def _nodes(timed: bool, sections: int) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
@@ -296,23 +291,6 @@ def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
     shape = (local.grid.sections, len(DENSE), local.n)
     torque = np.abs(local.problem.model.torque(*splines.states(DENSE))[0]).reshape(shape).max(axis=1)
     return torque / (SHARE * AIM * limits.torque), splines.top_speed[0] / (SHARE * AIM * limits.speed)
-
-
-def nearly_kept(course: Course) -> bool:
-    """Whether the clearance holds and no limit is passed by much at the nodes."""
-    return course.look.limits <= NEARLY and course.look.clearance <= KEPT_CLEAR and course.look.rules <= KEPT_RULE
-
-
-def passes_between(course: Course) -> bool:
-    """Whether a limit is passed somewhere, between the nodes too."""
-    return bool(max(part.max() for part in peaks(course)) > 1.0 + KEPT)
-
-
-def tightened(course: Course) -> Course:
-    """The same course with its limits aimed lower where it passes them between the nodes, section by section."""
-    torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
-    local = course.local
-    return begin(replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed), course.x)
 
 
 def enter(course: Course, ledger: Ledger) -> float:
@@ -343,10 +321,7 @@ def _give_vias(ledger: Ledger, count: int) -> None:
     if best is None or best.problem.via_count >= count:
         return
     splines = best.splines
-    knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
-    while len(knots) < count + 2:
-        widest = int(np.argmax(np.diff(knots)))
-        knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
+    knots = _parted(np.concatenate([[0.0], np.cumsum(splines.durations[0])]), count + 1)
     points = splines.at(knots)[0]
     points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
     same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))

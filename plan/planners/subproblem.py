@@ -54,12 +54,10 @@ class Step:
     Attributes:
         step: Change of the variables.
         promised: By how much cost and weighted shortfall should fall.
-        slack: What each set of inequalities is left short of.
     """
 
     step: Float[Array, " d"]
     promised: float
-    slack: Float[Array, " g"]
 
 
 def solve_step(
@@ -85,91 +83,49 @@ def solve_step(
     if plain is not None:
         return plain
     groups = [rows.in_reach(low, high) for rows in groups]
-    few = len(gradient) <= MANY
-    step = _active_set(gradient, hessian, groups, weights, low, high) if few else None
-    if step is None:
-        step = _interior_point(gradient, hessian, groups, weights, low, high)
-    if step is None:
+    size, count, lengths = len(gradient), len(groups), [len(rows.room) for rows in groups]
+    # The variables are the step's and a slack for each set; the rows are the inequalities less their set's slack.
+    whole = BENT * np.eye(size + count)
+    whole[:size, :size] = hessian
+    matrix = np.zeros((sum(lengths), size + count))
+    matrix[:, :size] = np.concatenate([rows.matrix for rows in groups])
+    matrix[np.arange(len(matrix)), size + np.repeat(np.arange(count), lengths)] = -1.0
+    bounds = np.append(low, np.zeros(count)), np.append(high, np.full(count, np.inf))
+    given = whole, np.concatenate([gradient, weights]), matrix, np.concatenate([rows.room for rows in groups]), *bounds
+    x = _active_set(*given) if size <= MANY else None
+    x = _interior_point(*given) if x is None else x
+    if x is None:
         return None
+    step = np.clip(x[:size], low, high)
     before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
     slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
-    after = float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
-    return Step(step, before - after, slack)
+    return Step(step, before - float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack))
 
 
-def _active_set(
-    gradient: Array, hessian: Array, groups: list[ConstraintRows], weights: Array, low: Array, high: Array
-) -> Array | None:
-    """The step by a dual active-set method, a few times as quick as the other; None where it goes round in circles.
+def _active_set(whole: Array, price: Array, matrix: Array, room: Array, low: Array, high: Array) -> Array | None:
+    """The optimum by a dual active-set method, a few times as quick as the other; None where it goes round in circles.
 
     Source: D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using
     recursive LDLᵀ updates, IEEE Trans. Autom. Control 67 (2022) 4362.
     """
-    size, count = len(gradient), len(groups)
-    matrix, room = _elastic(groups, size)
-    upper = np.concatenate([high, np.full(count, np.inf), room])
-    lower = np.concatenate([low, np.zeros(count), np.full(len(room), -np.inf)])
+    upper, lower = np.concatenate([high, room]), np.concatenate([low, np.full(len(room), -np.inf)])
     plain = np.zeros(len(upper), dtype=np.intc)
-    price = np.concatenate([gradient, weights])
-    x, _, status, _ = daqp.solve(_bent(hessian, count), price, matrix, upper, lower, plain, primal_tol=CLOSE)
-    step = np.array(x)[:size]
-    return np.clip(step, low, high) if status == 1 and np.isfinite(step).all() else None
+    x, _, status, _ = daqp.solve(whole, price, matrix, upper, lower, plain, primal_tol=CLOSE)
+    return np.array(x) if status == 1 and np.isfinite(x).all() else None
 
 
-def _interior_point(
-    gradient: Array, hessian: Array, groups: list[ConstraintRows], weights: Array, low: Array, high: Array
-) -> Array | None:
-    """The step by an interior-point method; None where it gives none."""
-    size, whole = len(gradient), np.triu(_bent(hessian, len(groups)))
-    matrix, side = _stack(groups, low, high)
-    settings = clarabel.DefaultSettings()
+def _interior_point(whole: Array, price: Array, matrix: Array, room: Array, low: Array, high: Array) -> Array | None:
+    """The optimum by an interior-point method; None where it gives none."""
+    settings, eye, above = clarabel.DefaultSettings(), np.eye(len(price)), np.isfinite(high)
     settings.verbose = False
     settings.max_threads = 1
     settings.iterative_refinement_enable = False  # a third of its time, for digits that no step needs
-    price = np.concatenate([gradient, weights])
+    rows = sparse.csc_matrix(np.concatenate([matrix, eye[above], -eye]))
+    side = np.concatenate([room, high[above], -low])
     cones = [clarabel.NonnegativeConeT(len(side))]
-    solver = clarabel.DefaultSolver(_compress(whole), price, _compress(matrix), side, cones, settings)
-    found = solver.solve()
+    found = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(whole)), price, rows, side, cones, settings).solve()
     x = np.array(found.x)
-    if not np.isfinite(x).all() or str(found.status) not in ("Solved", "AlmostSolved"):
-        return None
-    return np.clip(x[:size], low, high)
-
-
-def _bent(hessian: Float[Array, "d d"], count: int) -> Float[Array, "c c"]:
-    """The cost's second derivative, and that of so many slacks behind it."""
-    size = len(hessian)
-    whole = BENT * np.eye(size + count)
-    whole[:size, :size] = hessian
-    return whole
-
-
-def _elastic(groups: list[ConstraintRows], size: int) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
-    """All inequalities of the step, each set less its slack, which stands behind the step."""
-    lengths = [len(rows.room) for rows in groups]
-    matrix, end = np.zeros((sum(lengths), size + len(groups))), 0
-    for k, rows in enumerate(groups):
-        matrix[end : end + lengths[k], :size] = rows.matrix
-        matrix[end : end + lengths[k], size + k] = -1.0
-        end += lengths[k]
-    return matrix, np.concatenate([rows.room for rows in groups])
-
-
-def _stack(groups: list[ConstraintRows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
-    """The same, and the bounds of the step and of the slacks."""
-    size, count = len(low), len(groups)
-    matrix, room = _elastic(groups, size)
-    bounds = np.eye(size + count)
-    rows = [matrix, bounds[:size], -bounds[:size], -bounds[size:]]
-    return np.concatenate(rows), np.concatenate([room, high, -low, np.zeros(count)])
-
-
-def _compress(matrix: Float[Array, "r c"]) -> sparse.csc_matrix:
-    """A dense matrix by columns; SciPy's own way takes several times as long at these sizes."""
-    turned = np.ascontiguousarray(matrix.T)
-    columns, rows = np.nonzero(turned)
-    ends = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=len(turned)))])
-    return sparse.csc_matrix((turned[columns, rows], rows, ends), shape=matrix.shape)
+    return x if np.isfinite(x).all() and str(found.status) in ("Solved", "AlmostSolved") else None
 
 
 def _unhindered(gradient: Array, hessian: Array, groups: list[ConstraintRows], low: Array, high: Array) -> Step | None:
@@ -183,4 +139,4 @@ def _unhindered(gradient: Array, hessian: Array, groups: list[ConstraintRows], l
     inside = bool(np.all(step >= low) and np.all(step <= high))
     if not inside or any(np.any(rows.matrix @ step > rows.room) for rows in groups):
         return None
-    return Step(step, float(-0.5 * gradient @ step), np.zeros(len(groups)))
+    return Step(step, float(-0.5 * gradient @ step))

@@ -29,8 +29,8 @@ def sections_of(shares, knots):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=True, nogil=True)
 def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
-    """The four B-splines of each place's own section and two derivatives, by their Taylor series, shape (3, m, 4)."""
-    out = np.empty((3, shares.shape[0], 4))
+    """The four B-splines of each place's own section and three derivatives, by their Taylor series: (4, m, 4)."""
+    out = np.empty((4, shares.shape[0], 4))
     for i in range(shares.shape[0]):
         k = first[i]
         since = shares[i] - knots[k]
@@ -39,6 +39,7 @@ def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
             out[0, i, m] = taylor[0, k, m] + since * (b + since * (c / 2.0 + since * d / 6.0))
             out[1, i, m] = b + since * (c + since * d / 2.0)
             out[2, i, m] = c + since * d
+            out[3, i, m] = d
     return out
 
 
@@ -83,14 +84,9 @@ class Grid:
         return np.repeat(np.arange(self.sections), len(self.nodes))
 
     @cached_property
-    def bases(self) -> Float[Array, "3 T 4"]:
-        """What the four coefficients give at each node: position, and its first and second derivative by the share."""
+    def bases(self) -> Float[Array, "4 T 4"]:
+        """What the four coefficients give at each node: position, and its first three derivatives by the share."""
         return freeze(_bases_at(self.shares, self.first, self.knots, self.taylor))
-
-    @cached_property
-    def jerks(self) -> Float[Array, "K 4"]:
-        """Third derivative by the share in each section, from its four coefficients."""
-        return self.taylor[3]
 
     @cached_property
     def taylor(self) -> Float[Array, "4 K 4"]:
@@ -110,7 +106,7 @@ class Grid:
         """All coefficients, the held ones included."""
         return np.concatenate([np.repeat(start[None], self.held, 0), free, np.repeat(goal[None], self.held, 0)])
 
-    def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "3 m 4"], Int[Array, " m"]]:
+    def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "4 m 4"], Int[Array, " m"]]:
         """As `bases` and `first`, at any shares of the duration."""
         first = sections_of(shares, self.knots)
         return _bases_at(shares, first, self.knots, self.taylor), first
@@ -123,13 +119,13 @@ class Grid:
     def states(self, coefficients: Float[Array, "C n"], duration: float) -> tuple[Array, Array, Array]:
         """Position, speed and acceleration at all nodes."""
         local = coefficients[self.first[:, None] + np.arange(DEGREE + 1)]
-        q, dq, ddq = np.einsum("ptk,tkn->ptn", self.bases, local)
+        q, dq, ddq = np.einsum("ptk,tkn->ptn", self.bases[:3], local)
         return q, dq / duration, ddq / duration**2
 
     def jerk(self, coefficients: Float[Array, "C n"], duration: float) -> Float[Array, "K n"]:
         """Jerk of every section, constant in it [rad/s³]."""
         local = coefficients[np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)]
-        return np.asarray(np.einsum("sk,skn->sn", self.jerks, local)) / duration**3
+        return np.asarray(np.einsum("sk,skn->sn", self.taylor[3], local)) / duration**3
 
     def splines(self, coefficients: Float[Array, "C n"], duration: float) -> Splines:
         """The trajectory by its knots: a batch of one."""

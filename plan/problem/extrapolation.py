@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.model.training_range import QUANTITIES, UNITS, TrainingRange
+from ident.records import Record
 from plan.errors import TaskError
 from plan.problem.problem import Limits, PlanningProblem
 from plan.spline import Splines
@@ -21,7 +21,7 @@ NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
-class Extrapolation:
+class Extrapolation(Record):
     """One quantity of one joint that a plan takes beyond the model's training.
 
     Attributes:
@@ -42,10 +42,6 @@ class Extrapolation:
     def __str__(self) -> str:
         bounds = f"trained from {self.low:.3g} to {self.high:.3g}"
         return f"{self.quantity} of {self.joint} reaches {self.reached:.3g} {self.unit}, {bounds}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its part of a result's record."""
-        return dict(vars(self))
 
 
 def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extrapolation, ...] | None:

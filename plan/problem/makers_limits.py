@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,15 +34,10 @@ class MakersLimits:
     binding: bool
 
 
-@cache
-def _rows() -> tuple[dict[str, Any], ...]:
-    return tuple(tomllib.loads(TABLE.read_text(encoding="utf-8"))["arm"])
-
-
 def find_makers_limits(arm: ArmModel) -> MakersLimits | None:
     """The row of the table for an arm, by name or file, and number of joints; None for one unknown there."""
     names = (arm.name, "" if arm.source is None else arm.source.stem)
-    for row in _rows():
+    for row in tomllib.loads(TABLE.read_text(encoding="utf-8"))["arm"]:
         if row["joints"] == arm.n and any(re.fullmatch(row["name"], name.lower()) for name in names):
             parts = (row.get(key) for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"))
             speed, acceleration, jerk = (None if part is None else np.array(part) for part in parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -10,8 +11,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
-from plan.dynamics.manipulability import Manipulability
-from plan.dynamics.power import Metric, TorqueModel, power_integral, section_nodes
+from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
+from plan.dynamics.rigid import manipulability_of
 from plan.geometry.margins import Margins, find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
@@ -134,7 +135,7 @@ class PlanningProblem:
     """
 
     scene: Scene
-    model: TorqueModel
+    model: ChainTorque
     limits: Limits
     start: Float[Array, " n"]
     goal: Float[Array, " n"]
@@ -216,7 +217,7 @@ class PlanningProblem:
 
     def evaluate(self, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Cost and broken limits of a batch of decision vectors."""
-        splines = self.decode(x)
+        splines, limits = self.decode(x), self.limits
         s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)
@@ -224,32 +225,24 @@ class PlanningProblem:
         cost = splines.total if self.objective == "time" else power_integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
         spare, shortfall = self.scene.sweep(splines, self.margins)
-        rules = self.rules
-        broken = (
-            0.0 if rules is None else np.array([rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)])
-        )
-        over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
+        over = np.maximum(splines.highest - limits.upper, limits.lower - splines.lowest).max(axis=1) + INSIDE
+        rates = _excess(splines.top_speed / (SHARE * limits.speed))
+        if limits.acceleration is not None:  # exact: a cubic's acceleration is linear
+            rates = np.maximum(rates, _excess(splines.top_acceleration / (SHARE * limits.acceleration)))
+        if limits.jerk is not None:
+            ends = splines.end_acceleration / (TICK * limits.jerk)
+            rates = np.maximum(rates, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends)))
+        if self.rules is not None:
+            rates = rates + [self.rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)]
         return BatchEvaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
             collision=shortfall / 0.02 + np.maximum(-spare, 0.0) / 0.05,
-            speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines))
-            + broken,
-            torque=_excess(peak / (SHARE * self.limits.torque)),
+            speed=rates,
+            torque=_excess(peak / (SHARE * limits.torque)),
             position=np.maximum(over, 0.0),
             gap=spare + self.margins.asked,
             peak=peak,
         )
-
-    def _rate_excess(self, splines: Splines) -> Float[Array, " B"]:
-        """Worst excess over the limits of acceleration and jerk, exact: a cubic's acceleration is linear."""
-        found = np.zeros(len(splines.points))
-        limits = self.limits
-        if limits.acceleration is not None:
-            found = np.maximum(found, _excess(splines.top_acceleration / (SHARE * limits.acceleration)))
-        if limits.jerk is not None:
-            ends = splines.end_acceleration / (TICK * limits.jerk)
-            found = np.maximum(found, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends)))
-        return found
 
     @property
     def held(self) -> dict[str, float]:
@@ -302,22 +295,15 @@ class PlanningProblem:
         return np.concatenate([*parts, logarithms] if self.searches_times else parts)
 
     @cached_property
-    def _manipulability(self) -> Manipulability:
-        return Manipulability(self.scene.arm)
-
-    @cached_property
-    def _singular_below(self) -> float:
-        """Threshold of manipulability: lower where start or goal are themselves near a singular position."""
-        ends = self._manipulability(self.ends)
-        return float(min(SINGULAR, 0.9 * ends.min()))
+    def _manipulability(self) -> tuple[Callable[[Array], Array], float]:
+        """The measure, and what counts as singular below: less where start or goal are themselves near there."""
+        measure = manipulability_of(self.scene.arm)
+        return measure, max(float(min(SINGULAR, 0.9 * measure(self.ends).min())), 1e-300)
 
     def _singular(self, q: Float[Array, "B T n"]) -> Float[Array, " B"]:
         """How singular each trajectory gets, 0 (not) to 1, from every third node."""
-        some = q[:, ::3]
-        measure = self._manipulability(some.reshape(-1, self.n)).reshape(some.shape[:2])
-        if self._singular_below <= 0.0:
-            return np.zeros(len(q))
-        return np.maximum(1.0 - measure / self._singular_below, 0.0).max(axis=1)
+        some, (measure, below) = q[:, ::3], self._manipulability
+        return np.maximum(1.0 - measure(some.reshape(-1, self.n)).reshape(some.shape[:2]) / below, 0.0).max(axis=1)
 
 
 def _excess(ratio: Float[Array, "B n"]) -> Float[Array, " B"]:

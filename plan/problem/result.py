@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,12 +12,12 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
+from ident.records import as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
-from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
-from plan.geometry.margins import SHORT, Cut, find_cuts, uncut
-from plan.geometry.scene import Unchecked, limits_of_proof
+from plan.geometry.margins import SHORT, Cut, find_cuts
+from plan.geometry.scene import Scene
 from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem
 from plan.problem.rule_values import RuleCheck
@@ -33,6 +33,9 @@ FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
 # share of the limit, how many more: where a joint turns round, friction jumps within a millisecond.
 DENSE, NEAR_LIMIT, CLOSER = 400, 0.96, 20
+# What of a result stands in its record as it is, before and behind what the motion is.
+HEAD = ("status", "reason", "robot", "joints", "held", "carried", "method", "objective", "metric")
+REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap", "starts", "notes", "provenance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,55 +44,42 @@ class Certificate:
 
     Attributes:
         energy: Energy by every metric [J], and N² m² s for copper.
-        torque_share, speed_share: Peak of each joint as a share of its limit.
-        acceleration_share, jerk_share: The same; None where there is no limit.
+        shares: Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit.
+        position_margin: Smallest distance to a position limit [rad].
+        clearance: Proven clearance, of all pairs but those that were cut.
+        asked_clearance: Clearance that the task asks for [m].
+        cuts: Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
+        scene: The shapes that were looked at, and the pairs of links of whose clearance nothing is said.
         time_law: How the motion is executed from rest to rest, and the limits on that.
         extrapolation: What goes beyond the model's training, the worst first; None where no range is known.
         reserve: Torque that was set aside because the model's is no better known [N m]; None for none.
         energy_half_width: Half of the 95 % interval of the executed motion's energy, from that of the model's torque
             [J]; None where the model tells none, and for a motion beyond its training, of which it says nothing.
-        position_margin: Smallest distance to a position limit [rad].
-        clearance: Proven clearance, of all pairs but those that were cut.
-        asked_clearance: Clearance that the task asks for [m].
-        cuts: Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
-        unchecked: Pairs of links of whose clearance nothing is said.
-        shapes: Where the links' shapes come from.
         rules: What the way had to keep, and did.
-        coarser: Obstacles that count as larger than their files say.
     """
 
     energy: dict[Metric, float]
-    torque_share: Float[Array, " n"]
-    speed_share: Float[Array, " n"]
+    shares: dict[str, Float[Array, " n"] | None]
     position_margin: float
     clearance: Clearance
-    asked_clearance: float = 0.0
-    cuts: tuple[tuple[Cut, Clearance], ...] = ()
-    unchecked: tuple[Unchecked, ...] = ()
-    shapes: ArmShapes = NO_SHAPES
-    coarser: tuple[str, ...] = ()
-    acceleration_share: Float[Array, " n"] | None = None
-    jerk_share: Float[Array, " n"] | None = None
-    time_law: TimeLaw = STANDING
-    extrapolation: tuple[Extrapolation, ...] | None = None
-    reserve: Float[Array, " n"] | None = None
-    energy_half_width: float | None = None
-    rules: tuple[RuleCheck, ...] = ()
+    asked_clearance: float
+    cuts: tuple[tuple[Cut, Clearance], ...]
+    scene: Scene
+    time_law: TimeLaw
+    extrapolation: tuple[Extrapolation, ...] | None
+    reserve: Float[Array, " n"] | None
+    energy_half_width: float | None
+    rules: tuple[RuleCheck, ...]
 
     @property
-    def shares(self) -> dict[str, Float[Array, " n"] | None]:
-        """Peak of each joint as a share of its limit, by what is limited; None without a limit."""
-        return {
-            "speed": self.speed_share,
-            "acceleration": self.acceleration_share,
-            "jerk": self.jerk_share,
-            "torque": self.torque_share,
-        }
+    def torque_share(self) -> Float[Array, " n"]:
+        """Peak torque of each joint as a share of its limit."""
+        return np.asarray(self.shares["torque"])
 
     @property
-    def limits_of_proof(self) -> list[str]:
-        """What the proof of clearance does not speak of, a line each."""
-        return limits_of_proof(self.shapes, self.unchecked, self.coarser)
+    def speed_share(self) -> Float[Array, " n"]:
+        """Top speed of each joint as a share of its limit."""
+        return np.asarray(self.shares["speed"])
 
     @property
     def broken(self) -> list[str]:
@@ -128,74 +118,47 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     q, dq, ddq = splines.states(s)
     tau = problem.model.torque(q, dq, ddq)
     weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-    energy = power_integrals(tau, dq, weights)
-    limits = problem.limits
-    margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
-    # That of getting going within a controller's tick too.
-    jerk = np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK)
+    limits, scene, trained = problem.limits, problem.scene, problem.trained
     law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)
-    cuts, scene = find_cuts(problem.scene, problem.ends, limits.clearance), problem.scene
+    cuts, half_width = find_cuts(scene, problem.ends, limits.clearance), None
+    uncut = ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
+    if trained is not None and not beyond:
+        # A joint's estimates are off the same way all along a motion, those of different joints independently.
+        half_width = float(np.linalg.norm(trained.torque_half_width[: problem.n] * np.array(law.travel)))
     return Certificate(
-        energy=energy,
-        torque_share=_torque_share(problem, splines),
-        speed_share=splines.top_speed[0] / limits.speed,
-        position_margin=margin,
-        clearance=prove_clearance(scene, splines, uncut(scene, cuts), asked=limits.clearance - SHORT),
+        energy=power_integrals(tau, dq, weights),
+        shares={
+            "speed": splines.top_speed[0] / limits.speed,
+            "acceleration": None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
+            # That of getting going within a controller's tick too.
+            "jerk": None
+            if limits.jerk is None
+            else np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK) / limits.jerk,
+            "torque": _torque_share(problem, splines),
+        },
+        position_margin=float(np.minimum(splines.lowest - limits.lower, limits.upper - splines.highest).min()),
+        clearance=prove_clearance(scene, splines, uncut, asked=limits.clearance - SHORT),
         asked_clearance=limits.clearance,
         cuts=tuple(
             (cut, prove_clearance(scene, splines, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT))
             for cut in cuts
         ),
-        unchecked=scene.unchecked,
-        shapes=scene.shapes,
-        coarser=scene.coarser,
-        acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
-        jerk_share=None if limits.jerk is None else jerk / limits.jerk,
+        scene=scene,
         time_law=law,
         extrapolation=beyond,
         reserve=limits.reserve,
-        energy_half_width=None if beyond else _energy_half_width(problem, law),
+        energy_half_width=half_width,
         rules=() if problem.rules is None else problem.rules.check(splines),
     )
 
 
-def _energy_half_width(problem: PlanningProblem, law: TimeLaw) -> float | None:
-    """Half of the 95 % interval of the energy [J]: each joint's torque is off by so much along its whole way.
-
-    A joint's figures are off the same way all along a motion, those of different joints independently.
-    """
-    if problem.trained is None:
-        return None
-    return float(np.linalg.norm(problem.trained.torque_half_width[: problem.n] * np.array(law.travel)))
-
-
 def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
-    """The plan of zero length for a start that is the goal, and what it was found to be."""
+    """The plan of zero length for a start that is the goal: what standing there for a second is, but for its time."""
     ends = np.stack([problem.start, problem.start])[None]
-    scene, limits = problem.scene, problem.limits
-    distances, cuts = scene.distances(problem.start), find_cuts(scene, problem.ends, limits.clearance)
-    rest_of = np.where(uncut(scene, cuts), distances, np.inf)
-    least = float(rest_of.min(initial=1.0))
-    name = scene.pair_name(int(np.argmin(rest_of))) if least < 1.0 else "nothing to hit"
-    still = np.zeros((1, 1, problem.n))
-    torque = np.abs(problem.model.torque(problem.start[None, None], still, still)[0, 0])
-    rest = np.zeros(problem.n)
+    found = certify(problem, Splines(ends, np.ones((1, 1))))
+    still = dict.fromkeys(METRICS, 0.0)
     splines = Splines(ends, np.zeros((1, 1)))
-    return splines, Certificate(
-        energy=dict.fromkeys(METRICS, 0.0),
-        torque_share=torque / limits.torque,
-        speed_share=rest,
-        position_margin=float(np.minimum(problem.start - limits.lower, limits.upper - problem.start).min()),
-        clearance=Clearance(least, least, 0.0, name, int(len(distances) > 0)),
-        asked_clearance=limits.clearance,
-        cuts=tuple((cut, Clearance(cut.kept, cut.kept, 0.0, scene.pair_name(cut.pair), 1)) for cut in cuts),
-        unchecked=scene.unchecked,
-        shapes=scene.shapes,
-        acceleration_share=None if limits.acceleration is None else rest,
-        jerk_share=None if limits.jerk is None else rest,
-        extrapolation=find_extrapolation(problem, splines),
-        reserve=limits.reserve,
-    )
+    return splines, replace(found, energy=still, time_law=STANDING, energy_half_width=None)
 
 
 def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
@@ -254,7 +217,7 @@ class PlanResult(Result):
     reference_gap: float | None = None
     starts: tuple[dict[str, Any], ...] = ()
     history: tuple[tuple[int, float, float], ...] = ()
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
     robot: str = ""
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
@@ -291,76 +254,47 @@ class PlanResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.result/1`; lengths in m, angles in rad."""
-        record: dict[str, Any] = {
-            "schema": SCHEMA,
-            "status": self.status,
-            "reason": self.reason,
-            "robot": self.robot,
-            "joints": list(self.joints),
-            "held": dict(self.held),
-            "carried": list(self.carried),
-            "method": self.method,
-            "objective": self.objective,
-            "metric": self.metric,
-            **self._motion(),
-            "evaluations": self.evaluations,
-            "seconds": self.seconds,
-            "cpu_seconds": self.cpu_seconds,
-            "seed": self.seed,
-            "bound": self.bound,
-            "reference_gap": self.reference_gap,
-            "starts": list(self.starts),
-            "history": [list(row) for row in self.history if np.isfinite(row[2])],
-            "notes": list(self.notes),
-            "provenance": self.provenance.to_dict(),
-        }
-        return record
+        head, tail = ({name: as_record(getattr(self, name)) for name in names} for names in (HEAD, REST))
+        history = [list(row) for row in self.history if np.isfinite(row[2])]
+        return {"schema": SCHEMA, **head, **self._motion(), **tail, "history": history}
 
     def _motion(self) -> dict[str, Any]:
-        if self.splines is None or self.certificate is None:
+        certificate, splines = self.certificate, self.splines
+        if splines is None or certificate is None:
             return {}
-        certificate, points = self.certificate, self.splines.points[0]
-        energy, rest, closest = certificate.energy, [0.0] * points.shape[1], certificate.closest
+        energy, closest, points = certificate.energy, certificate.closest, splines.points[0]
+        rest, reserve, beyond = [0.0] * points.shape[1], certificate.reserve, certificate.extrapolation
         return {
             "energy_J": {metric: energy[metric] for metric in METRICS if metric != "copper"},
             "copper_N2m2s": energy["copper"],
-            "duration_s": float(self.splines.total[0]),
+            "duration_s": float(splines.total[0]),
             "peak_torque_share": certificate.torque_share.tolist(),
             "peak_speed_share": certificate.speed_share.tolist(),
             "limits": {
                 name: None if share is None else float(share.max()) for name, share in certificate.shares.items()
             },
-            "peak_acceleration_rad_s2": rest if self.stands else self.splines.top_acceleration[0].tolist(),
-            "peak_jerk_rad_s3": rest if self.stands else self.splines.top_jerk[0].tolist(),
+            "peak_acceleration_rad_s2": rest if self.stands else splines.top_acceleration[0].tolist(),
+            "peak_jerk_rad_s3": rest if self.stands else splines.top_jerk[0].tolist(),
             "execution": certificate.time_law.to_dict(),
-            **_trust(certificate),
+            "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
+            "beyond_training": as_record(beyond or ()),
+            "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
+            "energy_half_width_J": certificate.energy_half_width,
             "collision_free": closest.collision_free,
             "clearance_m": closest.proven if closest.checked else None,
             "closest": {"pair": closest.pair, "time_s": closest.time},
             "asked_clearance_m": certificate.asked_clearance,
             "clearance_cuts": [{**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts],
-            "unchecked_pairs": [pair.to_dict() for pair in certificate.unchecked],
-            "rules": [one.to_dict() for one in certificate.rules],
-            "coarser_obstacles": list(certificate.coarser),
-            **certificate.shapes.to_dict(),
+            "rules": as_record(certificate.rules),
+            "coarser_obstacles": list(certificate.scene.coarser),
+            **certificate.scene.to_dict(),
             "start_rad": points[0].tolist(),
             "goal_rad": points[-1].tolist(),
             "via_points_rad": points[1:-1].tolist(),
-            "times_s": np.cumsum(self.splines.durations[0])[:-1].tolist(),
+            "times_s": np.cumsum(splines.durations[0])[:-1].tolist(),
         }
 
     def save(self, path: str | Path) -> None:
         """Writes the record as JSON, whole or not at all."""
         with atomic_write(path) as part:
             part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
-
-
-def _trust(certificate: Certificate) -> dict[str, Any]:
-    """How far the model may be believed along the motion."""
-    beyond, reserve = certificate.extrapolation, certificate.reserve
-    return {
-        "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
-        "beyond_training": [one.to_dict() for one in beyond or ()],
-        "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
-        "energy_half_width_J": certificate.energy_half_width,
-    }

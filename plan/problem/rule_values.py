@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.records import Record
 from ident.robot.arm import ArmModel
-from plan.dynamics.placement import frame_states
+from plan.dynamics.rigid import frame_states
 from plan.geometry.tool import find_frame
 from plan.problem.rules import ViaPoint, WayRules
 from plan.spline import Splines
@@ -53,14 +54,14 @@ class RuleRow:
 
 
 @dataclass(frozen=True)
-class RuleCheck:
+class RuleCheck(Record):
     """What a finished motion makes of one rule.
 
     Attributes:
         rule: In words.
         worst, limit: Largest value seen, or smallest where the rule keeps out, and what was asked for.
         unit: Theirs.
-        time: When [s].
+        time_s: When [s].
         kept: Whether it is kept.
     """
 
@@ -68,15 +69,11 @@ class RuleCheck:
     worst: float
     limit: float
     unit: str
-    time: float
+    time_s: float
     kept: bool
 
-    def to_dict(self) -> dict[str, object]:
-        keys = {"rule": self.rule, "worst": self.worst, "limit": self.limit, "unit": self.unit}
-        return {**keys, "time_s": self.time, "kept": self.kept}
-
     def __str__(self) -> str:
-        return f"{self.rule}: {self.worst:.4g} of {self.limit:.4g} {self.unit} at {self.time:.3f} s"
+        return f"{self.rule}: {self.worst:.4g} of {self.limit:.4g} {self.unit} at {self.time_s:.3f} s"
 
 
 class Rules:
@@ -195,40 +192,37 @@ class Rules:
         times, rules = np.linspace(0.0, float(splines.total[0]), DENSE), self.rules
         q, dq, _ = splines.at(times)
         place, axes, linear, _ = self.tool(q)
-        found = []
+        seen: list[tuple[str, Array, float, str, float]] = []  # name, values, limit, unit, and -1 where it is the least
         if rules.speed is not None:
             speed = np.linalg.norm(np.einsum("tni,tn->ti", linear, dq), axis=1)
-            found.append(_largest("speed of the tool", speed, rules.speed, "m/s", times))
+            seen.append(("speed of the tool", speed, rules.speed, "m/s", 1.0))
         if rules.straight is not None:
             away = (place - self.first[0]) @ self._axes.T
             beyond = np.maximum(np.maximum(away[:, 0] - self.length, -away[:, 0]), 0.0)
             off = np.linalg.norm(np.column_stack([beyond, away[:, 1:]]), axis=1)
-            found.append(_largest("tool off its straight line", off, rules.straight, "m", times))
+            seen.append(("tool off its straight line", off, rules.straight, "m", 1.0))
             if q.shape[1] >= TURNING:
                 turned = np.degrees(np.linalg.norm(self._turned(axes, away[:, 0])[0], axis=1))
-                found.append(_largest("tool off its even turn", turned, np.degrees(rules.turning), "deg", times))
+                seen.append(("tool off its even turn", turned, np.degrees(rules.turning), "deg", 1.0))
         for number, cone in enumerate(rules.cones, start=1):
             angle = np.degrees(np.arccos(np.clip(axes @ cone.axis @ cone.towards, -1.0, 1.0)))
-            sign = 1.0 if cone.allowed else -1.0
             name = f"tool's axis {'inside' if cone.allowed else 'outside'} cone {number}"
-            one = _largest(name, sign * angle, sign * np.degrees(cone.angle), "deg", times)
-            found.append(RuleCheck(name, abs(one.worst), abs(one.limit), "deg", one.time, one.kept))
-        return (*found, *self._check_vias(splines, times, q))
-
-    def _check_vias(self, splines: Splines, times: Array, q: Array) -> list[RuleCheck]:
-        found, step = [], times[1] - times[0]
-        if not self.rules.vias:
-            return []
-        for number, t in enumerate(self.when_passed(q)):
-            via = self.rules.vias[number]
+            seen.append((name, angle, np.degrees(cone.angle), "deg", 1.0 if cone.allowed else -1.0))
+        found = []
+        for name, values, limit, unit, sign in seen:
+            worst = int(np.argmax(sign * values))
+            kept = bool(sign * values[worst] <= sign * limit)
+            found.append(RuleCheck(name, float(values[worst]), float(limit), unit, float(times[worst]), kept))
+        step = times[1] - times[0]
+        for number, t in enumerate(self.when_passed(q) if rules.vias else ()):
+            via = rules.vias[number]
             near = np.clip(np.linspace(times[t] - step, times[t] + step, CLOSER), 0.0, times[-1])
             missed = np.abs(self.missed(via, splines.at(near)[0])).max(axis=1)
-            best, scale = int(np.argmin(missed)), 1.0 if via.of_tool else np.degrees(1.0)
-            worst, unit = float(missed[best]), "m" if via.of_tool else "deg"
+            best, (scale, unit) = int(np.argmin(missed)), (1.0, "m") if via.of_tool else (np.degrees(1.0), "deg")
+            reached, kept = scale * float(missed[best]), bool(missed[best] <= via.within)
             name = f"via point {number + 1} passed within"
-            row = name, scale * worst, scale * via.within, unit, float(near[best])
-            found.append(RuleCheck(*row, bool(worst <= via.within)))
-        return found
+            found.append(RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept))
+        return tuple(found)
 
 
 def _speed_row(states: tuple[Array, Array, Array, Array], dq: Array, limit: float) -> RuleRow:
@@ -243,8 +237,3 @@ def _speed_row(states: tuple[Array, Array, Array, Array], dq: Array, limit: floa
     change = np.cross(angular, beyond) + np.cross(before, linear)
     by_position = 2.0 * np.einsum("tni,ti->tn", change, speed) / limit**2
     return RuleRow("speed", (speed * speed).sum(axis=1) / limit**2, 1.0, 1.0, 0.99, by_position, by_speed)
-
-
-def _largest(name: str, values: Float[Array, " T"], limit: float, unit: str, times: Float[Array, " T"]) -> RuleCheck:
-    worst = int(np.argmax(values))
-    return RuleCheck(name, float(values[worst]), float(limit), unit, float(times[worst]), bool(values[worst] <= limit))

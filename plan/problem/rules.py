@@ -1,4 +1,4 @@
-"""What a motion has to keep on its way beside limits and clearance: via points that it passes, the tool's rules."""
+"""What a scene file asks of a motion's way beside limits and clearance, and of its end as a pose."""
 
 from __future__ import annotations
 
@@ -6,15 +6,32 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
+from ident.robot.urdf import rpy_to_matrix
 from plan.errors import SceneError
 from plan.problem.scene_keys import SceneTable
 
-# How near to a via point is "through" it, if nothing else is asked for: of each joint [deg], of the tool's place [m].
-THROUGH_DEG, THROUGH_M = 0.1, 1e-3
-# How far the tool may be off a straight line [m], and its turn off an even one [deg].
-OFF_M, OFF_DEG = 1e-3, 0.5
+# A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
+ROUNDED = 0.01
+# No arm reaches farther: millimetres were meant, or nothing at all [m].
+FARTHEST = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a frame is to be.
+
+    Attributes:
+        frame: Its name; the arm's last link if None.
+        place: In the base frame [m].
+        rotation: Its axes in the base frame; None where any will do.
+    """
+
+    frame: str | None
+    place: Float[Array, " 3"]
+    rotation: Float[Array, "3 3"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +47,6 @@ class ViaPoint:
     target: Float[Array, " k"]
     of_tool: bool
     within: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "target", freeze(self.target))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +82,7 @@ class WayRules:
     frame: str | None = None
     speed: float | None = None
     straight: float | None = None
-    turning: float = math.radians(OFF_DEG)
+    turning: float = math.radians(0.5)
     cones: tuple[Cone, ...] = ()
     vias: tuple[ViaPoint, ...] = ()
 
@@ -79,24 +93,23 @@ class WayRules:
         return any(part is not None for part in own) or bool(self.cones or self.vias)
 
 
-def read_rules(top: SceneTable, joints: int) -> WayRules:
+def read_rules(top: SceneTable) -> WayRules:
     """The tables `[tool]`, `[[tool.cone]]` and `[[pass]]` of a scene file.
 
     Raises:
         SceneError: A key is missing, unknown or of the wrong kind.
     """
     tool = top.table("tool")
-    straight = tool.flag("straight")
     for key in ("within_m", "within_deg"):
-        if key in tool and not straight:
+        if key in tool and not tool["straight"]:
             raise tool.fault(key, "has nothing to be off from", "add straight = true, or drop it")
     return WayRules(
-        frame=tool.text("frame") if "frame" in tool else None,
-        speed=tool.number("speed_m_s", least=1e-4) if "speed_m_s" in tool else None,
-        straight=tool.number("within_m", OFF_M, least=1e-5) if straight else None,
-        turning=math.radians(tool.number("within_deg", OFF_DEG, least=0.01)),
+        frame=tool["frame"],
+        speed=tool["speed_m_s"],
+        straight=tool["within_m"] if tool["straight"] else None,
+        turning=tool["within_deg"],
         cones=tuple(_cone(table) for table in tool.tables("cone")),
-        vias=tuple(_via(table, joints) for table in top.tables("pass")),
+        vias=tuple(_via(table) for table in top.tables("pass")),
     )
 
 
@@ -105,11 +118,11 @@ def _cone(table: SceneTable) -> Cone:
     if len(given) != 1:
         what = f"{table.name} has {' and '.join(given) or 'no angle'}"
         raise SceneError(table.file, what, "give one of them: allowed_deg, keep_out_deg")
-    angle, axes = table.number(given[0], least=0.1), []
+    angle, axes = table[given[0]], []
     if angle > 179.0:
         raise table.fault(given[0], f"is {angle:g}", "give 0.1 to 179 degrees")
-    for key, z in (("axis", 1.0), ("towards", -1.0)):
-        found = table.numbers(key, 3, np.array([0.0, 0.0, z]))
+    for key in ("axis", "towards"):
+        found = table[key]
         length = float(np.linalg.norm(found))
         if length < 1e-6:
             raise table.fault(key, f"is {found.tolist()}, no direction", "give a vector that is not nought")
@@ -117,7 +130,7 @@ def _cone(table: SceneTable) -> Cone:
     return Cone(axes[0], axes[1], math.radians(angle), given[0] == "allowed_deg")
 
 
-def _via(table: SceneTable, joints: int) -> ViaPoint:
+def _via(table: SceneTable) -> ViaPoint:
     of_tool = "xyz_m" in table
     if ("deg" in table) == of_tool:
         what = f"{table.name} has {'both deg and xyz_m' if of_tool else 'neither deg nor xyz_m'}"
@@ -126,7 +139,32 @@ def _via(table: SceneTable, joints: int) -> ViaPoint:
     if other in table:
         kind = f"{'place' if of_tool else 'joint angles'}: {own}"
         raise table.fault(other, "goes with the other kind of via point", f"this one is of {kind}")
-    if of_tool:
-        return ViaPoint(table.numbers("xyz_m", 3), True, table.number(own, THROUGH_M, least=1e-5))
-    within = math.radians(table.number(own, THROUGH_DEG, least=0.01))
-    return ViaPoint(np.radians(table.numbers("deg", joints)), False, within)
+    return ViaPoint(freeze(table["xyz_m" if of_tool else "deg"]), of_tool, table[own])
+
+
+def read_poses(task: SceneTable) -> list[Pose]:
+    """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
+
+    Raises:
+        SceneError: A key is missing, unknown or of the wrong kind, or both kinds of goal are given.
+    """
+    poses = task.entry.get("goal_pose", [])
+    for key in ("goal_deg", "goals_deg"):
+        if key in task and poses:
+            raise SceneError(task.file, f"task has both {key} and goal_pose", "give one of them")
+    name = task.path("goal_pose")
+    return [_pose(SceneTable(task.file, name, one)) for one in (poses if isinstance(poses, list) else [poses])]
+
+
+def _pose(table: SceneTable) -> Pose:
+    place, rpy, given = freeze(table["xyz_m"]), table["rpy_rad"], table["quaternion_xyzw"]
+    if np.abs(place).max() > FARTHEST:
+        raise table.fault("xyz_m", f"lies {np.abs(place).max():.3g} m away", "give metres from the base")
+    if given is None:
+        return Pose(table["frame"], place, None if rpy is None else freeze(rpy_to_matrix(rpy)))
+    if rpy is not None:
+        raise SceneError(table.file, f"{table.name} has both rpy_rad and quaternion_xyzw", "give one of them")
+    length = float(np.linalg.norm(given))
+    if abs(length - 1.0) > ROUNDED:
+        raise table.fault("quaternion_xyzw", f"has length {length:.3g}, not 1", "give x, y, z, w of a unit quaternion")
+    return Pose(table["frame"], place, freeze(pin.Quaternion(given / length).toRotationMatrix()))

@@ -1,26 +1,92 @@
-"""Scene files: what the arm is to do, and what stands in its way."""
+"""Scene files: what the arm is to do, what stands in its way, and what it carries."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.recordings.recording import Payload
+from ident.robot.urdf import rpy_to_matrix
 from ident.safe_read import read_toml
 from plan.errors import SceneError
-from plan.geometry.boxes import Box
+from plan.geometry.obstacle_files import read_cloud, read_mesh
+from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
-from plan.problem.obstacle_tables import read_attached, read_obstacles
-from plan.problem.pose import Pose, read_poses
-from plan.problem.rules import WayRules, read_rules
-from plan.problem.scene_keys import SceneTable
+from plan.problem.rules import Pose, WayRules, read_poses, read_rules
+from plan.problem.scene_keys import KEYS, SceneTable
 
-DEFAULT_CLEARANCE = 0.005
-DEFAULT_REACH_DEG = 90.0
+SHAPES = tuple(name.removeprefix("obstacle: ") for name in KEYS if name.startswith("obstacle: "))
+# Keys by which a shape is known where it is not named.
+TELLING = {"file": "mesh", "cloud": "cloud"}
+# A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom: half lengths [m].
+FLOOR_HALF = (50.0, 50.0, 1.0)
+
+
+def read_obstacles(top: SceneTable) -> tuple[Box, ...]:
+    """The obstacles of a scene file, and its floor as one more.
+
+    Raises:
+        SceneError: A key is missing, unknown or of the wrong kind, or a mesh can't be used.
+    """
+    found = [_shape(_shape_table(top.file, *item)) for item in top.items("obstacle")]
+    return (*found, floor_box(top.table("floor")["height_m"])) if "floor" in top else tuple(found)
+
+
+def read_attached(top: SceneTable) -> tuple[Carried, ...]:
+    """What the arm carries, the frame on which it hangs, and the links that it may touch."""
+    found = []
+    for item in top.items("attached"):
+        table = _shape_table(top.file, *item, carried=True)
+        touches = table.entry.get("touches", [])
+        if not isinstance(touches, list) or not all(isinstance(name, str) for name in touches):
+            what = f"touches is {touches!r}, not a list of links"
+            raise SceneError(top.file, what, 'give touches = ["link", …]')
+        found.append(Carried(_shape(table, carried=True), table["link"], tuple(touches)))
+    return tuple(found)
+
+
+def floor_box(height: float) -> Box:
+    """The floor at a height above the base's origin [m]."""
+    return Box("floor", 0, np.eye(3), np.array([0.0, 0.0, height - FLOOR_HALF[2]]), np.array(FLOOR_HALF))
+
+
+def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = False) -> SceneTable:
+    """A shape's table, its kind found out and its keys looked at."""
+    kind = entry.get("shape", next((shape for word, shape in TELLING.items() if word in entry), "box"))
+    if kind not in SHAPES:
+        raise SceneError(file, f"{name}: shape is {kind!r}", f"use one of: {', '.join(SHAPES)}")
+    keys = {**KEYS["obstacle"], **KEYS[f"obstacle: {kind}"], **(KEYS["attached"] if carried else {})}
+    table = SceneTable(file, name, {**entry, "shape": kind}, keys)
+    if kind == "cloud" and carried:
+        remedy = "give another shape, or a mesh, of which the hull counts"
+        raise SceneError(file, f"{name}: a cloud can't be carried", remedy)
+    return table
+
+
+def _shape(table: SceneTable, carried: bool = False) -> Box:
+    """A shape and its place; of a mesh that is carried the hull: the arm's own bodies are convex."""
+    kind, middle, folder = table["shape"], np.zeros(3), table.file.parent
+    if kind == "box":
+        solid = Solid.simple("box", *(table["size_m"] / 2))
+    elif kind == "mesh":
+        solid, middle = read_mesh(folder / table.need("file"), table["scale"], table["hull"] or carried)
+    elif kind == "cloud":
+        solid, middle = read_cloud(folder / table.need("cloud"), table["radius_m"], table["scale"])
+    else:
+        lengths = () if kind == "sphere" else (table["length_m"] / 2,)
+        solid = Solid.simple(cast("Kind", kind), table["radius_m"], *lengths)
+    rotation = rpy_to_matrix(table["rpy_rad"])
+    # What was scanned is given in the base frame, where nothing else is said.
+    centre = np.zeros(3) if kind == "cloud" and "xyz_m" not in table else table.need("xyz_m")
+    return Box.around(str(table.entry.get("name", table.name)), solid, 0, rotation, centre + rotation @ middle)
+
+
+NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,18 +161,18 @@ class Task(Surroundings):
     duration: float | None = None
     via_points: int = 2
     wrist: Float[Array, " k"] | None = None
-    clearance: float = DEFAULT_CLEARANCE
-    reach: float = math.radians(DEFAULT_REACH_DEG)
+    clearance: float = 0.005
+    reach: float = math.pi / 2
     torque: Float[Array, " n"] | None = None
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
     makers: bool = True
-    taught: tuple[Trial, ...] = field(default_factory=tuple)
+    taught: tuple[Trial, ...] = ()
     pose: Pose | None = None
     avoid_singular: bool = False
     others: tuple[Float[Array, " n"], ...] = ()
     other_poses: tuple[Pose, ...] = ()
-    way: WayRules = field(default_factory=WayRules)
+    way: WayRules = NO_RULES
 
     @property
     def n(self) -> int:
@@ -121,31 +187,35 @@ def load_task(path: str | Path) -> Task:
         SceneError: Not TOML, a key is missing, unknown or of the wrong kind.
     """
     top = _read(Path(path))
-    task, limits = top.table("task", needed=True), top.table("limits")
-    start = np.radians(task.numbers("start_deg"))
-    count, poses = len(start), read_poses(task)
-    goals = [start] if poses else _goals(task, count)
-    taught = (_trial(task, count),) if "via_points_deg" in task else ()
-    around = vars(_surroundings(top, count)) | {"robot": top.text("robot")}
+    if "task" not in top:
+        raise SceneError(top.file, "it has no [task] table", "add one")
+    start = top.table("task")["start_deg"]
+    top.joints = len(start)
+    task, limits = top.table("task"), top.table("limits")
+    poses = read_poses(task)
+    if "goal_deg" in task and "goals_deg" in task:
+        raise SceneError(task.file, "task has both goal_deg and goals_deg", "give one of them")
+    goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
+    taught = (_trial(task),) if "via_points_deg" in task else ()
     return Task(
-        **around,
+        **vars(_surroundings(top)) | {"robot": top.need("robot")},
         start=start,
         goal=goals[0],
-        duration=task.number("duration_s") if "duration_s" in task else None,
-        via_points=len(taught[0].vias) if taught else task.whole("via_points", 2),
-        wrist=task.angles("wrist_deg"),
-        clearance=task.number("clearance_m", DEFAULT_CLEARANCE),
-        reach=math.radians(task.number("reach_deg", DEFAULT_REACH_DEG, least=1e-3)),
-        torque=limits.numbers("torque_Nm", count, positive=True) if "torque_Nm" in limits else None,
-        acceleration=limits.angles("acceleration_deg_s2", count, positive=True),
-        jerk=limits.angles("jerk_deg_s3", count, positive=True),
-        makers=limits.flag("makers", True),
+        duration=task["duration_s"],
+        via_points=len(taught[0].vias) if taught else task["via_points"],
+        wrist=task["wrist_deg"],
+        clearance=task["clearance_m"],
+        reach=task["reach_deg"],
+        torque=limits["torque_Nm"],
+        acceleration=limits["acceleration_deg_s2"],
+        jerk=limits["jerk_deg_s3"],
+        makers=limits["makers"],
         taught=taught,
         pose=poses[0] if poses else None,
-        avoid_singular=task.flag("avoid_singular"),
+        avoid_singular=task["avoid_singular"],
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
-        way=read_rules(top, count),
+        way=read_rules(top),
     )
 
 
@@ -155,10 +225,10 @@ def load_surroundings(path: str | Path, joints: int) -> Surroundings:
     Raises:
         SceneError: As `load_task`.
     """
-    top = _read(Path(path))
+    top = _read(Path(path), joints)
     top.table("task")
     top.table("tool")
-    return _surroundings(top, joints)
+    return _surroundings(top)
 
 
 def load_trials(path: str | Path, joints: int) -> list[Trial]:
@@ -168,59 +238,49 @@ def load_trials(path: str | Path, joints: int) -> list[Trial]:
         SceneError: Not such a file.
     """
     document = read_toml(Path(path), "give a scene file (TOML)", SceneError)
-    top = SceneTable(Path(path), "", document, document)
-    entries = document.get("trial")
-    if not isinstance(entries, list) or not entries:
+    top = SceneTable(Path(path), "", {"trial": document.get("trial", [])}, joints=joints)
+    if not top.entry["trial"]:
         remedy = "give one [[trial]] with via_points_deg a taught motion"
         raise SceneError(top.file, "it has no [[trial]] table", remedy)
-    return [_trial(SceneTable(top.file, name, entry, entry), joints) for name, entry in top.items("trial")]
+    return [_trial(table) for table in top.tables("trial")]
 
 
-def _read(file: Path) -> SceneTable:
+def _read(file: Path, joints: int | None = None) -> SceneTable:
     """The top of a scene file."""
-    return SceneTable(file, "", read_toml(file, "give a scene file (TOML)", SceneError))
+    return SceneTable(file, "", read_toml(file, "give a scene file (TOML)", SceneError), joints=joints)
 
 
-def _surroundings(top: SceneTable, joints: int) -> Surroundings:
+def _surroundings(top: SceneTable) -> Surroundings:
     """What a scene file says beside its task."""
     limits, payload, mass = top.table("limits"), top.table("payload"), None
-    low, high = limits.angles("lower_deg", joints), limits.angles("upper_deg", joints)
+    low, high = limits["lower_deg"], limits["upper_deg"]
     if low is not None and high is not None and np.any(low >= high):
         j = int(np.flatnonzero(low >= high)[0])
         what = f"{np.degrees(low[j]):g} is not below limits.upper_deg {np.degrees(high[j]):g}"
         raise limits.fault("lower_deg", what, "correct one of them")
     if "payload" in top:
-        x, y, z = payload.numbers("com_m", 3, np.zeros(3)).tolist()
-        mass = Payload(payload.number("mass_kg"), (x, y, z))
+        x, y, z = payload["com_m"].tolist()
+        mass = Payload(payload["mass_kg"], (x, y, z))
     return Surroundings(
         source=top.file,
-        robot=top.text("robot") if "robot" in top else None,
+        robot=top["robot"],
         obstacles=read_obstacles(top),
         attached=read_attached(top),
         payload=mass,
-        payload_link=payload.text("link") if "link" in payload else None,
-        srdf=top.file.parent / top.text("srdf") if "srdf" in top else None,
+        payload_link=payload["link"],
+        srdf=top.file.parent / top["srdf"] if "srdf" in top else None,
         lower=low,
         upper=high,
-        speed=limits.angles("speed_deg_s", joints, positive=True),
+        speed=limits["speed_deg_s"],
     )
 
 
-def _goals(task: SceneTable, joints: int) -> list[Float[Array, " n"]]:
-    """The goal, or the goals of which any will do [rad]."""
-    if "goals_deg" not in task:
-        return [np.radians(task.numbers("goal_deg", joints))]
-    if "goal_deg" in task:
-        raise SceneError(task.file, "task has both goal_deg and goals_deg", "give one of them")
-    return [np.radians(row) for row in task.rows("goals_deg", joints)]
-
-
-def _trial(table: SceneTable, joints: int) -> Trial:
+def _trial(table: SceneTable) -> Trial:
     if "via_points_deg" not in table:
         raise SceneError(table.file, f"{table.name} has no via_points_deg", "give rows of joint angles in degrees")
-    vias, times = np.radians(table.rows("via_points_deg", joints)), None
-    if "times_s" in table:
-        times = table.numbers("times_s", len(vias), positive=True)
-        if np.any(np.diff(times) <= 0):
-            raise SceneError(table.file, f"{table.name}: times_s do not increase", "give one later stamp a via point")
+    vias, times = np.array(table["via_points_deg"]), table["times_s"]
+    if times is not None and len(times) != len(vias):
+        raise table.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
+    if times is not None and np.any(np.diff(times) <= 0):
+        raise SceneError(table.file, f"{table.name}: times_s do not increase", "give one later stamp a via point")
     return Trial(str(table.entry.get("name", table.name)), vias, times)

@@ -119,7 +119,7 @@ def _trust(certificate: Certificate) -> Iterator[str]:
         yield f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too {place}"
     else:
         yield "clearance: nothing to hit, so nothing was looked at"
-    yield from (f"  {line}" for line in certificate.limits_of_proof)
+    yield from (f"  {line}" for line in certificate.scene.limits_of_proof)
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:

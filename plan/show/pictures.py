@@ -131,27 +131,6 @@ def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
                 axis.plot(*ends[:, columns].T, color=TOOL, lw=0.8)
 
 
-def draw_before_after(problem: PlanningProblem, result: PlanResult) -> Figure:
-    """Torques of a joint a column, before and after, each row on its own time: the paper's Fig. 13."""
-    assert result.splines is not None
-    figure, axes = plt.subplots(2, problem.n, figsize=(3.2 * problem.n, 5), sharex="row", squeeze=False)
-    motions = (
-        (problem.decode(problem.initial), f"before: {problem.label}"),
-        (result.splines, f"after: {result.method}"),
-    )
-    for row, (splines, words) in enumerate(motions):
-        times, _, _, tau = _profiles(problem, splines)
-        for j in range(problem.n):
-            axes[row, j].plot(times, tau[:, j], color=(BEFORE, AFTER)[row])
-            _draw_limits(axes[row, j], problem.limits.torque[j])
-            axes[row, j].set_title(f"{problem.scene.arm.joint_names[j]}, {words}", fontsize=8, parse_math=False)
-            axes[row, j].set_xlabel("time [s]")
-        axes[row, 0].set_ylabel("torque [N m]")
-    figure.suptitle(_motion_title(result))
-    figure.tight_layout(rect=(0, 0, 1, 0.98))
-    return figure
-
-
 def _motion_title(result: PlanResult) -> str:
     splines, certificate = result.splines, result.certificate
     if splines is None or certificate is None or not result.solved:

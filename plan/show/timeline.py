@@ -9,7 +9,7 @@ import pinocchio as pin
 import rerun as rr
 
 from ident.files import atomic_write
-from plan.geometry.boxes import Box
+from plan.geometry.solids import Box
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 

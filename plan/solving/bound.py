@@ -10,7 +10,6 @@ from scipy.spatial import ConvexHull
 from ident.arrays import Array, Float
 from ident.laws.carried import JointStates
 from plan.dynamics.compiled_nets import CompiledJointNets
-from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque
 from plan.problem.problem import PlanningProblem
 
@@ -25,20 +24,17 @@ def lower_bound(problem: PlanningProblem) -> float | None:
 
     Limits of position and obstacles are left out, which can only lower it.
     """
-    model = problem.model
-    if not isinstance(model, ChainTorque):
-        return None
-    return _time_bound(problem, model) if problem.objective == "time" else _energy_bound(problem, model)
+    return _time_bound(problem) if problem.objective == "time" else _energy_bound(problem)
 
 
-def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
+def _time_bound(problem: PlanningProblem) -> float:
     """Longest of what each joint's way takes at its limits of speed and acceleration, and at what torque allows.
 
     Let w = √(dqᵀ M dq). Coriolis torques do no work, so |dw/dt| ≤ ‖M^(−1/2) u‖ with u what torque, gravity and friction
     can push, and |dq_j| ≤ w √(M⁻¹)_jj. With the largest values over the joints' range, which are taken from random
     positions and granted a twentieth, each joint's speed lies below a trapezium whose area is its way.
     """
-    limits = problem.limits
+    limits, model = problem.limits, problem.model
     rng = np.random.default_rng(0)  # fixed: the bound is a property of the task
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (POSITIONS, problem.n))
@@ -54,7 +50,7 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
     if not (model.net is None or isinstance(model.net, CompiledJointNets)):
         push = np.full(problem.n, np.inf)
     grids = [np.linspace(-top, top, SPEEDS) for top in limits.speed]
-    residual = np.array([_residual_range(problem, model, j, grid)[0] for j, grid in enumerate(grids)])
+    residual = np.array([_residual_range(problem, j, grid)[0] for j, grid in enumerate(grids)])
     push, drag = push + residual, drag + residual
     reach = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0)) * GRANTED
     rates = [np.sqrt(np.einsum("tij,i,j->t", np.abs(inverse), u, u).max()) * GRANTED for u in (push, push + drag)]
@@ -69,13 +65,14 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
     return max(times)
 
 
-def _energy_bound(problem: PlanningProblem, model: ChainTorque) -> float | None:
+def _energy_bound(problem: PlanningProblem) -> float | None:
     """The weight lifted, and the least that friction and net take for each joint's way in the time given.
 
     Rigid body and rotors give back what they took between rest and rest, so the signed energy is the lift and ∫ P(dq)
     dt with P the least loss at each speed; by convexity no course takes less than the steady speed on P's convex hull.
     Braking credited makes the signed energy the least of all metrics in joules.
     """
+    model = problem.model
     if problem.metric == "copper" or not (model.net is None or isinstance(model.net, CompiledJointNets)):
         return None
     total = float(problem.durations.sum())
@@ -85,33 +82,28 @@ def _energy_bound(problem: PlanningProblem, model: ChainTorque) -> float | None:
     still = np.zeros_like(q)
     bare = replace(model, net=None, named=(), losses=replace(model.losses, coulomb=0 * way, offset=0 * way))
     lift = float(weight @ (bare.torque(q[None], still[None], still[None])[0] @ way)) / 2.0
-    least = 0.0
+    bound, losses = lift, model.losses
     for j, speed in enumerate(way / total):
-        least += total * _steady(*_loss_power(problem, model, j, float(speed)), float(speed))
-    bound = lift + least
+        speeds = np.unique(np.append(np.linspace(-1.0, 1.0, SPEEDS) * problem.limits.speed[j], speed))
+        # |v| - 0.28 w lies below v tanh(v / w) for every v, and is convex, which that is not.
+        slip = np.maximum(np.abs(speeds) - 0.2785 * losses.transition_speed[j], 0.0)
+        power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
+        power += _residual_range(problem, j, speeds)[1]
+        # At the steady speed, on the lower convex hull of power over speed.
+        lid = np.array([[speeds[0], power.max() + 1.0], [speeds[-1], power.max() + 1.0]])
+        corners = ConvexHull(np.concatenate([np.column_stack([speeds, power]), lid])).vertices
+        kept = np.sort(corners[corners < len(speeds)])
+        bound += total * float(np.interp(speed, speeds[kept], power[kept]))
     return bound if problem.metric == "signed" else max(bound, 0.0)
 
 
-def _loss_power(
-    problem: PlanningProblem, model: ChainTorque, j: int, speed: float
-) -> tuple[Float[Array, " v"], Float[Array, " v"]]:
-    """Speeds of a joint, a given one among them, and the least power that friction, offset and net take at each."""
-    losses, top = model.losses, float(problem.limits.speed[j])
-    speeds = np.unique(np.append(np.linspace(-top, top, SPEEDS), speed))
-    # |v| - 0.28 w lies below v tanh(v / w) for every v, and is convex, which that is not.
-    slip = np.maximum(np.abs(speeds) - 0.2785 * losses.transition_speed[j], 0.0)
-    power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
-    return speeds, power + _residual_range(problem, model, j, speeds)[1]
-
-
-def _residual_range(
-    problem: PlanningProblem, model: ChainTorque, j: int, speeds: Float[Array, " v"]
-) -> tuple[float, Float[Array, " v"]]:
+def _residual_range(problem: PlanningProblem, j: int, speeds: Float[Array, " v"]) -> tuple[float, Float[Array, " v"]]:
     """Largest torque of a joint's net and named laws, and the least power that they take at each speed.
 
     Whatever acceleration, load and angle are.
     """
-    limits, width, cases = problem.limits, float(model.losses.transition_speed[j]), []
+    limits, model, cases = problem.limits, problem.model, []
+    width = float(model.losses.transition_speed[j])
     loads = np.linspace(-1.0, 1.0, OTHERS) * limits.torque[j]
     if isinstance(model.net, CompiledJointNets):
         most = 10.0 * limits.speed[j] if limits.acceleration is None else limits.acceleration[j]  # to top in a tenth
@@ -129,12 +121,3 @@ def _residual_range(
 def _grid(*axes: Float[Array, " k"]) -> list[Float[Array, " m"]]:
     """All combinations of some values, the first changing slowest."""
     return [part.reshape(-1) for part in np.meshgrid(*axes, indexing="ij")]
-
-
-def _steady(speeds: Float[Array, " v"], power: Float[Array, " v"], speed: float) -> float:
-    """Value at a speed of the lower convex hull of power over speed."""
-    corners = np.column_stack([speeds, power])
-    lid = np.array([[speeds[0], power.max() + 1.0], [speeds[-1], power.max() + 1.0]])
-    hull = ConvexHull(np.concatenate([corners, lid]))
-    kept = np.sort(hull.vertices[hull.vertices < len(speeds)])
-    return float(np.interp(speed, speeds[kept], power[kept]))

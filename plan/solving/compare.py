@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from plan.planners.base import Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Trial
-from plan.solving.solve import Starts, find_starts, solve
+from plan.solving.solve import find_starts, solve
 
 SCHEMA = "plan.comparison/1"
 # Methods without randomness run once.
@@ -57,21 +58,20 @@ class Comparison(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Medians over the seeds, a record a method; costs are None where the median run had no plan."""
-        best = self.best()
-        rows = []
+        best, rows = self.best(), []
         for method in self.methods:
             runs = self.of(method)
-            costs, executed = (np.array([getattr(run, name) for run in runs]) for name in ("cost", "executed_cost"))
+            costs = [run.cost for run in runs]
             clear = [run.certificate.clearance.proven for run in runs if run.certificate and run.solved]
-            cost, done = _finite(np.median(costs)), _finite(np.median(executed))
+            done = _finite(np.median([run.executed_cost for run in runs]))
             rows.append(
                 {
                     "method": method,
                     "runs": len(runs),
                     "solved": sum(run.solved for run in runs),
-                    "cost": cost,
+                    "cost": _finite(np.median(costs)),
                     "executed": done,
-                    "worst": _finite(costs.max()),
+                    "worst": _finite(max(costs)),
                     "cost_at_evaluations": _finite(np.median([cost_at(run, self.evaluations, 0) for run in runs])),
                     "cost_at_seconds": _finite(np.median([cost_at(run, self.seconds, 1) for run in runs])),
                     "evaluations": int(np.median([run.evaluations for run in runs])),
@@ -131,14 +131,12 @@ def compare(
     chosen = named or able(problem)
     for method in chosen:
         make_planner(method, problem.objective)
-    starts: dict[int, Starts] = {}
-    results = []
-    for method in chosen:
-        for seed in range(1 if method in FIXED else options.seeds):
-            if seed not in starts:
-                starts[seed] = find_starts(problem, np.random.default_rng(seed), trial)
-            one = SolveOptions(method=method, seed=seed, gap=False)
-            results.append(solve(problem, one, None, trial, starts[seed], progress))
+    starts = cache(lambda seed: find_starts(problem, np.random.default_rng(seed), trial))
+    results = [
+        solve(problem, SolveOptions(method=method, seed=seed, gap=False), None, trial, starts(seed), progress)
+        for method in chosen
+        for seed in range(1 if method in FIXED else options.seeds)
+    ]
     return Comparison(name, problem.objective, options.evaluations, options.seconds, tuple(results))
 
 

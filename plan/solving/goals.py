@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array
-from plan.dynamics.power import ChainTorque
 from plan.errors import TaskError
 from plan.geometry.margins import why_refused
-from plan.initial.inverse_kinematics import find_frame, reach_pose
+from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
 from plan.planners import Budget, Ledger
 from plan.planners.sequential import Sequential
-from plan.problem.pose import Pose
 from plan.problem.problem import PlanningProblem
+from plan.problem.rules import Pose
 from plan.problem.task_file import Task
 
 # What is tried for each way before one is chosen, and how long in processor time [s].
@@ -45,29 +44,27 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
 def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | TaskError:
     """Joint positions that bring a frame to its pose, or why there are none."""
     arm, limits = problem.scene.arm, problem.limits
-    frame = find_frame(arm, pose.frame)
-    if frame is None:
-        names = ", ".join(dict.fromkeys(one.name for one in arm.model.frames if one.name != "universe"))
-        return TaskError(task.source, f"task.goal_pose: the robot has no frame {pose.frame!r}", f"use one of: {names}")
-    ways = reach_pose(arm, pose, frame, problem.start, limits.lower, limits.upper)
-    named = pose.frame or arm.links[-1]
-    if not ways.positions and ways.outside:
-        what = f"task.goal_pose: {named} comes there in {ways.outside} ways, all of them out of the position limits"
-        return TaskError(task.source, what, "move the pose, or widen [limits]")
-    if not ways.positions:
-        place, turn = ways.nearest
-        short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
-        what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
-        remedies = ["move the pose"]
-        remedies += [] if pose.rotation is None else ["leave its rotation out"]
-        remedies += [] if not arm.locked_joints else ["let more joints move"]
-        return TaskError(task.source, what, ", or ".join(remedies))
-    goals = [q for q in ways.positions if why_refused(problem.scene, q, limits.clearance) is None]
+    named, frames = pose.frame or arm.links[-1], dict.fromkeys(str(one.name) for one in arm.model.frames)
+    if named not in frames:
+        names = ", ".join(one for one in frames if one != "universe")
+        return TaskError(task.source, f"task.goal_pose: the robot has no frame {named!r}", f"use one of: {names}")
+    ways = reach_pose(arm, pose, named, problem.start, limits.lower, limits.upper)
+    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways.positions]
+    goals = [q for q, why in zip(ways.positions, refused, strict=True) if why is None]
     if goals:
         return goals
-    refused = why_refused(problem.scene, ways.positions[0], limits.clearance) or ("", "")
-    what = f"task.goal_pose: {named} comes there in {len(ways.positions)} ways, in all of them something is in the way"
-    return TaskError(task.source, f"{what} (in the nearest {refused[0]})", "move the pose or the obstacle")
+    comes = f"task.goal_pose: {named} comes there in"
+    if refused and refused[0] is not None:
+        what = f"{comes} {len(refused)} ways, in all of them something is in the way (in the nearest {refused[0][0]})"
+        return TaskError(task.source, what, "move the pose or the obstacle")
+    if ways.outside:
+        what = f"{comes} {ways.outside} ways, all of them out of the position limits"
+        return TaskError(task.source, what, "move the pose, or widen [limits]")
+    place, turn = ways.nearest
+    short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
+    what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
+    remedies = ["move the pose", *["leave its rotation out"] * (pose.rotation is not None)]
+    return TaskError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
 
 
 def rank_goals(
@@ -87,10 +84,7 @@ def rank_goals(
     found = []
     for problem in problems:
         ledger = Ledger(Budget(max(1, budget.evaluations // (3 * len(problems))), seconds))
-        if isinstance(problem.model, ChainTorque):
-            QUICK.run([problem], ledger, rng)
-        else:
-            ledger.evaluate(problem, problem.initial[None])
+        QUICK.run([problem], ledger, rng)
         best = ledger.best
         found.append((best.cost if best is not None and best.feasible else np.inf, problem))
     return sorted(found, key=lambda pair: pair[0])  # as found where nothing was: the nearest first

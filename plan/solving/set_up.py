@@ -11,7 +11,7 @@ from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import METRICS, Metric, TorqueModel, reduce_arm, torque_of_model, torque_of_robot
+from plan.dynamics.power import METRICS, ChainTorque, Metric, reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
 from plan.geometry.link_pairs import read_disabled
 from plan.geometry.margins import why_refused
@@ -21,7 +21,7 @@ from plan.initial.starts import straight
 from plan.options import TaskOptions
 from plan.problem.extrapolation import stay_inside
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
-from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
+from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.task_file import Task
 
 Choice = TypeVar("Choice", bound=str)
@@ -55,16 +55,12 @@ def set_up(
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
-    hung = name_links(robot, task.attached)
+    hung, payload = name_links(robot, task.attached), None
     if task.payload is not None:
         payload = place_payload(robot, task.payload, task.payload_link)
         robot = robot.with_payload(payload)
-        model = None if model is None else _loaded(model, payload, task)
-    arm, held = _moving_arm(task, robot)
-    torque = torque_of_robot(arm) if model is None else _torque(model, held, task)
-    vias = straight(task.start, task.goal, task.via_points)
-    trained = None if model is None else model.trained
-    makers = find_makers_limits(robot)
+    arm = _moving_arm(task, robot)
+    trained, makers = None if model is None else model.trained, find_makers_limits(robot)
     doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
     limits = _limits(task, arm, makers, doubt)
     if options.inside:
@@ -73,20 +69,21 @@ def set_up(
             remedy = "give --model" if model is None else "fit it again"
             raise MethodError("--stay-inside", f"{what} where it was fitted", remedy)
         limits = stay_inside(limits, trained)
+    duration = task.duration
+    if duration is None and objective == "energy":
+        raise TaskError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
+    if duration is None:  # one that the limits allow; of a pose the way is unknown
+        duration = 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0
+    disabled = None if task.srdf is None else read_disabled(task.srdf, robot)
+    said = say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None)
     return PlanningProblem(
-        scene=Scene.build(
-            arm,
-            task.obstacles,
-            stand_in=options.shapes,
-            carried=hung,
-            disabled=None if task.srdf is None else read_disabled(task.srdf, robot),
-        ),
-        model=torque,
+        scene=Scene.build(arm, task.obstacles, stand_in=options.shapes, carried=hung, disabled=disabled),
+        model=torque_of_robot(arm) if model is None else _torque(model, payload, arm, task),
         limits=limits,
         start=task.start,
         goal=task.goal,
-        vias=vias,
-        durations=np.full(task.via_points + 1, _duration(task, limits, objective) / (task.via_points + 1)),
+        vias=straight(task.start, task.goal, task.via_points),
+        durations=np.full(task.via_points + 1, duration / (task.via_points + 1)),
         objective=objective,
         metric=metric,
         free=free or ("vias" if objective == "energy" else "both"),
@@ -97,10 +94,7 @@ def set_up(
         way=task.way,
         carried=record_carried(robot, hung, task.payload, task.payload_link),
         not_the_arms=frozenset(robot.locked_joints),
-        notes=(
-            *say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None),
-            *(() if model is not None else (NO_FRICTION,)),
-        ),
+        notes=said if model is not None else (*said, NO_FRICTION),
     )
 
 
@@ -116,22 +110,27 @@ def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:
     raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
 
 
-def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
-    """Raises TaskError unless start and goal keep the limits and their distance from all obstacles."""
-    limits, scene = problem.limits, problem.scene
-    for name, q in (("task.start_deg", problem.start), ("task.goal_deg", problem.goal)):
+def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
+    """The end of the task at which no motion may begin or end: which, why, and the remedy; None if both are allowed."""
+    limits, arm = problem.limits, problem.scene.arm
+    for name, q in zip(("start", "goal"), problem.ends, strict=True):
         outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
         if len(outside):
             j = int(outside[0])
             low, high = np.degrees(limits.lower[j]), np.degrees(limits.upper[j])
-            raise TaskError(
-                task.source,
-                f"{name}: {np.degrees(q[j]):.1f} deg of {scene.arm.joint_names[j]} is out of its limits",
-                f"stay within {low:.0f} to {high:.0f} deg",
-            )
-        refused = why_refused(scene, q, limits.clearance)
+            what = f"{np.degrees(q[j]):.1f} deg of {arm.joint_names[j]} is out of its limits"
+            return name, what, f"stay within {low:.0f} to {high:.0f} deg"
+        refused = why_refused(problem.scene, q, limits.clearance)
         if refused is not None:
-            raise TaskError(task.source, f"{name}: {refused[0]}", refused[1])
+            return name, *refused
+    return None
+
+
+def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
+    """Raises TaskError unless start and goal keep the limits and their distance from all obstacles."""
+    bad, limits = _bad_end(problem), problem.limits
+    if bad is not None:
+        raise TaskError(task.source, f"task.{bad[0]}_deg: {bad[1]}", bad[2])
     cones = [] if problem.rules is None else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
     for number, row in enumerate((row for row in cones if row.name == "cone"), start=1):
         if row.value.max() > row.limit:
@@ -145,23 +144,22 @@ def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
 
 def find_obstruction(problem: PlanningProblem) -> str:
     """Why no search could help: the reason in words, or nothing."""
-    duration = float(problem.durations.sum())
+    duration, limits, ends, rules = float(problem.durations.sum()), problem.limits, problem.ends, problem.rules
     if not duration > 0.0:
         return "the duration is zero"
-    limits, ends = problem.limits, problem.ends
-    for name, q in zip(("start", "goal"), ends, strict=True):
-        if np.any(q < limits.lower) or np.any(q > limits.upper):
-            return f"the {name} is out of the position limits"
-        refused = why_refused(problem.scene, q, limits.clearance)
-        if refused is not None:
-            return f"the {name} is not allowed: {refused[0]}"
-    needs = _need(limits, np.abs(problem.goal - problem.start))
+    bad = _bad_end(problem)
+    if bad is not None:
+        return f"the {bad[0]} is not allowed: {bad[1]}"
+    needs = {
+        f"at the {name} limits it takes": need
+        for name, need in _need(limits, np.abs(problem.goal - problem.start)).items()
+    }
     bound = max(needs, key=lambda name: needs[name])
+    if problem.way.speed is not None and rules is not None and needs[bound] <= duration:
+        bound = f"at {problem.way.speed:g} m/s the tool takes"
+        needs[bound] = rules.length / problem.way.speed
     if problem.objective == "energy" and duration < needs[bound]:
-        return f"{duration:g} s is too short: at the {bound} limits it takes {needs[bound]:.3f} s at least"
-    tool, rules = problem.way.speed, problem.rules
-    if problem.objective == "energy" and tool is not None and rules is not None and rules.length > tool * duration:
-        return f"{duration:g} s is too short: at {tool:g} m/s the tool takes {rules.length / tool:.3f} s at least"
+        return f"{duration:g} s is too short: {bound} {needs[bound]:.3f} s at least"
     still = np.zeros_like(ends)[None]
     holding = np.abs(problem.model.torque(ends[None], still, still)[0])
     share = holding / limits.torque
@@ -186,53 +184,34 @@ def _need(limits: Limits, way: Array) -> dict[str, float]:
     return found
 
 
-def _duration(task: Task, limits: Limits, objective: Objective) -> float:
-    """The task's duration [s]; where time is the objective and none is given, one that the limits allow.
+def _moving_arm(task: Task, robot: ArmModel) -> ArmModel:
+    """The arm of the joints that move, the others held where the task says.
 
     Raises:
-        TaskError: The energy of a motion without a duration is none.
+        TaskError: More angles than joints, or held ones out of their limits.
     """
-    if task.duration is not None:
-        return task.duration
-    if objective == "energy":
-        raise TaskError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
-    return 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0  # of a pose the way is unknown
-
-
-def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
-    """The arm of the joints that move, and where the others are held."""
     if len(task.goal) != task.n or not 1 <= task.n <= robot.n:
-        raise TaskError(
-            task.source,
-            f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints",
-            "give as many or fewer",
-        )
-    rest = robot.n - task.n
-    held = robot.neutral[task.n :] if task.wrist is None else task.wrist
+        what = f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints"
+        raise TaskError(task.source, what, "give as many or fewer")
+    rest, held = robot.n - task.n, robot.neutral[task.n :] if task.wrist is None else task.wrist
     if len(held) != rest:
-        raise TaskError(
-            task.source, f"task.wrist_deg has {len(held)} angles, {rest} joints stand still", f"give {rest}"
-        )
+        what = f"task.wrist_deg has {len(held)} angles, {rest} joints stand still"
+        raise TaskError(task.source, what, f"give {rest}")
     if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
         raise TaskError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
-    return reduce_arm(robot, task.n, list(held)), np.array(held)
+    return reduce_arm(robot, task.n, list(held))
 
 
-def _loaded(model: HybridModel, payload: Payload, task: Task) -> HybridModel:
-    """The model with a payload on its arm, given in the last link's frame."""
-    if len(model.joint_names) < model.robot.n:
-        what = f"[payload] hangs on the last link, the model knows {len(model.joint_names)} of {model.robot.n} joints"
-        raise TaskError(task.source, what, "fit a model of all joints (--links 6)")
-    return replace(model, arm=model.arm.with_payload(payload))
-
-
-def _torque(model: HybridModel, held: Array, task: Task) -> TorqueModel:
-    """Torque of the joints that move, the others that the model speaks of held at their places."""
-    known = len(model.joint_names)
-    if known < task.n:
-        what = f"the task moves {task.n} joints, the model knows {known}"
-        raise TaskError(task.source, what, "fit a model of all joints (--links 6)")
-    return torque_of_model(model, task.n, list(held[: known - task.n]))
+def _torque(model: HybridModel, payload: Payload | None, arm: ArmModel, task: Task) -> ChainTorque:
+    """Torque of the joints that move, a payload in the last link's frame; the model's others held as the arm's are."""
+    known, remedy = model.joint_names, "fit a model of all joints (--links 6)"
+    if payload is not None and len(known) < model.robot.n:
+        what = f"[payload] hangs on the last link, the model knows {len(known)} of {model.robot.n} joints"
+        raise TaskError(task.source, what, remedy)
+    if len(known) < task.n:
+        raise TaskError(task.source, f"the task moves {task.n} joints, the model knows {len(known)}", remedy)
+    loaded = model if payload is None else replace(model, arm=model.arm.with_payload(payload))
+    return torque_of_model(loaded, task.n, [arm.locked_joints[name] for name in known[task.n :]])
 
 
 def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None) -> Limits:

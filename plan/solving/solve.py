@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from plan.dynamics.power import ChainTorque
 from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
 from plan.options import DEFAULT_METHOD, SolveOptions
@@ -17,11 +16,10 @@ from plan.planners.base import Planner, Progress
 from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.problem import Limits, PlanningProblem
-from plan.problem.result import Certificate, PlanResult, Status, certify, certify_standing
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
-from plan.solving.parallel import require_workers, search_in_parallel
 from plan.solving.set_up import find_obstruction
 from plan.spline import Splines
 
@@ -47,11 +45,11 @@ class Starts:
 
     Attributes:
         problems: One problem each, the straight line or the taught way first.
-        records: What became of each seed, for the result.
+        seeds: The ways round obstacles that were looked for, and why some were not found.
     """
 
     problems: tuple[PlanningProblem, ...]
-    records: tuple[dict[str, Any], ...] = ()
+    seeds: tuple[Seed, ...] = ()
 
 
 def find_starts(
@@ -68,52 +66,34 @@ def find_starts(
         trial: Taught via points.
         seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
     """
-    base = replace(problem, objective="energy", free="vias") if problem.objective == "time" else problem
-    seeds: list[Seed] = []
-    if trial is not None:
-        problems = [_taught(base, trial)]
-    elif base.scene.obstacles or base.initial_evaluation.collision[0] > 0:
+    timed, seeds = problem.objective == "time", list[Seed]()
+    base = replace(problem, objective="energy", free="vias") if timed else problem
+    if trial is None and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
         seeds = find_seeds(base, rng, seconds=seconds / 2)
-        problems = from_seeds(base, seeds)
-    else:
-        problems = [base]
-    records = tuple(
-        {
-            "label": seed.label,
-            "target_m": seed.target.tolist(),
-            "via_points_rad": seed.vias.tolist(),
-            "reason": seed.reason,
-        }
-        for seed in seeds
-    )
-    if problem.objective == "time":
+    problems = from_seeds(base, seeds) if trial is None else [_taught(base, trial)]
+    if timed:
         problems = _energy_first(problem, problems, rng, seconds / 2)
-    return Starts(tuple(problems), records)
+    return Starts(tuple(problems), tuple(seeds))
 
 
 def _taught(base: PlanningProblem, trial: Trial) -> PlanningProblem:
     problem = from_vias(base, trial.vias, trial.name, len(trial.vias))
     if trial.times is None:
         return problem
-    stamps = np.concatenate([[0.0], trial.times, [base.durations.sum()]])
-    return replace(problem, durations=np.diff(stamps))
+    return replace(problem, durations=np.diff([0.0, *trial.times, base.durations.sum()]))
 
 
 def _energy_first(
-    problem: PlanningProblem, problems: Sequence[PlanningProblem], rng: np.random.Generator, seconds: float
+    problem: PlanningProblem, problems: list[PlanningProblem], rng: np.random.Generator, seconds: float
 ) -> list[PlanningProblem]:
     """Energy optima of the initial trajectories, the best first; three at most, one where the path stays."""
-    ledger = Ledger(Budget(10**9, seconds))
+    ledger, goal = Ledger(Budget(10**9, seconds)), {"objective": "time", "free": problem.free}
     Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
     if not ledger.best_of:  # no time was left
-        return [replace(problems[0], objective="time", free=problem.free)]
+        return [replace(problems[0], **goal)]  # type: ignore[arg-type]
     found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
     kept = found[: 1 if problem.free == "times" else 3]
-    starts = [
-        best.problem.with_initial(best.splines, objective="time", free=problem.free, label=best.problem.label)
-        for best in kept
-    ]
-    return [start_compressed(start) for start in starts]
+    return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept]
 
 
 def solve(
@@ -137,40 +117,33 @@ def solve(
     Raises:
         MethodError: No such method, or not for this task.
     """
-    method, seed = options.method if planner is None else planner.name, options.seed
-    options = replace(options, method=method)
-    require_workers(options)
-    planner = planner or make_planner(method, problem.objective)
-    head: dict[str, Any] = {
-        "method": method,
-        "objective": problem.objective,
-        "metric": problem.metric,
-        "seed": seed,
-        "robot": problem.scene.arm.name,
-        "joints": problem.scene.arm.joint_names,
-        "held": problem.held,
-        "carried": problem.carried,
-    }
+    planner = planner or make_planner(options.method, problem.objective)
+    options = replace(options, method=planner.name)
+    result = PlanResult(
+        "infeasible",
+        method=options.method,
+        objective=problem.objective,
+        metric=problem.metric,
+        seed=options.seed,
+        robot=problem.scene.arm.name,
+        joints=problem.scene.arm.joint_names,
+        held=problem.held,
+        carried=problem.carried,
+    )
     if np.array_equal(problem.start, problem.goal):
-        return _standing(problem, head)
+        return _standing(problem, result)
     reason = find_obstruction(problem)
     if reason:
-        return PlanResult("infeasible", reason=reason, **head)
-    rng = np.random.default_rng(seed)
-    ledger = Ledger(budget_of(options), progress, options.resume, _fingerprint(problem, method, seed))
-    seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds)
+        return replace(result, reason=reason)
+    rng = np.random.default_rng(options.seed)
+    ledger = Ledger(budget_of(options), progress, options.resume, _fingerprint(problem, options))
     if starts is None and planner.explores:
         starts = Starts((problem if trial is None else _taught(problem, trial),))
-    starts = starts or find_starts(problem, rng, trial, seconds)
-    if options.workers > 1 and isinstance(planner, Sequential):
-        search_in_parallel(planner, starts.problems, ledger, seed, options.workers)
-    else:
-        planner.run(starts.problems, ledger, rng)
+    starts = starts or find_starts(problem, rng, trial, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
+    planner.run(starts.problems, ledger, rng)
     best, certificate = _certified(ledger, rng)
-    status, reason = _judge(best, certificate, ledger, starts)
-    result = PlanResult(
-        status,
-        reason=reason,
+    result = replace(
+        result,
         splines=None if best is None else best.splines,
         certificate=certificate,
         evaluations=ledger.evaluations,
@@ -178,10 +151,10 @@ def solve(
         starts=_start_records(starts, ledger),
         history=tuple(ledger.history),
         notes=(*problem.notes, *_cuts(certificate), *ledger.notes),
-        **head,
+        **_judge(certificate, ledger, starts),
     )
     if options.gap and result.solved:
-        result = replace(result, reference_gap=_gap(result, method, starts))
+        result = replace(result, reference_gap=_gap(result, starts))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
 
 
@@ -190,22 +163,23 @@ def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
 
 
-def _standing(problem: PlanningProblem, head: dict[str, Any]) -> PlanResult:
+def _standing(problem: PlanningProblem, result: PlanResult) -> PlanResult:
     """Start and goal are the same: a plan of zero length, unless the arm can't stay there."""
     splines, certificate = certify_standing(problem)
     if certificate.broken:
-        return PlanResult("infeasible", reason="; ".join(certificate.broken), **head)
+        return replace(result, reason="; ".join(certificate.broken))
     notes = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-    return PlanResult("solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=notes, **head)
+    return replace(result, status="solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=notes)
 
 
-def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:
+def _fingerprint(problem: PlanningProblem, options: SolveOptions) -> str:
+    """What a checkpoint must be of to be taken up."""
     boxes = [(box.name, box.centre.tolist(), box.half.tolist()) for box in problem.scene.obstacles]
-    ends = problem.start.tolist(), problem.goal.tolist(), problem.durations.tolist()
-    model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3))).tolist()
-    limits = [part.tolist() for part in (problem.limits.lower, problem.limits.upper, problem.limits.torque)]
-    search = (problem.objective, problem.metric, problem.free, problem.radius, problem.margins.pairs.tolist())
-    return repr((method, seed, ends, boxes, limits, search, model))
+    model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3)))
+    limits = problem.limits.lower, problem.limits.upper, problem.limits.torque, problem.margins.pairs
+    numbers = [part.tolist() for part in (problem.start, problem.goal, problem.durations, *limits, model)]
+    search = options.method, options.seed, problem.objective, problem.metric, problem.free, problem.radius
+    return repr((search, boxes, numbers))
 
 
 def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:
@@ -237,21 +211,25 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
 
     What is quick comes first: gradients from where the motion is; where they don't help, and time is left, CMA-ES.
     """
-    problem, kept = best.problem, not certificate.too_near
-    if kept and problem.objective == "time" and problem.searches_times:
+    problem, limits, near = best.problem, best.problem.limits, bool(certificate.too_near)
+    if not near and problem.objective == "time" and problem.searches_times:
         for factor in SLOWER:
             slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
             yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
     ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
-    if isinstance(problem.model, ChainTorque) and problem.grows and problem.free != "times":
+    if problem.grows and problem.free != "times":
         ways.insert(0, Sequential(starts=1, more=0, levels=(0, 0)))
     for planner in ways:
         for turn in range(MENDS):
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
                 return
-            seconds = np.clip(ledger.seconds_left, *MEND_SECONDS)
-            own = Ledger(Budget(10**9, float(seconds)))
-            tighter = _tightened(problem.limits, certificate, turn)
+            own, slack = Ledger(Budget(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS)))), 1.002 + 0.01 * turn
+            tighter = replace(
+                limits,
+                torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
+                speed=limits.speed / np.maximum(certificate.speed_share * slack, 1.0),
+                clearance=limits.clearance + 0.002 * (turn + 1) * near,
+            )
             planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)
             ledger.count(own.evaluations)
             found = own.best
@@ -259,62 +237,50 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
                 yield Candidate(found.problem, found.x, found.cost, 0.0)
 
 
-def _tightened(limits: Limits, certificate: Certificate, turn: int) -> Limits:
-    """Limits tighter by what a motion broke, and a little more from turn to turn."""
-    slack = 1.002 + 0.01 * turn
-    return replace(
-        limits,
-        torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
-        speed=limits.speed / np.maximum(certificate.speed_share * slack, 1.0),
-        clearance=limits.clearance + 0.002 * (turn + 1) * bool(certificate.too_near),
-    )
-
-
-def _judge(
-    best: Candidate | None, certificate: Certificate | None, ledger: Ledger, starts: Starts
-) -> tuple[Status, str]:
-    if best is None or certificate is None:
-        return "budget_spent", "the budget ended before anything was evaluated"
+def _judge(certificate: Certificate | None, ledger: Ledger, starts: Starts) -> dict[str, Any]:
+    """Status of a search, and its reason."""
+    if certificate is None:
+        return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
     broken = certificate.broken
     if not broken:
-        return "solved", ""
-    failed = [f"{record['label']}: {record['reason']}" for record in starts.records if record["reason"]]
-    reason = "; ".join(broken[:2])
-    if starts.records and len(failed) == len(starts.records):
+        return {"status": "solved"}
+    failed = [f"{seed.label}: {seed.reason}" for seed in starts.seeds if seed.reason]
+    reason = f"the best motion found is not allowed: {'; '.join(broken[:2])}"
+    if starts.seeds and len(failed) == len(starts.seeds):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
-    over = ledger.remaining == 0
-    return ("budget_spent" if over else "infeasible"), f"the best motion found is not allowed: {reason}"
+    return {"status": "budget_spent" if ledger.remaining == 0 else "infeasible", "reason": reason}
 
 
 def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]:
     """What became of every initial trajectory: the cost it reached, or why it failed."""
-    records = {record["label"]: dict(record) for record in starts.records}
-    tried = {problem.label for problem in starts.problems}
-    for label, record in records.items():
-        if label not in tried and not record["reason"]:
-            record["reason"] = "left out: the same way as another, or more energy than the ones tried"
     known = {problem.label: problem for problem in starts.problems}
+    left_out = "left out: the same way as another, or more energy than the ones tried"
+    records: dict[str, dict[str, Any]] = {
+        seed.label: {
+            "label": seed.label,
+            "target_m": seed.target.tolist(),
+            "via_points_rad": seed.vias.tolist(),
+            "reason": seed.reason or ("" if seed.label in known else left_out),
+        }
+        for seed in starts.seeds
+    }
     for label in dict.fromkeys([*known, *ledger.best_of]):
         record = records.setdefault(label, {"label": label, "reason": ""})
         if label in known:
             record["initial_via_points_rad"] = known[label].vias.tolist()
         found = ledger.best_of.get(label)
         if found is not None:
-            record["cost"] = found.cost if found.feasible else None
-            record["violation"] = found.violation
+            record |= {"cost": found.cost if found.feasible else None, "violation": found.violation}
     return tuple(records.values())
 
 
-def _gap(result: PlanResult, method: str, starts: Starts) -> float | None:
+def _gap(result: PlanResult, starts: Starts) -> float | None:
     """Cost above the default method's, as a share; below zero where this one found better."""
-    if method == DEFAULT_METHOD:
+    if result.method == DEFAULT_METHOD:
         return 0.0
-    if not isinstance(starts.problems[0].model, ChainTorque):
-        return None
     ledger = Ledger(Budget(200_000, GAP_SECONDS))
-    Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed))
-    if ledger.best is None or not ledger.best.feasible:
+    best = Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed)).best
+    if best is None or not best.feasible:
         return None
-    timed, problem = result.objective == "time", ledger.best.problem
-    known = ledger.best.cost if timed else certify(problem, ledger.best.splines).energy[problem.metric]
-    return result.cost / known - 1.0
+    timed = result.objective == "time"
+    return result.cost / (best.cost if timed else certify(best.problem, best.splines).energy[result.metric]) - 1.0

@@ -27,7 +27,7 @@ from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
-from plan.experiment.design import excite
+from plan.experiment.design import Designer
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 from plan.options import ExciteOptions
@@ -107,9 +107,8 @@ def main() -> None:
         for number, pair in enumerate(PAIRS):
             if number not in found:
                 question = ask(arm, f"{pair[0]},{pair[1]}", pair[2], None)
-                found[number] = excite(
-                    arm, question, ExciteOptions(minutes=minutes, evaluations=EVALUATIONS, seed=SEED)
-                )
+                options = ExciteOptions(minutes=minutes, evaluations=EVALUATIONS, seed=SEED)
+                found[number] = Designer(arm, question, options).best()
             print(row(arm, pair, side, found[number], folder), flush=True)
 
 

@@ -31,10 +31,10 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import ChainTorque, torque_of_model
-from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
-from plan.initial.rrt import TreeOptions, connect, prune
+from plan.geometry.solids import Box
 from plan.initial.starts import from_vias, straight
+from plan.initial.trees import Trees
 from plan.options import SolveOptions
 from plan.paper.toppra import Toppra
 from plan.planners import Budget, Ledger
@@ -182,10 +182,9 @@ def by(history: Sequence[tuple[int, float, float]], seconds: float) -> float:
 
 
 def tree_path(task: PlanningProblem, seed: int) -> np.ndarray | None:
-    options = TreeOptions(margins=task.margins, nodes=20000)
-    low, high = np.maximum(task.limits.lower, -np.pi), np.minimum(task.limits.upper, np.pi)
-    found = connect(task.scene, task.start, task.goal, low, high, options, np.random.default_rng(seed))
-    return prune(task.scene, found.points, options) if found.found else None
+    trees = Trees.of(task, np.random.default_rng(seed))
+    found = trees.connect(task.start, task.goal, 20000, np.pi)
+    return None if isinstance(found, str) else trees.prune(found)
 
 
 def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped-def]

@@ -41,8 +41,7 @@ def rate(work: Callable[[], object], amount: float) -> float:
 def paper_net() -> CompiledDenseNet:
     """256-512-1024-512-256, as in the paper."""
     widths, rng = [9, 256, 512, 1024, 512, 256, 3], np.random.default_rng(0)
-    weights = tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(widths))
-    return CompiledDenseNet(weights, tuple(np.zeros(b) for b in widths[1:]))
+    return CompiledDenseNet([(rng.normal(size=(a, b)) / np.sqrt(a), np.zeros(b)) for a, b in pairwise(widths)])
 
 
 def main(models: list[str]) -> None:
@@ -62,9 +61,9 @@ def main(models: list[str]) -> None:
         hybrid = problem.model
         assert isinstance(hybrid, ChainTorque)
         whole = rate(partial(energy, hybrid, splines, METRICS[2]), BATCH)
-        weights = hybrid.net.products if hybrid.net is not None else 0
-        if isinstance(hybrid.net, CompiledJointNets):  # members stand side by side: zeros are multiplied too
-            weights = sum(w.size for j in range(problem.n) for w, _ in hybrid.net.side_by_side(j))
+        net = hybrid.net
+        nets = () if net is None else net.joints if isinstance(net, CompiledJointNets) else (net.layers,)
+        weights = sum(w.size for layers in nets for w, _ in layers)
         flops = 2.0 * weights * NODES * whole / 1e9
         search = rate(partial(problem.evaluate, x), BATCH)
         print(f"| {model} | {weights} | {whole:,.0f} | {whole * NODES:,.0f} | {flops:.1f} | {100 * flops / peak:.0f} |")

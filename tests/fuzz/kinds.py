@@ -35,10 +35,8 @@ from ident.simulation.request import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
 from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
-from plan.geometry.clouds import read_cloud
-from plan.geometry.height_fields import read_heights
 from plan.geometry.link_pairs import read_disabled
-from plan.geometry.mesh_obstacles import read_mesh
+from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.planners import Budget, Ledger
 from plan.problem.task_file import load_surroundings, load_task, load_trials
 from tests.fuzz.corpus import KEY, OPTIONS, training_data
@@ -272,9 +270,6 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
     def cloud(path: Path) -> object:
         return read_cloud(path, 0.01, np.ones(3))
 
-    def field(path: Path) -> object:
-        return read_heights(path, np.ones(2), 1.0, None)
-
     def check_mesh(found: Any) -> None:
         finite("the mesh", found[0].points, found[1])
 
@@ -292,7 +287,6 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
             Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3)
             for end in (".ply", ".pcd", ".npy", ".csv")
         ),
-        Kind("ground.npy", folder / "scan.npy", field, check_mesh, 0.3),
         Kind("journal", folder / "journal.npz", lambda path: Ledger(Budget(10, 1.0), journal=path), share=0.5),
     ]
 

@@ -192,39 +192,6 @@ class Scan:
         return False
 
 
-class Field:
-    """The triangles over a grid of heights from a `.npy` file; what is below them counts by a link's middle alone."""
-
-    def __init__(self, path: Path, size: list[float], turn: np.ndarray, shift: np.ndarray) -> None:
-        self.z = np.load(path)
-        rows, columns = self.z.shape
-        self.steps = np.array([size[0] / (columns - 1), size[1] / (rows - 1)])
-        self.low, self.pose = -np.array(size) / 2, coal.Transform3s(turn, shift)
-        vertices = [
-            [self.low[0] + c * self.steps[0], self.low[1] + r * self.steps[1], self.z[r, c]]
-            for r in range(rows)
-            for c in range(columns)
-        ]
-        self.surface = coal.BVHModelOBBRSS()
-        self.surface.beginModel(2 * rows * columns, rows * columns)
-        self.surface.addVertices(np.array(vertices))
-        cells = [r * columns + c for r in range(rows - 1) for c in range(columns - 1)]
-        faces = [(k, k + 1, k + columns + 1) for k in cells] + [(k, k + columns + 1, k + columns) for k in cells]
-        self.surface.addTriangles(np.array(faces, dtype=np.int32))
-        self.surface.endModel()
-
-    def hits(self, shape: Any, pose: Any, request: Any) -> bool:
-        there = np.asarray(pose.transform(shape.aabb_center)).ravel()
-        middle = np.asarray(self.pose.inverse().transform(there)).ravel()
-        at = (middle[:2] - self.low) / self.steps
-        column, row = np.floor(at).astype(int)
-        rows, columns = self.z.shape
-        under = 0 <= row < rows - 1 and 0 <= column < columns - 1
-        if under and middle[2] < self.z[row : row + 2, column : column + 2].min():
-            return True
-        return bool(coal.collide(shape, pose, self.surface, self.pose, request, coal.CollisionResult()))
-
-
 class Crate:
     """A box; far ones are passed over by the balls round both."""
 
@@ -240,7 +207,7 @@ class Crate:
 
 
 class World:
-    """Coal on the URDF's own geometry and the scene's boxes, clouds and height fields, and boxes that are carried.
+    """Coal on the URDF's own geometry and the scene's boxes and clouds, and boxes that are carried.
 
     What is carried names its link, or hangs on the frame given as the arm's tip.
     """
@@ -258,7 +225,7 @@ class World:
             at = self.model.frames[number].placement * pin.SE3(r, np.array(entry["xyz_m"], dtype=float))
             joint, box = self.model.frames[number].parentJoint, coal.Box(*entry["size_m"])
             self.shapes.addGeometryObject(pin.GeometryObject(entry["name"], joint, number, at, box))
-        self.things: list[tuple[str, Crate | Scan | Field]] = []
+        self.things: list[tuple[str, Crate | Scan]] = []
         for one in self.shapes.geometryObjects:
             one.geometry.computeLocalAABB()
         for entry in scene.get("obstacle", []):
@@ -266,8 +233,6 @@ class World:
             at = r, np.array(entry.get("xyz_m", [0, 0, 0]), dtype=float)
             if "cloud" in entry:
                 self.things.append((entry["name"], Scan(folder / entry["cloud"], entry["radius_m"], *at)))
-            elif "heights" in entry:
-                self.things.append((entry["name"], Field(folder / entry["heights"], entry["size_m"], *at)))
             else:
                 self.things.append((entry["name"], Crate(entry["size_m"], *at)))
 

@@ -98,7 +98,7 @@ def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_pa
 
 
 def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp_path: Path) -> None:
-    """A plan round the points on a box and over a height field is found sound; a straight one hits either."""
+    """A plan round the points on a box is found sound; a straight one hits them."""
     scene = tomllib.loads((DATA / "obstacle.toml").read_text())
     (box,) = scene["obstacle"]
     rng = np.random.default_rng(0)
@@ -106,13 +106,8 @@ def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp
     face = rng.integers(3, size=4000)
     points[np.arange(4000), face] = np.sign(points[np.arange(4000), face]) / 2
     np.save(tmp_path / "scan.npy", points * box["size_m"])
-    y, x = np.mgrid[-1.0:1.0:21j, -1.0:1.0:31j]
-    np.save(tmp_path / "ground.npy", -0.2 + 0.05 * np.sin(4 * x) * np.cos(3 * y))
     place = {key: box[key] for key in ("xyz_m", "rpy_rad") if key in box}
-    scene["obstacle"] = [
-        {"name": "monitor", "cloud": "scan.npy", "radius_m": 0.004, **place},
-        {"name": "ground", "heights": "ground.npy", "size_m": [2.0, 2.0]},
-    ]
+    scene["obstacle"] = [{"name": "monitor", "cloud": "scan.npy", "radius_m": 0.004, **place}]
     path = tmp_path / "scene.toml"
     path.write_text(tomli_w.dumps(scene))
     plan = solve(path, folder, evaluations=300, gap=False).to_dict()
@@ -127,5 +122,3 @@ def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp
     ]
     plan["times_s"] = [0.3 * plan["duration_s"], 0.7 * plan["duration_s"]]
     assert any("and monitor" in line for line in faults(plan, scene, Model(folder), world, limits))
-    named = dict.fromkeys(plan["joints"], float("nan"))
-    assert "link_3 and ground" in world.near(named, np.radians([[0.0, 130.0, 0.0]]), set(), 0.0)

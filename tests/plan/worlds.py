@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,8 +13,8 @@ from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import ChainTorque
-from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
+from plan.geometry.solids import Box
 from plan.initial.starts import straight
 from plan.planners import Budget, Ledger
 from plan.problem.problem import Limits, PlanningProblem
@@ -42,11 +43,13 @@ def losses(n: int = 3) -> LossParameters:
 def joint_nets(n: int = 3, members: int = 2, seed: int = 0) -> CompiledJointNets:
     """A net of the default kind with random weights, a few N m large."""
     rng = np.random.default_rng(seed)
-    scale = np.array([0.3, 0.1, 1.0, 1.0, 0.02, 0.02])
-    shapes = [(6, 8), (8, 5), (5, 1)]
-    weights = [rng.normal(size=(members, n, *shape)) for shape in shapes]
-    weights[0] *= scale[:, None]
-    return CompiledJointNets(tuple(weights), tuple(0.3 * rng.normal(size=(members, n, shape[1])) for shape in shapes))
+    widths = (6, 8 * members, 5 * members, 1)
+    joints = [
+        [(rng.normal(size=shape), 0.3 * rng.normal(size=shape[1])) for shape in pairwise(widths)] for _ in range(n)
+    ]
+    for (first, _), *_ in joints:
+        first *= np.array([0.3, 0.1, 1.0, 1.0, 0.02, 0.02])[:, None]
+    return CompiledJointNets(tuple(joints))
 
 
 def bounded_nets() -> CompiledJointNets:
@@ -58,9 +61,8 @@ def bounded_nets() -> CompiledJointNets:
 def dense_net(n: int = 3, seed: int = 0) -> CompiledDenseNet:
     """A net of the paper's kind with random weights."""
     rng = np.random.default_rng(seed)
-    shapes = [(16, 3 * n), (12, 16), (n, 12)]
-    weights = tuple(rng.normal(size=shape) / np.sqrt(shape[1]) for shape in shapes)
-    return CompiledDenseNet(weights, tuple(0.3 * rng.normal(size=shape[0]) for shape in shapes))
+    shapes = pairwise((3 * n, 16, 12, n))
+    return CompiledDenseNet([(rng.normal(size=one) / np.sqrt(one[0]), 0.3 * rng.normal(size=one[1])) for one in shapes])
 
 
 def model(net: CompiledDenseNet | CompiledJointNets | None = None) -> ChainTorque:

@@ -12,8 +12,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from plan.geometry.margins import find_margins
-from plan.initial.rrt import TreeOptions, prune
 from plan.initial.starts import from_vias
+from plan.initial.trees import Trees
 from plan.paper.toppra import Toppra
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
@@ -110,4 +110,4 @@ class OmplToppra(Planner):
             return None
         found = [[state[j] for j in range(task.n)] for state in setup.getSolutionPath().getStates()]
         found[0], found[-1] = list(task.start), list(task.goal)
-        return prune(task.scene, np.array(found), TreeOptions(margins=free))
+        return replace(Trees.of(task, np.random.default_rng(0)), margins=free).prune(np.array(found))

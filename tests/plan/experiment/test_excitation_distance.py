@@ -14,7 +14,7 @@ from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import Predictor
 from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
-from plan.experiment.indistinguishable import AllGains, AllMasses
+from plan.experiment.hypotheses import AllGains, AllMasses
 from plan.experiment.result import minutes_to_odds, odds_of
 from plan.experiment.run_set import RunSet
 

@@ -12,12 +12,11 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
-from plan.experiment.design import LEAST_RUNS, Designer, excite
+from plan.experiment.design import BASELINE, LEAST_RUNS, Designer, search
 from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility, surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.run_set import RunSet
-from plan.experiment.search import BASELINE, search
 from plan.options import ExciteOptions
 
 PAIRS = (
@@ -147,7 +146,8 @@ def test_bad_surroundings(whole: ArmModel, tmp_path: Path, text: str, floor: str
 @pytest.mark.parametrize(("pair", "evaluations"), PAIRS)
 def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int) -> None:
     """Even a short search finds motion that tells a tied pair apart better than random motion of equal length."""
-    found = excite(arm, ask(arm, pair, "joint_2", None), ExciteOptions(minutes=0.5, evaluations=evaluations))
+    asked = ask(arm, pair, "joint_2", None)
+    found = Designer(arm, asked, ExciteOptions(minutes=0.5, evaluations=evaluations)).best()
     assert found.status == "ready"
     proposed, by_chance = found.smallest
     assert proposed > by_chance
@@ -159,7 +159,7 @@ def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int
 def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
     """Asymmetric friction that grows with speed shows in motion; a pure offset is a special case of it in motion."""
     asked = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
-    found = excite(arm, asked, ExciteOptions(minutes=0.5, evaluations=16))
+    found = Designer(arm, asked, ExciteOptions(minutes=0.5, evaluations=16)).best()
     assert found.status == "one_sided"
     assert found.testable == (("asymmetric_friction", "torque_offset"),)
     assert found.distances[("torque_offset", "asymmetric_friction")] < 1.0

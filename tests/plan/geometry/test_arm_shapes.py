@@ -13,8 +13,8 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf, robot_names
 from plan.cli.app import main
 from plan.geometry.arm_shapes import WORDS, arm_shapes, bare_links
-from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
+from plan.geometry.solids import Box
 
 SCENE = """robot = "{urdf}"
 [task]

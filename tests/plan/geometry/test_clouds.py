@@ -1,4 +1,4 @@
-"""Point clouds and height fields as obstacles: exact, thinned on the safe side, refused where broken."""
+"""Point clouds as obstacles: exact, thinned on the safe side, refused where broken."""
 
 from pathlib import Path
 
@@ -8,15 +8,12 @@ from plyfile import PlyData, PlyElement
 from pypcd4 import PointCloud
 
 from ident.errors import InputError
-from plan.geometry.boxes import Box
-from plan.geometry.clouds import thin_points
-from plan.geometry.height_fields import coarser
-from plan.geometry.mesh_obstacles import holds
+from plan.geometry.obstacle_files import thin_points
 from plan.geometry.scene import Scene
-from plan.geometry.solids import Solid
+from plan.geometry.solids import Box, Solid
 from plan.problem.task_file import load_task
 from plan.solving.set_up import set_up
-from tests.plan.geometry.worlds import AWAY, CUBE, RADIUS, TASK, hills, scanned, scene_of
+from tests.plan.geometry.worlds import CUBE, RADIUS, TASK, scanned
 from tests.plan.worlds import three_joints
 
 
@@ -49,23 +46,6 @@ def test_a_cloud_is_its_balls(balls: Scene) -> None:
     assert far > 20
 
 
-def test_a_link_under_a_height_field_collides() -> None:
-    """The body under the heights is solid: points in it are inside, and links in it have no free place."""
-    box = scene_of("field").obstacles[0]
-    rng = np.random.default_rng(5)
-    places = rng.uniform([-0.8, -0.6, -1.2], [0.8, 0.6, 0.6], (300, 3))
-    grid = hills()
-    column, row = (places[:, 0] + 0.8) / 1.6 * 14, (places[:, 1] + 0.6) / 1.2 * 11
-    c, r = np.minimum(column.astype(int), 13), np.minimum(row.astype(int), 10)
-    u, v = column - c, row - r
-    low, right, up, far = grid[r, c], grid[r, c + 1], grid[r + 1, c], grid[r + 1, c + 1]
-    height = np.where(u > v, low + u * (right - low) + v * (far - right), low + v * (up - low) + u * (far - up))
-    inside = (places[:, 2] < height) & (places[:, 2] > grid.min() - 1.0)
-    clear = np.abs(places[:, 2] - height) > 1e-6
-    local = places + AWAY - box.centre
-    assert [holds(box.solid, point) for point in local[clear]] == list(inside[clear])
-
-
 def test_thinning_holds_every_ball() -> None:
     """Fewer balls, grown by what is told, hold all balls of the many; where there are few nothing changes."""
     points = scanned(6, 20_000)
@@ -77,18 +57,6 @@ def test_thinning_holds_every_ball() -> None:
     same, none = thin_points(points[:100], 1500)
     assert none == 0.0
     assert np.array_equal(same, np.unique(points[:100], axis=0))
-
-
-def test_a_coarser_field_lies_nowhere_below() -> None:
-    """Between its corners, too, a coarser height field is as high as the one that it stands for."""
-    rng = np.random.default_rng(7)
-    fine = np.cumsum(rng.normal(size=(61, 83)), axis=0) * 0.01
-    rough = coarser(fine, 300)
-    assert rough.size <= 300
-    y, x = (np.linspace(0.0, k - 1.0, n) for k, n in zip(rough.shape, fine.shape, strict=True))
-    r, c = np.minimum(y.astype(int), rough.shape[0] - 2), np.minimum(x.astype(int), rough.shape[1] - 2)
-    lowest = np.minimum.reduce([rough[np.ix_(r + i, c + k)] for i in (0, 1) for k in (0, 1)])
-    assert np.all(lowest >= fine)
 
 
 def _write(path: Path, points: np.ndarray) -> None:
@@ -132,20 +100,14 @@ def test_clouds_of_all_files_are_the_same(tmp_path: Path, name: str) -> None:
         ('cloud = "good.npy"', "obstacle 1.radius_m is missing; add it, in metres"),
         ('cloud = "good.npy"\nradius_m = 0', "radius_m is 0, not a number above zero"),
         ('cloud = "good.npy"\nradius_m = 0.01\nsize_m = [1, 1, 1]', "unknown key 'size_m'"),
-        ('heights = "nan.npy"\nsize_m = [1, 1]', "row 3, column 2 is no number"),
-        ('heights = "good.npy"\nsize_m = [1, 1]\nbase_m = 5', "give a lower base_m"),
-        ('heights = "good.npy"\nsize_m = [1, 0]', "not above zero"),
-        ('heights = "one.npy"\nsize_m = [1, 1]', "no height field; give 2 or more rows"),
-        ('heights = "none.npy"\nsize_m = [1, 1]', "No such file"),
     ],
 )
-def test_bad_clouds_and_fields(tmp_path: Path, table: str, words: str) -> None:
+def test_bad_clouds(tmp_path: Path, table: str, words: str) -> None:
     """What is missing, broken or without a number ends in one line that names the file or key, and the remedy."""
     points = scanned(9, 40)
     np.save(tmp_path / "good.npy", points)
     np.save(tmp_path / "wide.npy", 1e4 * points)
     np.save(tmp_path / "flat.npy", points[:, :2])
-    np.save(tmp_path / "one.npy", points[:1])
     points[2:5, 1] = np.nan
     np.save(tmp_path / "nan.npy", points)
     (tmp_path / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n1\n")

@@ -8,11 +8,10 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from plan.geometry.boxes import Box
 from plan.geometry.clearance_proof import prove_clearance
-from plan.geometry.mesh_obstacles import holds, read_mesh
+from plan.geometry.obstacle_files import holds, read_mesh
 from plan.geometry.scene import Scene
-from plan.geometry.solids import Solid
+from plan.geometry.solids import Box, Solid
 from plan.geometry.tool import Carried, name_links
 from plan.problem.task_file import load_task
 from plan.solving.set_up import require_valid_ends, set_up

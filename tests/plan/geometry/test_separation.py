@@ -6,9 +6,9 @@ import coal
 import numpy as np
 import pytest
 
-from plan.geometry.boxes import Box
 from plan.geometry.compiled import compile_bodies
 from plan.geometry.separation import BAND, body_gap
+from plan.geometry.solids import Box
 from tests.plan.worlds import random_rotation
 
 OrientedBox = tuple[np.ndarray, np.ndarray, np.ndarray]

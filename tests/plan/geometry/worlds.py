@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import tempfile
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from ident.robot.arm import ArmModel
-from plan.geometry.boxes import Box
-from plan.geometry.height_fields import read_heights
 from plan.geometry.scene import Scene
-from plan.geometry.solids import Solid
+from plan.geometry.solids import Box, Solid
 from tests.plan.worlds import MONITOR, random_rotation, three_joints
 
 KINDS = ("box", "sphere", "capsule", "cylinder", "hull", "surface")
 TASK = 'robot = "tm5-900"\n[task]\nstart_deg = [50, 0, -120]\ngoal_deg = [80, 30, -90]\nduration_s = 0.65\n'
 CUBE = """v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1
 f 1 3 2\nf 1 4 3\nf 5 6 7\nf 5 7 8\nf 1 2 6\nf 1 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5\nf 4 5 8\n"""
-# Radius of a scanned point [m], and where the middle of the height field's grid stands [m].
-RADIUS, AWAY = 0.02, np.array([0.3, 0.0, 0.0])
+# Radius of a scanned point [m].
+RADIUS = 0.02
 
 
 def a_solid(kind: str, rng: np.random.Generator) -> Solid:
@@ -59,25 +55,13 @@ def scanned(seed: int, count: int = 3000) -> np.ndarray:
     return points
 
 
-def hills(rows: int = 12, columns: int = 15) -> np.ndarray:
-    """Heights over a grid: two waves."""
-    y, x = np.mgrid[0.0 : 1.0 : rows * 1j, 0.0 : 1.0 : columns * 1j]
-    heights: np.ndarray = 0.25 * np.sin(6.0 * x) * np.cos(5.0 * y) + 0.1
-    return heights
-
-
 @cache
 def scene_of(name: str) -> Scene:
-    """One box, all kinds of shapes round either arm, a cloud, or a height field."""
+    """One box, all kinds of shapes round either arm, or a cloud."""
     if name == "box":
         return Scene.build(three_joints(), [MONITOR])
     if name in ("shapes", "panda"):
         return a_scene(three_joints(), 12, 0) if name == "shapes" else a_scene(ArmModel.load("panda"), 6, 1)
-    if name == "cloud":
-        rotation = random_rotation(np.random.default_rng(1))
-        box = Box.around("scan", Solid.cloud(scanned(0) @ rotation, RADIUS), 0, rotation, np.zeros(3))
-        return Scene.build(three_joints(), [box])
-    with tempfile.TemporaryDirectory() as folder:
-        np.save(Path(folder) / "hills.npy", hills())
-        solid, middle = read_heights(Path(folder) / "hills.npy", np.array([1.6, 1.2]), 1.0, None)
-    return Scene.build(three_joints(), [Box.around("hills", solid, 0, None, middle + AWAY)])
+    rotation = random_rotation(np.random.default_rng(1))
+    box = Box.around("scan", Solid.cloud(scanned(0) @ rotation, RADIUS), 0, rotation, np.zeros(3))
+    return Scene.build(three_joints(), [box])

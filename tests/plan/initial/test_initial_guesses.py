@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,8 @@ import numpy as np
 import pytest
 
 from plan.api.planning import open_task
-from plan.initial import initial_guesses
+from plan.initial import starts
+from plan.initial.starts import any_way
 from plan.problem.problem import PlanningProblem
 
 DATA = Path(__file__).parents[1] / "data"
@@ -27,40 +27,40 @@ def far_way(task: PlanningProblem, seconds: float) -> np.ndarray:
     return via[None]
 
 
+class Drawn:
+    """Trees whose ways are known."""
+
+    def __init__(self, *ways: np.ndarray) -> None:
+        self.ways, self.asked = iter(ways), list[tuple[int, float]]()
+
+    def vias(self, _: object, __: object, nodes: int, reach: float) -> np.ndarray | None:
+        self.asked.append((nodes, reach))
+        return next(self.ways, None)
+
+
 @pytest.mark.parametrize(("objective", "taken"), [("energy", 1), ("time", 0)])
-def test_a_way_must_fit_into_the_duration(monkeypatch: pytest.MonkeyPatch, objective: str, taken: int) -> None:
+def test_a_way_must_fit_into_the_duration(objective: str, taken: int) -> None:
     """At a fixed duration a longer way is passed over; where time is what is sought, the first way is as good."""
     task = replace(blocked(), objective=objective, free="vias" if objective == "energy" else "both")
-    total = float(task.durations.sum())
-    found = [far_way(task, 1.5 * total), far_way(task, 0.9 * total), far_way(task, 0.5 * total)]
-    drawn: Iterator[np.ndarray] = iter(found)
-    monkeypatch.setattr(initial_guesses, "drawn_way", lambda *_, **__: next(drawn))
-    assert initial_guesses._any_way(task, np.random.default_rng(0)) is found[taken]
+    ways = [far_way(task, factor * float(task.durations.sum())) for factor in (1.5, 0.9, 0.5)]
+    assert any_way(task, Drawn(*ways)) is ways[taken]  # type: ignore[arg-type]
 
 
-def test_the_quickest_of_late_ways_and_patience_only_without_any(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_quickest_of_late_ways_and_patience_only_without_any() -> None:
     """All ways take too long: the quickest one, and no more trees; no way at all: the patient trees are asked."""
     task = blocked()
-    total, asked = float(task.durations.sum()), list[tuple[int, float]]()
-    late = [far_way(task, factor * total) for factor in (3.0, 1.5, 2.0, 4.0)]
-
-    def draw(_: object, __: object, nodes: int, reach: float, **___: object) -> np.ndarray | None:
-        asked.append((nodes, reach))
-        return late[len(asked) - 1] if late else None
-
-    monkeypatch.setattr(initial_guesses, "drawn_way", draw)
-    assert initial_guesses._any_way(task, np.random.default_rng(0)) is late[1]
-    assert asked == list(initial_guesses.QUICK)
-    late.clear()
-    asked.clear()
-    assert initial_guesses._any_way(task, np.random.default_rng(0)) is None
-    assert asked == [*initial_guesses.QUICK, initial_guesses.PATIENT]
+    late = [far_way(task, factor * float(task.durations.sum())) for factor in (3.0, 1.5, 2.0, 4.0)]
+    some, none = Drawn(*late), Drawn()
+    assert any_way(task, some) is late[1]  # type: ignore[arg-type]
+    assert some.asked == list(starts.QUICK)
+    assert any_way(task, none) is None  # type: ignore[arg-type]
+    assert none.asked == [*starts.QUICK, starts.PATIENT]
 
 
 def test_near_trees_are_asked_before_far_ones() -> None:
     """Trees that may go anywhere bring ways of twice the length: each look after a near one goes as far or farther."""
-    assert initial_guesses.QUICK[0][1] == min(reach for _, reach in initial_guesses.QUICK)
-    assert list(initial_guesses.REACHES) == sorted(initial_guesses.REACHES)
+    assert starts.QUICK[0][1] == min(reach for _, reach in starts.QUICK)
+    assert list(starts.REACHES) == sorted(starts.REACHES)
 
 
 def test_a_plan_without_a_net_loads_no_heavy_library() -> None:

@@ -1,15 +1,17 @@
 """Seeds: the midplane's points, trees, pruning, and what is said of those that fail."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from plan.geometry.boxes import Box
-from plan.initial.initial_guesses import follow_closely, iterate_ways
-from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
+from plan.geometry.solids import Box
 from plan.initial.rrt_starts import find_seeds, midplane_targets, tip_solver
-from plan.initial.starts import MOST_VIAS, from_seeds, from_vias, straight, time_stamps
-from plan.problem.pose import Pose
+from plan.initial.starts import MOST_VIAS, follow_closely, from_seeds, from_vias, iterate_ways, straight, time_stamps
+from plan.initial.trees import STEP, Trees
 from plan.problem.problem import PlanningProblem
+from plan.problem.rules import Pose
 from tests.plan.worlds import GOAL, MONITOR, START, problem
 
 
@@ -50,39 +52,33 @@ def test_tip_reaches_its_targets(task: PlanningProblem) -> None:
     assert tip.descend(Pose(None, np.array([3.0, 0.0, 0.0])), START)[1][0] > 1.0
 
 
+def trees(task: PlanningProblem, seed: int = 0) -> Trees:
+    return replace(Trees.of(task, np.random.default_rng(seed)), margins=0.005)
+
+
 def test_trees_connect_clear_of_the_box(task: PlanningProblem) -> None:
-    """The path joins start and goal, and every edge keeps the margin at twice the resolution."""
-    options = TreeOptions(margins=0.005)
-    low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
-    path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(0))
-    assert path.found
-    assert path.points[[0, -1]] == pytest.approx(np.array([START, GOAL]))
-    fine = TreeOptions(margins=0.0, resolution=0.02)
-    assert all(edge_is_free(task.scene, a, b, fine) for a, b in zip(path.points, path.points[1:], strict=False))
-    assert np.abs(np.diff(path.points, axis=0)).max() <= options.step + 1e-9
-
-
-def test_pruning_shortens_and_stays_free(task: PlanningProblem) -> None:
-    """A pruned path is no longer, free, and no further node can be taken out."""
-    options = TreeOptions(margins=0.005)
-    low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
-    path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(1)).points
-    short = prune(task.scene, path, options)
-
-    def length(points: np.ndarray) -> float:
-        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-    assert length(short) <= length(path) + 1e-9
+    """The path joins start and goal, every edge keeps the margin at twice the resolution; pruned it is shorter, too."""
+    grown = trees(task)
+    path = grown.connect(START, GOAL, 4000, 0.7)
+    assert not isinstance(path, str)
+    assert path[[0, -1]] == pytest.approx(np.array([START, GOAL]))
+    loose = replace(grown, margins=0.0)
+    assert all(loose.edge_is_free(a, b, 0.02) for a, b in pairwise(path))
+    assert np.abs(np.diff(path, axis=0)).max() <= STEP + 1e-9
+    short = grown.prune(path)
+    lengths = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in (short, path)]
+    assert lengths[0] <= lengths[1] + 1e-9
     assert len(short) < len(path)
-    for i in range(1, len(short) - 1):
-        assert not edge_is_free(task.scene, short[i - 1], short[i + 1], options)
+    assert not any(grown.edge_is_free(a, b) for a, b in zip(short, short[2:], strict=False))
 
 
-def test_a_search_ends_where_nothing_can_be_reached(task: PlanningProblem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Positions drawn are counted, not only nodes grown: trees that are shut in end, too."""
-    monkeypatch.setattr("plan.initial.rrt.edge_is_free", lambda *_: False)
-    path = connect(task.scene, START, GOAL, START - 1.0, GOAL + 1.0, TreeOptions(nodes=50), np.random.default_rng(0))
-    assert "50 nodes" in path.reason
+def test_blocked_search_says_so(task: PlanningProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start in collision, or too few nodes, are reasons, not errors; positions drawn are counted, not only nodes."""
+    inside = np.radians([65.0, 15.0, -105.0])
+    assert "collision" in trees(task).connect(inside, GOAL, 4000, 1.0)
+    assert trees(task).connect(START, GOAL, 4, 1.0) == "no way found with 4 nodes"
+    monkeypatch.setattr(Trees, "edge_is_free", lambda *_: False)
+    assert "50 nodes" in trees(task).connect(START, GOAL, 50, 1.0)
 
 
 @pytest.mark.parametrize("objective", ["energy", "time"])
@@ -112,17 +108,6 @@ def test_the_way_comes_again_only_while_no_plan_is_known(task: PlanningProblem) 
         ways = iterate_ways(task, np.random.default_rng(0), lambda solved=solved: solved)  # type: ignore[misc]
         labels = [next(ways).label for _ in range(2)]
         assert labels == ["trees", "straight" if solved else "trees, closely"]
-
-
-def test_blocked_search_says_so(task: PlanningProblem) -> None:
-    """A start in collision, or too few nodes, are reasons, not errors."""
-    inside = np.radians([65.0, 15.0, -105.0])
-    low, high = START - 1.0, START + 1.0
-    path = connect(task.scene, inside, GOAL, low, high, TreeOptions(), np.random.default_rng(0))
-    assert not path.found
-    assert "collision" in path.reason
-    path = connect(task.scene, START, GOAL, low, high, TreeOptions(nodes=4), np.random.default_rng(0))
-    assert "4 nodes" in path.reason
 
 
 def test_seeds_go_round_or_say_why(task: PlanningProblem) -> None:

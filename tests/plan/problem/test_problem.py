@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.dynamics.manipulability import Manipulability
 from plan.dynamics.power import energy
+from plan.dynamics.rigid import manipulability_of
 from plan.geometry.margins import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
 from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
@@ -127,7 +127,7 @@ def test_an_obstacle_nearer_than_asked_is_refused_by_name() -> None:
 def test_manipulability_is_yoshikawas() -> None:
     """The measure is √det(J Jᵀ) of Pinocchio's Jacobian at the tip, up to one factor."""
     arm = three_joints()
-    measure = Manipulability(arm)
+    measure = manipulability_of(arm)
     q = np.random.default_rng(0).uniform(-2, 2, (20, 3))
     data, tip = arm.model.createData(), arm.model.nframes - 1
     known = []
@@ -142,7 +142,7 @@ def test_six_joints_lose_a_direction() -> None:
     """With the fifth joint at zero the TM5-900's wrist is singular; the measure says so."""
     arm = ArmModel.load("tm5-900")
     q = np.radians([[20.0, 30.0, -60.0, 10.0, 0.0, 0.0], [20.0, 30.0, -60.0, 10.0, 90.0, 0.0]])
-    singular, regular = Manipulability(arm)(q)
+    singular, regular = manipulability_of(arm)(q)
     assert singular < 1e-9
     assert regular > 0.02
 
@@ -158,7 +158,7 @@ def test_singular_motions_cost_more() -> None:
     task = problem(duration=4.0)
     through = straightened(task)
     q = through.decode(through.initial).states(np.linspace(0, 1, 40))[0]
-    assert through._manipulability(q[0]).min() < 0.02
+    assert manipulability_of(three_joints())(q[0]).min() < 0.02
     assert through._singular(q)[0] > 0
     assert task._singular(task.decode(task.initial).states(np.linspace(0, 1, 40))[0])[0] == 0
     plain, fined = (replace(through, avoid_singular=asked).initial_evaluation.cost[0] for asked in (False, True))
@@ -170,4 +170,4 @@ def find_singular_elbow(task: PlanningProblem) -> float:
     """Elbow angle at which the first via point is singular."""
     angles = np.linspace(-1.5, 1.5, 4001)
     q = np.column_stack([np.full(4001, task.vias[0, 0]), np.full(4001, task.vias[0, 1]), angles])
-    return float(angles[np.argmin(Manipulability(three_joints())(q))])
+    return float(angles[np.argmin(manipulability_of(three_joints())(q))])

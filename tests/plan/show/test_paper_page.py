@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from plan.options import PaperOptions, SolveOptions
-from plan.paper.page import write_page
-from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper
+from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper, write_page
 from plan.solving.compare import Comparison
 from plan.solving.solve import solve
 from tests.plan.worlds import problem

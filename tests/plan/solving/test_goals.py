@@ -9,9 +9,9 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task, solve_task
-from plan.initial.inverse_kinematics import find_frame, reach_pose
+from plan.initial.inverse_kinematics import reach_pose
 from plan.options import SolveOptions
-from plan.problem.pose import Pose
+from plan.problem.rules import Pose
 
 TASK = """robot = "tm5-900"
 [task]
@@ -31,9 +31,7 @@ def posed(arm: ArmModel, q: np.ndarray, turned: bool = True) -> tuple[np.ndarray
 def test_all_eight_ways_of_a_six_jointed_arm(robot: str, q: list[float]) -> None:
     """Elbow, shoulder and wrist have two ways each; all of them bring the frame there, the drawn one among them."""
     arm = ArmModel.load(robot)
-    frame = find_frame(arm, None)
-    assert frame is not None
-    ways = reach_pose(arm, Pose(None, *posed(arm, np.array(q))), frame, np.zeros(6), arm.lower, arm.upper)
+    ways = reach_pose(arm, Pose(None, *posed(arm, np.array(q))), arm.links[-1], np.zeros(6), arm.lower, arm.upper)
     assert len(ways.positions) + ways.outside == 8
     assert min(np.abs(np.angle(np.exp(1j * (way - q)))).max() for way in ways.positions) < 1e-4
     for way in ways.positions:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plan.geometry.boxes import Box
+from plan.geometry.solids import Box
 from plan.initial.starts import straight
 from plan.options import CompareOptions, SolveOptions
 from plan.planners import Candidate
@@ -77,7 +77,7 @@ def test_record_has_the_contracts_keys(tmp_path: Path) -> None:
     [
         ({"durations": np.zeros(3)}, "duration is zero"),
         ({"durations": np.full(3, 0.01)}, "too short"),
-        ({"goal": np.radians([80.0, 200.0, -90.0])}, "out of the position limits"),
+        ({"goal": np.radians([80.0, 200.0, -90.0])}, "out of its limits"),
     ],
 )
 def test_impossible_tasks_have_a_reason(changes: dict[str, np.ndarray], reason: str) -> None:

@@ -1,18 +1,89 @@
-"""Point clouds as obstacles: read from files; balls about their points, fewer and larger ones of too many."""
+"""Obstacles from files: meshes, read by Coal and looked over; point clouds as balls about their points."""
 
 from __future__ import annotations
 
 import itertools
+import os
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
+import coal
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.robot.names import require_mesh
 from ident.safe_read import require_regular, require_unpacked
 from plan.errors import SceneError
-from plan.geometry.solids import Solid
+from plan.geometry.solids import Solid, hull_points, mesh_triangles
+
+# A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a thing.
+MOST_TRIANGLES = 100_000
+# Corners closer than this share of the mesh's size are one: STL files repeat each corner for each triangle.
+MERGED = 1e-7
+
+
+def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid, Float[Array, " 3"]]:
+    """The solid of a mesh file and the middle of it in the mesh's own frame [m].
+
+    A closed mesh counts as it is, hollows and all; with `hull`, any mesh counts as the smallest convex body round it.
+
+    Args:
+        path: STL, OBJ, DAE or PLY.
+        scale: Of each axis.
+        hull: Whether the hull is meant.
+
+    Raises:
+        SceneError: The file is missing, no mesh, not finite, too large, or open.
+    """
+    if not os.path.isfile(path):  # false of names that no file can have, too
+        raise SceneError(path, "no such mesh file", "give the path of an STL, OBJ or DAE file, from the scene file on")
+    require_mesh(path, path, "", SceneError)
+    try:
+        model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.array(scale, dtype=float))
+    except (ValueError, RuntimeError) as error:
+        lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
+        reason = next((line for line in lines if "resource" in line), "the reader refused it")
+        raise SceneError(path, f"the mesh can't be read ({reason})", "mend or replace the mesh") from None
+    points, triangles = np.array(model.vertices()), mesh_triangles(model)
+    if len(triangles) == 0 or not np.isfinite(points).all():
+        raise SceneError(path, "the mesh has no triangle, or a corner that is no number", "mend or replace the mesh")
+    size = float(np.ptp(points, axis=0).max())
+    if not 0.0 < size < 1e3:
+        raise SceneError(path, f"the mesh is {size:.3g} m long", "give scale = 0.001 if it is in millimetres")
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    if hull:
+        return Solid.hull(hull_points(points) - middle), middle
+    if len(triangles) > MOST_TRIANGLES:
+        what = f"the mesh has {len(triangles)} triangles, more than {MOST_TRIANGLES}"
+        raise SceneError(path, what, "simplify it, or set hull = true")
+    # One corner for all that are as good as the same; triangles that shrink to a line are left out.
+    near = np.round(points / (MERGED * size)).astype(np.int64)
+    _, first, which = np.unique(near, axis=0, return_index=True, return_inverse=True)
+    points, triangles = points[first], which.reshape(-1)[triangles]
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    # Without every edge in an even number of triangles it has no inside.
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    loose = int((np.unique(edges, axis=0, return_counts=True)[1] % 2).sum())
+    if loose:
+        what = f"the mesh is open: {loose} edges belong to one triangle only"
+        raise SceneError(path, what, "close it, or set hull = true")
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return Solid.surface(points - middle, triangles), middle
+
+
+def holds(solid: Solid, point: Float[Array, " 3"]) -> bool:
+    """Whether a closed surface has a point, in its own axes, inside: by the solid angle under which it is seen.
+
+    Source: A. van Oosterom, J. Strackee, 1983, "The solid angle of a plane triangle".
+    """
+    a, b, c = (solid.points[solid.triangles[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    flat = la * lb * lc + np.einsum("ij,ij->i", a, b) * lc
+    flat += np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
+    return bool(abs(2.0 * np.arctan2(volume, flat).sum()) > 2.0 * np.pi)
+
 
 # Of more points the near ones are put together: at this number a motion is planned in seconds.
 MOST_POINTS = 100_000
@@ -76,51 +147,32 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     """The points of a cloud's file, in the file's own unit and axes.
 
     Args:
-        path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns, `.csv` or `.xyz`.
-
-    Raises:
-        SceneError: As `read_scan`.
-    """
-    readers = {".ply": _read_ply, ".pcd": _read_pcd, **TABLES, ".xyz": read_table}
-    return read_scan(path, "point cloud", readers, 3, "leave points without a reading out of the file")
-
-
-def read_scan(
-    path: Path, what: str, readers: Mapping[str, Callable[[Path], Array]], columns: int | None, remedy: str
-) -> Float[Array, "r c"]:
-    """The rows of numbers in a file that holds a scan.
-
-    Args:
-        path: The file.
-        what: What it should be, for messages.
-        readers: By the ends of names.
-        columns: How many count, the first ones; None for a grid, of two or more either way.
-        remedy: What to do about cells that are no numbers.
+        path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns.
 
     Raises:
         SceneError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
     """
     kind = path.suffix.lower()
-    if kind not in readers:
-        raise SceneError(path, f"no {what} that can be read", f"give one of: {', '.join(readers)}")
-    size = require_regular(path, f"give the path of a {what}, from the scene file on", SceneError, LARGEST)
+    if kind not in READERS:
+        raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(READERS)}")
+    size = require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
     try:
         require_unpacked(size, _announced(path))
-        found = np.asarray(readers[kind](path), dtype=float)
+        found = np.asarray(READERS[kind](path), dtype=float)
     except SceneError:
         raise
     except Exception as error:  # each library raises its own, and memory may end
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise SceneError(path, f"the {what} can't be read ({reason})", "mend or replace the file") from None
-    rows, wide = (2, 2) if columns is None else (1, columns)
-    if found.ndim != 2 or len(found) < rows or found.shape[1] < wide:
-        what = f"it holds an array of shape {found.shape}, no {what}"
-        raise SceneError(path, what, f"give {rows} or more rows of {wide} or more numbers")
-    found = np.ascontiguousarray(found[:, :columns])
+        raise SceneError(path, f"the point cloud can't be read ({reason})", "mend or replace the file") from None
+    if found.ndim != 2 or len(found) < 1 or found.shape[1] < 3:
+        what = f"it holds an array of shape {found.shape}, no point cloud"
+        raise SceneError(path, what, "give 1 or more rows of 3 or more numbers")
+    found = np.ascontiguousarray(found[:, :3])
     bad = np.argwhere(~np.isfinite(found))
     if len(bad):
         first = f"row {bad[0][0] + 1}, column {bad[0][1] + 1} is no number"
-        raise SceneError(path, first + f", nor are {len(bad) - 1} others" * (len(bad) > 1), remedy)
+        others = f", nor are {len(bad) - 1} others" * (len(bad) > 1)
+        raise SceneError(path, first + others, "leave points without a reading out of the file")
     return found
 
 
@@ -160,7 +212,7 @@ def _read_pcd(path: Path) -> Array:
     return np.asarray(found)
 
 
-def read_array(path: Path) -> Array:
+def _read_array(path: Path) -> Array:
     """A plain array of numbers in NumPy's format."""
     found = np.load(path, mmap_mode="r", allow_pickle=False)
     if found.dtype.kind not in "fiu":
@@ -168,7 +220,7 @@ def read_array(path: Path) -> Array:
     return np.array(found, dtype=float)
 
 
-def read_table(path: Path) -> Array:
+def _read_table(path: Path) -> Array:
     """Rows of numbers parted by commas, semicolons or blanks; a first row of names is passed over."""
     with path.open(encoding="utf-8-sig") as lines:
         head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
@@ -182,5 +234,9 @@ def read_table(path: Path) -> Array:
         return np.loadtxt(lines, delimiter=parts, skiprows=named, ndmin=2, comments="#")
 
 
-# Plain numbers, by the ends of names.
-TABLES: dict[str, Callable[[Path], Array]] = {".npy": read_array, ".csv": read_table, ".txt": read_table}
+READERS: dict[str, Callable[[Path], Array]] = {
+    ".ply": _read_ply,
+    ".pcd": _read_pcd,
+    ".npy": _read_array,
+    **dict.fromkeys((".csv", ".txt", ".xyz"), _read_table),
+}

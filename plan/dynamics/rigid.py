@@ -1,0 +1,261 @@
+"""A rigid chain in compiled loops: torque of many states, where frames and bodies are, and how points move.
+
+Pinocchio stays the reference (the certificate uses it); these loops exist because a planner asks for 10⁷ states and
+needs them fused with the reading of trajectories. Vectors are tuples of three: the compiler keeps them in registers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float
+from ident.robot.arm import ArmModel
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
+    """Axes of joint frame i in its parent's at a position, row by row into `r`; its origin in the parent's axes."""
+    off, rot, slides = chain.offsets, chain.rotations, chain.sliding[i]
+    s = 0.0 if slides else math.sin(q)
+    c = 0.0 if slides else 1.0 - math.cos(q)
+    for k in range(3):
+        for m in range(3):
+            r[3 * k + m] = rot[i, 0, k, m] + s * rot[i, 1, k, m] + c * rot[i, 2, k, m]
+    d = q if slides else 0.0
+    x, y, z = turn(r, (chain.axes[i, 0], chain.axes[i, 1], chain.axes[i, 2]))
+    return off[i, 0] + d * x, off[i, 1] + d * y, off[i, 2] + d * z
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def turn(r, a):  # type: ignore[no-untyped-def]
+    """A vector in a frame's axes, in those of its parent."""
+    return (
+        r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
+        r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
+        r[6] * a[0] + r[7] * a[1] + r[8] * a[2],
+    )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _turn_back(r, a):  # type: ignore[no-untyped-def]
+    """A vector in the parent's axes, in the frame's own."""
+    return (
+        r[0] * a[0] + r[3] * a[1] + r[6] * a[2],
+        r[1] * a[0] + r[4] * a[1] + r[7] * a[2],
+        r[2] * a[0] + r[5] * a[1] + r[8] * a[2],
+    )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _add(a, b, share=1.0):  # type: ignore[no-untyped-def]
+    """a + share · b."""
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _carried(a, alpha, omega, p):  # type: ignore[no-untyped-def]
+    """Acceleration of a point p of a body whose origin has acceleration a: a + α × p + ω × (ω × p)."""
+    return _add(_add(a, cross(alpha, p)), cross(omega, cross(omega, p)))
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
+    """Newton-Euler of one state: M ddq + C dq + G. Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
+
+    Args:
+        chain: The arm.
+        q, dq, ddq: Its state, shape (n,).
+        work: Scratch, shape (n, 18): rotation 9, force 3, moment 3, lever 3.
+        tau: Torque, shape (n,).
+    """
+    n, inertia = q.shape[0], chain.inertias
+    omega, alpha = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    acc = (-chain.gravity[0], -chain.gravity[1], -chain.gravity[2])
+    for i in range(n):
+        r = work[i]
+        p = place_joint(chain, i, q[i], r)
+        acc = _turn_back(r, _carried(acc, alpha, omega, p))
+        omega, alpha = _turn_back(r, omega), _turn_back(r, alpha)
+        axis = (chain.axes[i, 0], chain.axes[i, 1], chain.axes[i, 2])
+        gyration = cross(omega, axis)
+        if chain.sliding[i]:
+            acc = _add(_add(acc, axis, ddq[i]), gyration, 2.0 * dq[i])
+        else:
+            alpha = _add(_add(alpha, axis, ddq[i]), gyration, dq[i])
+            omega = _add(omega, axis, dq[i])
+        # Force and moment that move this link, about its origin.
+        c = (chain.centres[i, 0], chain.centres[i, 1], chain.centres[i, 2])
+        force = _add((0.0, 0.0, 0.0), _carried(acc, alpha, omega, c), chain.masses[i])
+        moment = cross(c, force)
+        own = inertia[i].reshape(9)
+        moment = _add(_add(moment, turn(own, alpha)), cross(omega, turn(own, omega)))
+        for k in range(3):
+            r[9 + k], r[12 + k], r[15 + k] = force[k], moment[k], p[k]
+    for i in range(n - 1, -1, -1):
+        r = work[i]
+        first = 9 if chain.sliding[i] else 12
+        tau[i] = chain.axes[i, 0] * r[first] + chain.axes[i, 1] * r[first + 1] + chain.axes[i, 2] * r[first + 2]
+        if i > 0:
+            force, moment = turn(r, (r[9], r[10], r[11])), turn(r, (r[12], r[13], r[14]))
+            moment = _add(moment, cross((r[15], r[16], r[17]), force))
+            for k in range(3):
+                work[i - 1, 9 + k] += force[k]
+                work[i - 1, 12 + k] += moment[k]
+
+
+def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
+    """Positions all over the joints' range, always the same: what is asked of them is a property of the arm [rad]."""
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    return np.random.default_rng(0).uniform(low, high, (count, arm.n))
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
+    """World placement of every joint frame for one position; frame 0 is the world."""
+    for k in range(3):
+        frame_at[0, k] = 0.0
+        for m in range(3):
+            frame_rot[0, k, m] = 1.0 if k == m else 0.0
+    r = np.empty(9)
+    for i in range(q.shape[0]):
+        p = place_joint(chain, i, q[i], r)
+        for k in range(3):
+            frame_at[i + 1, k] = frame_at[i, k]
+            for m in range(3):
+                frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
+                frame_rot[i + 1, k, m] = (
+                    frame_rot[i, k, 0] * r[m] + frame_rot[i, k, 1] * r[3 + m] + frame_rot[i, k, 2] * r[6 + m]
+                )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-untyped-def]
+    """World placement of the bodies from `start` up to `stop`, and of their parts."""
+    for i in range(start, stop):
+        _place(i, bodies, frame_rot, frame_at)
+        for part in range(bodies.part[i], bodies.part[i] + bodies.parts[i]):
+            _place(part, bodies, frame_rot, frame_at)
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
+    """World placement of one body."""
+    f = bodies.carrier[b]
+    for k in range(3):
+        bodies.placed_at[b, k] = frame_at[f, k]
+        for m in range(3):
+            bodies.placed_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
+            bodies.placed_rot[b, k, m] = (
+                frame_rot[f, k, 0] * bodies.rot[b, 0, m]
+                + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
+                + frame_rot[f, k, 2] * bodies.rot[b, 2, m]
+            )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
+    """Axis of joint j in the base frame."""
+    r, a = frame_rot[j + 1], chain.axes[j]
+    return (
+        r[0, 0] * a[0] + r[0, 1] * a[1] + r[0, 2] * a[2],
+        r[1, 0] * a[0] + r[1, 1] * a[1] + r[1, 2] * a[2],
+        r[2, 0] * a[0] + r[2, 1] * a[1] + r[2, 2] * a[2],
+    )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def]
+    """How a point of the base frame that joint j carries moves for a unit of that joint."""
+    axis = joint_axis(chain, frame_rot, j)
+    if chain.sliding[j]:
+        return axis
+    return cross(axis, (point[0] - frame_at[j + 1, 0], point[1] - frame_at[j + 1, 1], point[2] - frame_at[j + 1, 2]))
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
+    """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
+
+    Args:
+        chain: The arm.
+        q: Positions, shape (m, n).
+        joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
+        points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
+        normals: Unit vectors, shape (m, 3).
+    """
+    n, out = q.shape[1], np.zeros(q.shape)
+    rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for row in range(q.shape[0]):
+        if row == 0 or np.any(q[row] != q[row - 1]):
+            place_frames(chain, q[row], rot, at)
+        for side in range(2):
+            for j in range(joints[row, side]):
+                x, y, z = _moves(chain, rot, at, j, points[row, side])
+                out[row, j] += (2.0 * side - 1.0) * (normals[row, 0] * x + normals[row, 1] * y + normals[row, 2] * z)
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
+    """Where a frame is along T positions, and how it moves with each joint.
+
+    Args:
+        chain: The arm.
+        q: Positions, shape (T, n) [rad].
+        joint: The joint that carries the frame, 0 for the world.
+        turn, place: The frame in that joint's.
+
+    Returns:
+        Place (T, 3) and axes (T, 3, 3) in the base frame; change of place (T, n, 3) and turn (T, n, 3) by the joints.
+    """
+    count, n = q.shape
+    at, axes = np.empty((count, 3)), np.empty((count, 3, 3))
+    linear, angular = np.zeros((count, n, 3)), np.zeros((count, n, 3))
+    rot, origin = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for t in range(count):
+        place_frames(chain, q[t], rot, origin)
+        for k in range(3):
+            at[t, k] = origin[joint, k]
+            for m in range(3):
+                at[t, k] += rot[joint, k, m] * place[m]
+                axes[t, k, m] = 0.0
+                for i in range(3):
+                    axes[t, k, m] += rot[joint, k, i] * turn[i, m]
+        for j in range(joint):
+            linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = _moves(chain, rot, origin, j, at[t])
+            if not chain.sliding[j]:
+                angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = joint_axis(chain, rot, j)
+    return at, axes, linear, angular
+
+
+def manipulability_of(arm: ArmModel) -> Callable[[Float[Array, "T n"]], Float[Array, " T"]]:
+    """Yoshikawa's measure √det(J Jᵀ) of the tip, as a share of its largest value over the joints' range.
+
+    J holds the tip's velocity, and its turning too from six joints on (levers measured in the arm's reach, so that
+    both parts have one unit). Zero is singular. With fewer than three joints there is nothing to lose: 1 throughout.
+    """
+    if arm.n < 3:
+        return lambda q: np.ones(len(q))
+    # The last link's origin in the last joint's frame; with a frozen wrist, that is the wrist's end.
+    tip = np.array([frame for frame in arm.model.frames if frame.parentJoint == arm.n][-1].placement.translation)
+    reach = np.linalg.norm(arm.chain.offsets, axis=1).sum() + np.linalg.norm(tip)
+
+    def measure(q: Float[Array, "T n"]) -> Float[Array, " T"]:
+        linear, angular = frame_states(arm.chain, np.ascontiguousarray(q, dtype=float), arm.n, np.eye(3), tip)[2:]
+        jacobian = linear if arm.n < 6 else np.concatenate([linear / reach, angular], axis=2)
+        if jacobian.shape[1] == jacobian.shape[2]:
+            return np.abs(np.linalg.det(jacobian))
+        return np.sqrt(np.maximum(np.linalg.det(jacobian.transpose(0, 2, 1) @ jacobian), 0.0))
+
+    largest = measure(random_positions(arm, 2000)).max()
+    return lambda q: measure(q) / largest
