@@ -93,50 +93,6 @@ def test_timeline_holds_arm_and_obstacle(tmp_path: Path) -> None:
     assert "/clearance_m" in paths
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("[task]", "[tusk]", "unknown key 'tusk'"),
-        ("start_deg = [50, 0, -120]", "", "task.start_deg is missing"),
-        ("start_deg = [50, 0, -120]", 'start_deg = ["a", 0, 1]', "not a list of numbers"),
-        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 30]", "has 2 numbers, not 3"),
-        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 30, nan]", "not a list of numbers"),
-        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 300, -90]", "out of its limits"),
-        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 100, 150]", "collide there"),
-        ("duration_s = 0.65", "duration_s = -1", "task.duration_s is -1"),
-        ("duration_s = 0.65", 'duration_s = "soon"', "task.duration_s is 'soon'"),
-        ("via_points = 2", "via_points = 0", "task.via_points is 0"),
-        ("via_points = 2", "wrist_deg = [0, 0]", "3 joints stand still"),
-        ("via_points = 2", "wrist_deg = [0, 0, 900]", "out of the limits"),
-        ('robot = "tm5-900"', 'robot = "tm9"', "no such URDF file or robot"),
-        ('robot = "tm5-900"', 'robot = "tm5-900', "not TOML"),
-    ],
-)
-def test_bad_scenes(tmp_path: Path, old: str, new: str, words: str) -> None:
-    """Every fault of a scene file is named with the file and a remedy."""
-    assert old in TABLE3
-    path = scene(tmp_path, TABLE3.replace(old, new))
-    with pytest.raises(InputError, match=words.replace("[", r"\[")) as error:
-        opened(path)
-    assert "tm9" in str(error.value) or str(path) in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("lines", "words"),
-    [
-        ("size_m = [0.1, 0, 0.1]\nxyz_m = [1, 0, 0]", "not above zero"),
-        ("size_m = [0.1, 0.1]\nxyz_m = [1, 0, 0]", "has 2 numbers, not 3"),
-        ("size_m = [0.1, 0.1, 0.1]", "xyz_m is missing"),
-        ("size_m = [0.1, 0.1, 0.1]\nxyz_m = [1, 0, 0]\ncolour = 3", "unknown key 'colour'"),
-        ("size_m = [0.4, 0.4, 0.4]\nxyz_m = [-0.1, -0.5, 0.3]", "task.start_deg"),
-    ],
-)
-def test_bad_obstacles(tmp_path: Path, lines: str, words: str) -> None:
-    """Boxes of zero size, of wrong shape, or over the arm are refused."""
-    with pytest.raises(InputError, match=words):
-        opened(scene(tmp_path, f"{TABLE3}\n[[obstacle]]\n{lines}\n"))
-
-
 def test_bad_options() -> None:
     """Unknown objective, metric, variables and method name what there is."""
     path = DATA / "table3.toml"

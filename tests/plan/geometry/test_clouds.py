@@ -87,38 +87,6 @@ def test_clouds_of_all_files_are_the_same(tmp_path: Path, name: str) -> None:
     assert "link_3 and obstacle 1" in {scene.pair_name(i) for i in range(len(scene.pairs))}
 
 
-@pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        ('cloud = "none.ply"\nradius_m = 0.01', "none.ply.*can't be read .No such file"),
-        ('cloud = "nan.npy"\nradius_m = 0.01', "row 3, column 2 is no number, nor are 2 others; leave"),
-        ('cloud = "bad.ply"\nradius_m = 0.01', "bad.ply.*can't be read"),
-        ('cloud = "bad.pcd"\nradius_m = 0.01', "bad.pcd.*can't be read"),
-        ('cloud = "scan.stl"\nradius_m = 0.01', "give one of: .ply"),
-        ('cloud = "wide.npy"\nradius_m = 0.01', "give scale = 0.001"),
-        ('cloud = "flat.npy"\nradius_m = 0.01', "no point cloud; give 1 or more rows of 3 or more numbers"),
-        ('cloud = "good.npy"', "obstacle 1.radius_m is missing; add it, in metres"),
-        ('cloud = "good.npy"\nradius_m = 0', "radius_m is 0, not a number above zero"),
-        ('cloud = "good.npy"\nradius_m = 0.01\nsize_m = [1, 1, 1]', "unknown key 'size_m'"),
-    ],
-)
-def test_bad_clouds(tmp_path: Path, table: str, words: str) -> None:
-    """What is missing, broken or without a number ends in one line that names the file or key, and the remedy."""
-    points = scanned(9, 40)
-    np.save(tmp_path / "good.npy", points)
-    np.save(tmp_path / "wide.npy", 1e4 * points)
-    np.save(tmp_path / "flat.npy", points[:, :2])
-    points[2:5, 1] = np.nan
-    np.save(tmp_path / "nan.npy", points)
-    (tmp_path / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n1\n")
-    (tmp_path / "bad.pcd").write_text("VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nDATA ascii\n1 2 3\n")
-    path = tmp_path / "scene.toml"
-    path.write_text(f"{TASK}[[obstacle]]\n{table}\n")
-    with pytest.raises(InputError, match=words) as error:
-        load_task(path)
-    assert "\n" not in str(error.value)
-
-
 def test_what_is_carried_is_convex(tmp_path: Path) -> None:
     """A mesh that is carried counts by its hull, and a cloud can't be carried: the arm's own bodies are convex."""
     (tmp_path / "cube.obj").write_text(CUBE)

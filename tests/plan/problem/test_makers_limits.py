@@ -1,5 +1,6 @@
 """What makers publish is kept, unless the task says otherwise; what is missing is said."""
 
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.problem.makers_limits import _rows, find_makers_limits
+from plan.problem.makers_limits import TABLE, find_makers_limits
 from plan.problem.task_file import load_task
 from plan.solving.set_up import set_up
 
@@ -27,7 +28,7 @@ def limits_of(folder: Path, more: str = "", robot: str = "panda", joints: int = 
 
 def test_every_row_says_where_it_is_from() -> None:
     """A source, and as many positive numbers as joints; a binding row has limits of acceleration."""
-    for row in _rows():
+    for row in tomllib.loads(TABLE.read_text())["arm"]:
         assert len(row["source"]) > 20
         for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"):
             assert key not in row or (len(row[key]) == row["joints"] and min(row[key]) > 0.0)

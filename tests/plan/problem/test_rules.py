@@ -8,7 +8,6 @@ import pinocchio as pin
 import pytest
 import tomli_w
 
-from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from plan.api.planning import solve
@@ -87,40 +86,6 @@ def bare_world(robot: str) -> World:
     world.model = pin.buildModelFromUrdf(str(find_urdf(robot)))
     world.data = world.model.createData()
     return world
-
-
-BASE = {"robot": "tm5-900", "task": {"start_deg": [50, 0, -120], "goal_deg": [80, 30, -90], "duration_s": 1.0}}
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ({"tool": {"sped_m_s": 1.0}}, "unknown key 'sped_m_s'"),
-        ({"tool": {"speed_m_s": 0.0}}, "tool.speed_m_s is 0.0"),
-        ({"tool": {"within_m": 0.01}}, "add straight = true"),
-        ({"tool": {"straight": 1}}, "give true or false"),
-        ({"tool": {"frame": "nose"}}, "tool.frame: no link 'nose'"),
-        ({"tool": {"cone": [{}]}}, "tool.cone 1 has no angle"),
-        ({"tool": {"cone": [{"allowed_deg": 10, "keep_out_deg": 5}]}}, "tool.cone 1 has allowed_deg and keep_out_deg"),
-        ({"tool": {"cone": [{"allowed_deg": 10, "axis": [0, 0, 0]}]}}, "no direction"),
-        ({"tool": {"cone": [{"allowed_deg": 5}]}}, "the tool's axis breaks tool.cone 1"),
-        ({"tool": {"cone": {"allowed_deg": 5}}}, "with two brackets"),
-        ({"pass": [{}]}, "neither deg nor xyz_m"),
-        ({"pass": [{"deg": [1, 2]}]}, "has 2 numbers, not 3"),
-        ({"pass": [{"deg": [1, 2, 3], "within_m": 1}]}, "other kind of via point"),
-        ({"pass": [{"deg": [1, 2, 900]}]}, "out of the joints' limits"),
-        ({"pass": [{"degrees": [1, 2, 3]}]}, "unknown key 'degrees'"),
-        ({"task": {**BASE["task"], "goals_deg": [[1, 2, 3]]}}, "both goal_deg and goals_deg"),  # type: ignore[dict-item]
-    ],
-)
-def test_slips_get_one_line(tmp_path: Path, more: dict[str, object], words: str) -> None:
-    """Whatever is wrong with a rule is named with its key and the remedy."""
-    path = tmp_path / "scene.toml"
-    path.write_text(tomli_w.dumps({**BASE, **more}))
-    with pytest.raises(InputError) as raised:
-        solve(path, planner=QUICK, gap=False)
-    assert words in str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
 def test_a_tool_too_slow_for_its_time_is_refused_with_the_time_it_takes(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task, solve_task
 from plan.initial.inverse_kinematics import reach_pose
@@ -64,37 +63,3 @@ def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
     assert at[:3, 3] == pytest.approx(place, abs=1e-6)
     assert at[:3, :3] == pytest.approx(rotation, abs=1e-6)
     assert "joint positions bring the frame to the goal's pose" in result.notes[0]
-
-
-@pytest.mark.parametrize(
-    ("pose", "words"),
-    [
-        ("xyz_m = [3, 0, 0]", "can't bring link_6 there; they come within [0-9]{4} mm; move the pose$"),
-        ("xyz_m = [0.3, 0, 0.4]\nframe = 'claw'", "no frame 'claw'; use one of: .*link_6"),
-        ("xyz_m = [0.3, 0]", "has 2 numbers, not 3"),
-        ("xyz_m = [300, 0, 400]", "lies 400 m away; give metres"),
-        ("rpy_rad = [0, 0, 0]", "xyz_m is missing"),
-        ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 2]", "has length 2, not 1"),
-        ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 1]\nrpy_rad = [0, 0, 0]", "give one of them"),
-        ("xyz_m = [0.3, 0, 0.4]\nyaw = 3", "unknown key 'yaw'"),
-        ("xyz_m = [0.0, 0.0, 0.05]", "in all of them something collides|can't bring"),
-    ],
-)
-def test_bad_poses(tmp_path: Path, pose: str, words: str) -> None:
-    """Poses out of reach, frames that do not exist and slips of the pen end in one line with a remedy."""
-    with pytest.raises(InputError, match=words) as error:
-        opened(scene(tmp_path, pose))
-    assert "\n" not in str(error.value)
-
-
-def test_one_kind_of_goal(tmp_path: Path) -> None:
-    """Angles and a pose together contradict each other; limits beyond the robot's leave no room."""
-    path = scene(
-        tmp_path, "xyz_m = [0.3, 0, 0.4]", TASK.replace("duration_s", "goal_deg = [0, 0, 0, 0, 0, 0]\nduration_s")
-    )
-    with pytest.raises(InputError, match="both goal_deg and goal_pose"):
-        opened(path)
-    wide = TASK.replace("duration_s", "goal_deg = [0, 0, 0, 0, 0, 0]\nduration_s")
-    path.write_text(f"{wide}[limits]\nlower_deg = [400, -90, -90, -90, -90, -90]\n")
-    with pytest.raises(InputError, match="leave joint_1 no room"):
-        opened(path)
