@@ -20,7 +20,7 @@ from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
 from ident.recordings.columns import ANGLES
-from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
+from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
 TURN = 2.0 * math.pi
@@ -92,8 +92,7 @@ def mend_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             found.note(run, what, np.flatnonzero(wild.any(axis=0)))
             run = run.at(~rows)
         found.runs.append(run)
-    ending = "; these rows are dropped"
-    return found.left(), found.issues("garbage_cells", "note", ending, "none needed; look at the logger")
+    return found.left(), found.issues("garbage_cells")
 
 
 def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
@@ -125,7 +124,7 @@ def mend_wraps(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
             found.note(run, f"{run.joints[columns[0]]} jumps by a turn {wraps[columns[0]]} times", columns)
             run = run.replace(**changes)
         found.runs.append(run)
-    return found.left(), found.issues("position_wraps", "note", "; unwrapped", "none needed")
+    return found.left(), found.issues("wraps")
 
 
 def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Array, "T n"], Array]:
@@ -171,12 +170,8 @@ def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             parted.note(run, words, columns)
             parted.runs += [piece for piece in cut_before(run, rows + 1) if filter_run(piece) is not None]
     broken.columns |= parted.columns
-    remedy = "repair the channel and record again, or leave the run out"
-    lost = "look for lost samples, or for an encoder that was set anew during the run"
-    issues = broken.issues("garbage_cells", "fatal", "", remedy)
-    return (parted.left() if parted.runs else session), issues or parted.issues(
-        "time_gap", "warning", "; parted there", lost
-    )
+    issues = broken.issues("broken_position") or parted.issues("jump")
+    return (parted.left() if parted.runs else session), issues
 
 
 # Commands may leap: nobody but the checks of `ident.checks.channels` reads them.
@@ -297,11 +292,8 @@ def _drop(
             run = run.at(~rows)
         found.runs.append(run)
     if lost <= max(LIMIT.most_rows * session.samples, 1):
-        severity: Severity = "note" if lost < 0.001 * session.samples else "warning"
-        remedy = "none needed; look at the logger"
-        return found.left(), found.issues(issue, severity, "; these rows are dropped", remedy)
+        return found.left(), found.issues(issue, "note" if lost < 0.001 * session.samples else "warning")
     if channel in OPTIONAL:
         found.runs = [run.replace(**{channel: None}) for run in session.runs]
-        issues = found.issues(issue, "warning", f"; {channel} is not used", f"repair {channel} to have it used")
-        return found.left(), issues
-    return found.left(), found.issues(issue, "fatal", "", "repair the channel and record again, or leave it out")
+        return found.left(), found.issues("broken_channel", channel=channel)
+    return found.left(), found.issues("wild_cells" if issue == "garbage_cells" else "wild_effort")

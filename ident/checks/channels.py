@@ -33,11 +33,9 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         if not rows.all():
             found.runs.append(run.at(~rows) if rows.any() else run)
     if lost > LIMIT.most_lost * session.samples:
-        remedy = "repair the channel and record again, or leave the run out"
-        issues = found.issues("stuck_channel", "fatal", "", remedy)
+        issues = found.issues("stuck_long")
     else:
-        issues = found.issues("stuck_channel", "warning", "; these samples are dropped", "look at the driver")
-        session = found.left()
+        session, issues = found.left(), found.issues("stuck")
     session, velocities = _drop_stuck_velocity(session)
     return session, issues + velocities
 
@@ -132,8 +130,7 @@ def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue
                 claimed = run.velocity[first, joint] * (run.time[last] - run.time[first])
                 if abs(travel - claimed) > max(LIMIT.hidden_travel, 0.5 * abs(travel)):
                     found.note(run, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s", [joint])
-    ending = "; velocities are not used"
-    return found.left(), found.issues("stuck_channel", "warning", ending, "look at the driver")
+    return found.left(), found.issues("stuck_velocity")
 
 
 def check_clipping(session: Session) -> list[TelemetryIssue]:
@@ -149,9 +146,7 @@ def check_clipping(session: Session) -> list[TelemetryIssue]:
             if count:
                 clipped += count
                 found.note(run, f"{run.joints[joint]} stays at {sign * level:.4g} N m for {count} samples", [joint])
-    ending = f"; {clipped / session.samples:.1%} of the samples"
-    remedy = "raise the limit of the channel or the drive, or record slower motion"
-    return found.issues("clipped_effort", "warning", ending, remedy)
+    return found.issues("clipped", share=clipped / session.samples)
 
 
 def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:

@@ -42,11 +42,7 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         else:
             fatal.note(run, f"{np.mean(steps <= 0):.0%} of the time steps are zero or negative")
             runs.append(kept)
-    name, parted = "time_not_increasing", "; parted there, the pieces are taken as independent"
-    issues = dropped.issues(name, "note", "", "none needed")
-    issues += restarted.issues(name, "warning", parted, "record each run to a file of its own")
-    remedy = "log the time of measurement in full resolution, or give sample_rate_hz in session.toml without a time"
-    issues += fatal.issues(name, "fatal", "", remedy)
+    issues = dropped.issues("late") + restarted.issues("restarts") + fatal.issues("falls")
     return session.replace(runs=runs, common_clock=session.common_clock and not restarted.told), issues
 
 
@@ -90,7 +86,7 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             found.note(run, f"the clock leaps {step:.3g} s on after row {jumps[0] + 1}{left}")
     few = sum(map(len, found.runs)) >= (1.0 - LIMIT.few_rows) * session.samples
     severity: Severity = "fatal" if not found.runs else "note" if few else "warning"
-    issues = found.issues("clock_jump", severity, "", "set the clock before recording")
+    issues = found.issues("leap", severity)
     return (found.left() if found.runs else session), issues
 
 
@@ -107,9 +103,9 @@ def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             short = f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else ""
             found.note(run, f"{len(gaps)} gaps, {where}{short}")
     if not found.runs:
-        return session, found.issues("time_gap", "fatal", "; nothing long enough is left", "record without pauses")
+        return session, found.issues("pauses")
     severity: Severity = "note" if sum(map(len, found.runs)) >= 0.9 * session.samples else "warning"
-    return found.left(), found.issues("time_gap", severity, "", "none needed; look for lost messages")
+    return found.left(), found.issues("gap", severity)
 
 
 def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -127,9 +123,7 @@ def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         runs.append(run)
     for one in (told, mended):
         one.told.sort(key=lambda seen: worst[seen[0]], reverse=True)
-    issues = told.issues("jitter", "note", "; the stamps are used as they are", "none needed")
-    evened = "; positions fit an even clock better, which replaces the stamps"
-    return session.replace(runs=runs), issues + mended.issues("jitter", "note", evened, "stamp samples when measured")
+    return session.replace(runs=runs), told.issues("jitter") + mended.issues("evened")
 
 
 def even_clock(run: Recording) -> Float[Array, " T"] | None:

@@ -202,15 +202,18 @@ class Findings:
         self.told.append((run.name, what))
         self.columns.update(int(column) for column in columns)
 
-    def issues(self, issue: str, severity: Severity, ending: str, remedy: str) -> list[TelemetryIssue]:
-        """All that was seen as one issue, in one line: the first run's, and in how many more; none if nothing was."""
+    def issues(self, key: str, severity: Severity | None = None, **seen: Any) -> list[TelemetryIssue]:
+        """All that was seen as one issue, in the words of `issues.toml`; none if nothing was.
+
+        The first run's is told, and in how many more there is something.
+        """
         if not self.told:
             return []
         run, what = self.told[0]
         others = len({name for name, _ in self.told}) - 1
         also = f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
-        evidence = f"{run}: {what}{also}{ending}"
-        return [TelemetryIssue(issue, joints_at(self.session, sorted(self.columns)), severity, evidence, remedy)]
+        named = self.session.replace(name=run)
+        return [issue_of(key, named, sorted(self.columns), severity=severity, told=what + also, **seen)]
 
     def left(self) -> Session:
         """The session of the runs that are left; as it was where nothing was seen."""
