@@ -45,11 +45,6 @@ class ColumnFamily:
     channel: str | None  # what they hold; None where their names don't say
     doubt: int  # words that speak against it; fewer is better
 
-    @property
-    def are_numbers(self) -> bool:
-        """Whether joints are numbered, not named."""
-        return all(label.isdecimal() for label in self.labels)
-
 
 def words_of(template: str) -> list[str]:
     """The words of a name, in lower case."""
@@ -177,12 +172,12 @@ def _choose(families: list[ColumnFamily], channel: str, arm: ArmModel | None, le
 
 
 def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], str]:
-    labels = position.labels[:count]
+    labels, numbered = position.labels[:count], all(label.isdecimal() for label in position.labels)
     if arm is None:
-        names = tuple(f"joint_{i + 1}" for i in range(count)) if position.are_numbers else labels
-        return names, "numbered by the file" if position.are_numbers else "named by the file"
+        names = tuple(f"joint_{i + 1}" for i in range(count)) if numbered else labels
+        return names, "numbered by the file" if numbered else "named by the file"
     robot = arm.joint_names
-    if not position.are_numbers:
+    if not numbered:
         matched = _match(position.labels, robot)
         if matched is not None:
             return matched[:count], "the file's names are the robot's"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.recordings.columns import ANGLES
 from ident.recordings.lerobot import is_dataset, longest_episode
 from ident.recordings.load import open_run
 from ident.recordings.recording import Recording
@@ -57,7 +56,7 @@ class Reason(Record):
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """The columns of a run by what they are taken for, in the units of the file or, see `in_si`, in SI."""
+    """The columns of a run by what they are taken for, in the units of the file or in SI."""
 
     joints: tuple[str, ...]  # the robot's joints in the columns' order
     columns: Mapping[str, tuple[str, ...]]  # channel -> names of its columns, one a joint
@@ -65,16 +64,6 @@ class Signals:
     clock: str | None  # name of the time's column, or None
     time: Float[Array, " T"]  # time [unit of the file]; sample numbers where there is none
     reasons: tuple[Reason, ...] = ()  # why
-
-    def without(self, channel: str) -> Signals:
-        """The same without a channel."""
-        columns = {name: one for name, one in self.columns.items() if name != channel}
-        return replace(self, columns=columns, tables={name: self.tables[name] for name in columns})
-
-    def in_si(self, time: float, angle: float) -> Signals:
-        """The same, time and angles with their derivatives in SI by these factors; torque and current as they are."""
-        tables = {name: angle * one if name in ANGLES else one for name, one in self.tables.items()}
-        return replace(self, time=time * self.time, tables=tables)
 
     def run(self, torque: Float[Array, "T n"], joints: Sequence[str] | None = None) -> Recording:
         """A recording of the motion with a torque, its joints called so if not by their own names."""

@@ -33,7 +33,7 @@ from ident.infer.units import (
     torque_settings,
 )
 from ident.outputs import ELSEWHERE, require_plain
-from ident.recordings.columns import TIME
+from ident.recordings.columns import ANGLES, TIME
 from ident.recordings.lerobot import is_dataset
 from ident.recordings.load import METADATA, SUFFIXES, is_run
 from ident.recordings.session_toml import GUESSED, NAME
@@ -148,7 +148,9 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
         raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
-    signals = signals.in_si(second if rate is None else 1.0 / rate, radian)
+    second = second if rate is None else 1.0 / rate
+    tables = {name: radian * one if name in ANGLES else one for name, one in signals.tables.items()}
+    signals = replace(signals, time=second * signals.time, tables=tables)
     signals, velocity, refused = check_velocity(signals)
     reasons = [*signals.reasons, clock, rate_reason, turn, velocity]
     nominal = "effort" if "effort" in signals.tables else "current"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,9 @@ def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None
     seen = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
     if abs(slope - 1.0) < LIMIT.slope_off and match > LIMIT.same_signal:
         return signals, Reason("velocity", "in the positions' unit per second", seen), None
-    return signals.without("velocity"), None, f"not used: {seen}; position is differentiated instead"
+    tables, columns = ({k: v for k, v in own.items() if k != "velocity"} for own in (signals.tables, signals.columns))
+    signals = replace(signals, tables=tables, columns=columns)
+    return signals, None, f"not used: {seen}; position is differentiated instead"
 
 
 def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, Reason | None]:
