@@ -179,9 +179,8 @@ def _left(states: States, arm: ArmModel, positions: tuple[int, ...]) -> Float[Ar
     q, dq, ddq = (values[:, order] for values in (states.q, states.dq, states.ddq))
     if order != sorted(order):
         gravity = arm.gravity(q)
-        states = replace(
-            states, q=q, dq=dq, ddq=ddq, gravity=gravity, inertial=arm.inverse_dynamics(q, dq, ddq) - gravity
-        )
+        inertial = arm.inverse_dynamics(q, dq, ddq) - gravity
+        states = replace(states, q=q, dq=dq, ddq=ddq, gravity=gravity, inertial=inertial)
     tau = states.tau - states.tau.mean(axis=0)
     found = np.ones((arm.n, arm.n))
     for j in range(arm.n):

@@ -151,10 +151,9 @@ class Amount:
         """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
         share, (up, down) = self._independence.shown()
         moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
-        told = (
-            "{:.2g} % of its acceleration does not follow from its angle where one recording is left out: one sinusoid"
-        )
-        found = [(int(j), told.format(100 * share[j]) + ", or nearly") for j in np.flatnonzero(one_sinusoid)]
+        seen = "of its acceleration does not follow from its angle where one recording is left out"
+        told = f"{{:.2g}} % {seen}: one sinusoid, or nearly"
+        found = [(int(j), told.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
         once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
         found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]
         if not found:

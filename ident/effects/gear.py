@@ -69,12 +69,9 @@ class JointElasticity(Effect):
     id = "joint_elasticity"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        high = root_mean_square(
-            [high_passed(run.link[:, joint], run.interval, LIMIT.low_frequency) for run in session.runs]
-        )
-        slow = (
-            f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LIMIT.low_frequency:g} Hz)"
-        )
+        corner, name = LIMIT.low_frequency, session.joint_names[joint]
+        high = root_mean_square([high_passed(run.link[:, joint], run.interval, corner) for run in session.runs])
+        slow = f"load of {name} changes too slowly ({high:.2f} N m above {corner:g} Hz)"
         return slow if high < LIMIT.least_high_share * rated_torque(session, joint) else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -160,10 +157,9 @@ class Backlash(Effect):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         least, load = LIMIT.least_load_share * rated_torque(session, joint), joined(session, "link", joint)
-        one_sided = (
-            f"load of {session.joint_names[joint]} never changes sign ({load.min():.2f} to {load.max():.2f} N m)"
-        )
-        return one_sided if load.min() > -least or load.max() < least else None
+        low, high = load.min(), load.max()
+        one_sided = f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
+        return one_sided if low > -least or high < least else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         narrow = _contact(session, joint, LIMIT.contact_damping_ratio)

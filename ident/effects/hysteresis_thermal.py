@@ -92,9 +92,8 @@ class ThermalFriction(Effect):
         change, constant = figures["viscous_change"].words("%", 100.0), figures.get("time_constant_s")
         minutes = max(2.0 * constant.value / 60.0, 1.0) if constant else 0.0
         how_long = f"for {minutes:.0f} minutes" if constant else "until its temperature is steady"
-        return (
-            f"warm {where} up {how_long} before precise work, or compensate: its viscous friction changes by {change}"
-        )
+        warm = f"warm {where} up {how_long} before precise work, or compensate"
+        return f"{warm}: its viscous friction changes by {change}"
 
 
 class PreslidingHysteresis(Effect):

@@ -75,10 +75,8 @@ class TorqueRipple(Effect):
         if gear and any(np.isclose(turns, order * gear) for order in LIMIT.ripple_orders):
             return (variant,)
         low, high = travel(session, joint)
-        near = [turns + share * 2.0 * np.pi / max(high - low, 1e-6) for share in FINE_LINES]
-        return tuple(
-            Variant({"order": one / (gear or 1.0)}, shape={**variant.shape, "turns": float(one)}) for one in near
-        )
+        near = [float(turns + share * 2.0 * np.pi / max(high - low, 1e-6)) for share in FINE_LINES]
+        return tuple(Variant({"order": one / (gear or 1.0)}, shape={**variant.shape, "turns": one}) for one in near)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         turns, loaded, load = (variant.shape[name] for name in ("turns", "loaded", "load_Nm"))
@@ -141,9 +139,8 @@ def find_lines(
     corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
     turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
-    shows = (
-        (cycles * step >= LIMIT.least_cycles) & (turns * spread < LIMIT.largest_phase_noise) & (turns >= LIMIT.fewest)
-    )
+    shows = (cycles * step >= LIMIT.least_cycles) & (turns * spread < LIMIT.largest_phase_noise)
+    shows &= turns >= LIMIT.fewest
     if not shows.any():
         return (), 1
     usual = median_filter(power, 2 * LIMIT.around * LIMIT.padding + 1, mode="nearest") / (2.0 * np.log(2.0))

@@ -78,8 +78,8 @@ def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None
     seen = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
     if abs(slope - 1.0) < LIMIT.slope_off and match > LIMIT.same_signal:
         return signals, Reason("velocity", "in the positions' unit per second", seen), None
-    tables, columns = ({k: v for k, v in own.items() if k != "velocity"} for own in (signals.tables, signals.columns))
-    signals = replace(signals, tables=tables, columns=columns)
+    columns = {name: own for name, own in signals.columns.items() if name != "velocity"}
+    signals = replace(signals, columns=columns, tables={name: signals.tables[name] for name in columns})
     return signals, None, f"not used: {seen}; position is differentiated instead"
 
 

@@ -33,11 +33,10 @@ def check_urdf(root: ET.Element, where: str) -> None:
     _require(len(joints) <= MOST_JOINTS, where, f"it has {len(joints)} joints, fixed ones counted", one_arm)
     _require(moving <= MOST_MOVING, where, f"it has {moving} joints that move", one_arm)
     for kind in ("link", "joint"):
-        ((name, count),) = Counter(element.get("name") or "" for element in root.findall(kind)).most_common(1) or [
-            ("-", 0)
-        ]
-        _require(all(one.get("name") for one in root.findall(kind)), where, f"a <{kind}> has no name", 'add name="…"')
-        _require(count < 2, where, f"two {kind}s are named {name!r}", "rename one")
+        counts = Counter(element.get("name") or "" for element in root.findall(kind))
+        _require("" not in counts, where, f"a <{kind}> has no name", 'add name="…"')
+        for name, count in counts.items():
+            _require(count == 1, where, f"two {kind}s are named {name!r}", "rename one")
     for link in root.findall("link"):
         _check_inertial(link, where)
         _check_shapes(link, where)

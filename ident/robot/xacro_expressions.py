@@ -120,16 +120,9 @@ METHODS: dict[tuple[type, str], Callable[..., Any]] = {
 }
 # Names whose dotted members are the same functions and constants.
 NAMESPACES = ("math", "python", "xacro")
-PLAIN = {
-    "Add": "add",
-    "Sub": "sub",
-    "Div": "truediv",
-    "FloorDiv": "floordiv",
-    "UAdd": "pos",
-    "USub": "neg",
-    "Not": "not_",
-}
-PLAIN |= {"Eq": "eq", "NotEq": "ne", "Lt": "lt", "LtE": "le", "Gt": "gt", "GtE": "ge", "Is": "is_", "IsNot": "is_not"}
+PLAIN = {"Add": "add", "Sub": "sub", "Div": "truediv", "FloorDiv": "floordiv", "UAdd": "pos", "USub": "neg"}
+PLAIN |= {"Eq": "eq", "NotEq": "ne", "Lt": "lt", "LtE": "le", "Gt": "gt", "GtE": "ge", "Not": "not_"}
+PLAIN |= {"Is": "is_", "IsNot": "is_not"}
 OPERATORS: dict[type, Callable[..., Any]] = {
     **{getattr(ast, name): getattr(operator, function) for name, function in PLAIN.items()},
     ast.Mult: _times,
