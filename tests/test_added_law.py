@@ -45,7 +45,7 @@ from ident.export.write import write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.model.named_fit import read_named_laws
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from plan.dynamics.torque_gradient import differentiate_torque
+from plan.dynamics.power import differentiate_torque
 from plan.dynamics.power import torque_of_model
 from plan.experiment.hypotheses import ask
 from tests.ident.diagnosis.planted import analyse, at_joint, load_arm, named, record

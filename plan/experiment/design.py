@@ -17,11 +17,10 @@ from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import PredictedDesign, Predictor
-from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import OPEN, Feasibility
 from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
-from plan.experiment.run_set import WIDE_FIGURES, RunSet, duration_of, random_runs
+from plan.experiment.run_set import FAMILIES, WIDE_FIGURES, RunSet, duration_of, random_runs
 from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings
 

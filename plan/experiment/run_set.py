@@ -1,4 +1,7 @@
-"""Sets of runs made to fit an arm: of one family with its figures about a home pose, and random ones."""
+"""Sets of runs made to fit an arm, of families of motions that an experimenter knows, and random ones.
+
+Each family has a few figures, for one joint of an arm in some pose.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,199 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.trajectories.kinds import plan_motions
+from ident.trajectories.kinds import plan_motions, timed_spline
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled, ticks
-from plan.experiment.families import FAMILIES, SPREAD, Stage, figure_at
+from ident.trajectories.reference import TICK_S, ReferenceMotion, chirp, fourier, ramps, sampled, ticks, via_spline
 from plan.experiment.feasible import Feasibility
+
+# Acceleration of corners between steady speeds [rad/s²], and standstill after each move [s].
+CORNER, DWELL = 3.0, 0.05
+HARMONICS = 5
+# Random paths that are drawn until one touches nothing.
+ATTEMPTS = 40
+
+SPREAD = "pose_spread"
+"""The figure of all families that says how far a run's pose lies from home, as a share of the usual span."""
+FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
+    "ladder": {"slowest_rad_s": (0.015, 0.2), "fastest_share": (0.1, 0.9), SPREAD: (0.0, 1.0)},
+    "vias": {"swing": (0.4, 1.0), "leg_s": (0.8, 3.0), "draw": (0.0, 1000.0), SPREAD: (0.0, 0.3)},
+    "random": {
+        "swing": (0.6, 1.0),
+        "leg_s": (1.0, 2.5),
+        "fast_share": (0.4, 1.0),
+        "draw": (0.0, 1000.0),
+        SPREAD: (0.0, 0.3),
+    },
+    "slow": {"slowest_rad_s": (0.015, 0.06), "ratio": (1.3, 3.0), SPREAD: (0.0, 1.0)},
+    "poses": {"speed_share": (0.05, 0.6), "reach": (0.2, 1.0), SPREAD: (0.0, 1.0)},
+    "reversals": {
+        "first_rad": (0.02, 0.6),
+        "last_rad": (0.002, 0.02),
+        "ratio": (0.4, 0.9),
+        "speed_rad_s": (0.03, 0.5),
+        SPREAD: (0.0, 1.0),
+    },
+    "chirp": {
+        "lowest_hz": (0.2, 3.0),
+        "highest_hz": (4.0, 15.0),
+        "swing_rad": (0.03, 0.5),
+        "neighbours": (0.0, 0.8),
+        SPREAD: (0.0, 1.0),
+    },
+    "holds": {"dwell_s": (0.3, 1.0), "speed_rad_s": (0.05, 0.4), SPREAD: (0.0, 1.0)},
+    "wide": {"base_hz": (0.08, 0.25), "swing": (0.4, 1.0), SPREAD: (0.0, 1.0)},
+}
+"""Each family, as in `ident.effects.effect_info`, with the ranges of the figures that a search may choose."""
+# Ends of the names of figures that are searched on a logarithmic scale.
+LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "speed_share")
+
+
+def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
+    """A figure at a share of its range, 0 to 1."""
+    share, (low, high) = float(np.clip(share, 0.0, 1.0)), bounds
+    if name.endswith(LOGARITHMIC):
+        return float(low * (high / low) ** share)
+    return float(low + share * (high - low))
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Where a run takes place; a method for each family gives its positions at the controller's ticks, rest to rest.
+
+    Attributes:
+        limits: Of the arm.
+        joint: The joint that is asked about.
+        pose: The run's pose, in which the other joints stand [rad].
+        size: Share of the family's reach that may be used: less where it would not fit.
+        duration: Time for the run's own part [s].
+        rng: Source of chance.
+    """
+
+    limits: MotionLimits
+    joint: int
+    pose: Float[Array, " n"]
+    size: float
+    duration: float
+    rng: np.random.Generator
+
+    @property
+    def room(self) -> Float[Array, " n"]:
+        """How far each joint may go to either side of the pose [rad]."""
+        free = np.minimum(self.limits.upper - self.pose, self.pose - self.limits.lower)
+        return np.minimum(free, self.limits.span)
+
+    @property
+    def reach(self) -> float:
+        """As much of that as the joint in question uses [rad]."""
+        return self.size * max(float(self.room[self.joint]), 0.0)
+
+    @property
+    def middle(self) -> float:
+        """Where that joint stands in the pose [rad]."""
+        return float(self.pose[self.joint])
+
+    def _alone(self, moves: list[tuple[float, float]], dwell: float = DWELL) -> Float[Array, "K n"]:
+        """The joint by moves (goal [rad], steady speed [rad/s]), with standstill after each [s]; the others stand."""
+        path = ramps(self.middle, moves, CORNER, dwell)
+        q = np.repeat(self.pose[None], len(path), axis=0)
+        q[:, self.joint] = path
+        return q
+
+    def _there_and_back(self, speeds: Float[Array, " k"]) -> Float[Array, "K n"]:
+        """At steady speeds, among which the time is dealt out evenly; back to the middle after each.
+
+        A slow one must not begin with a fast one's long way.
+        """
+        middle, moves = self.middle, []
+        for speed in speeds:
+            half = min(self.reach, 0.25 * speed * self.duration / len(speeds))
+            moves += [(middle + half, speed), (middle - half, speed), (middle, speed)]
+        return self._alone(moves)
+
+    def ladder(self, slowest_rad_s: float, fastest_share: float) -> Float[Array, "K n"]:
+        """There and back at five steady speeds, in an order of chance."""
+        top = fastest_share * float(self.limits.speed[self.joint])
+        return self._there_and_back(self.rng.permutation(np.geomspace(min(slowest_rad_s, top), top, 5)))
+
+    def slow(self, slowest_rad_s: float, ratio: float) -> Float[Array, "K n"]:
+        """There and back at two slow steady speeds."""
+        return self._there_and_back(slowest_rad_s * np.array([1.0, ratio]))
+
+    def poses(self, speed_share: float, reach: float) -> Float[Array, "K n"]:
+        """One path, both ways, at one speed, as often as the time allows: the pose of the others is what differs."""
+        speed, half = speed_share * float(self.limits.speed[self.joint]), self.reach * reach
+        count = max(1, int(self.duration * speed / max(4.0 * half, 1e-6)))
+        moves = [(self.middle + half, speed), (self.middle - half, speed)] * count
+        return self._alone([*moves, (self.middle, speed)])
+
+    def reversals(self, first_rad: float, last_rad: float, ratio: float, speed_rad_s: float) -> Float[Array, "K n"]:
+        """Nested reversals: to and fro between turning points that draw together by a ratio, then anew."""
+        speed, middle = speed_rad_s, self.middle
+        first = min(first_rad, self.reach, 0.25 * speed * self.duration)
+        moves, left, at, side, half = [], self.duration, middle, 1.0, first
+        while left > 0.0:
+            goal = middle + side * half
+            moves.append((goal, speed))
+            left -= abs(goal - at) / speed + speed / CORNER + DWELL
+            at, side, half = goal, -side, half * ratio
+            if half < last_rad:
+                half = first
+        return self._alone([*moves, (middle, speed)])
+
+    def chirp(self, lowest_hz: float, highest_hz: float, swing_rad: float, neighbours: float) -> Float[Array, "K n"]:
+        """The joint, and to a share its neighbours, swept in frequency about the pose."""
+        n, j = len(self.pose), self.joint
+        swing = np.zeros(n)
+        swing[max(j - 1, 0) : j + 2] = neighbours * (self.size * swing_rad)
+        swing[j] = self.size * swing_rad
+        phase = self.rng.uniform(0.0, 2.0 * np.pi, n)
+        return chirp("", self.pose, swing, (lowest_hz, highest_hz), phase, self.duration).q
+
+    def holds(self, dwell_s: float, speed_rad_s: float) -> Float[Array, "K n"]:
+        """Stops on the way there and back, each approached from both sides, with standstill after each approach."""
+        middle, speed, aside = self.middle, speed_rad_s, min(0.12, 0.3 * self.reach)
+        each = 2.0 * (dwell_s + 1.0) + 4.0 * aside / speed
+        stops, moves = max(1, round(self.duration / (each + 1.0))), []
+        for stop in middle + 0.8 * self.reach * self.rng.uniform(-1.0, 1.0, stops):
+            moves += [(stop - aside, 3.0 * speed), (stop, speed), (stop + aside, speed), (stop, speed)]
+        return self._alone([*moves, (middle, 3.0 * speed)], dwell_s)
+
+    def wide(self, base_hz: float, swing: float) -> Float[Array, "K n"]:
+        """All joints by a Fourier series about the pose."""
+        weight = self.rng.uniform(0.4, 1.0, (HARMONICS, len(self.pose))) / np.arange(1, HARMONICS + 1)[:, None]
+        phase = self.rng.uniform(0.0, 2.0 * np.pi, weight.shape)
+        far = self.size * swing * self.room * weight / weight.sum(axis=0)
+        return fourier("", self.pose, far * np.sin(phase), far * np.cos(phase), base_hz, self.duration).q
+
+    def vias(self, swing: float, leg_s: float, draw: float) -> Float[Array, "K n"]:
+        """All joints by a clamped spline through via points of chance, at equal times; which points is a figure too."""
+        rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
+        count = max(2, round(self.duration / leg_s) - 1)
+        points = self.pose + self.size * swing * self.room * rng.uniform(-1.0, 1.0, (count, len(self.pose)))
+        points = np.clip(points, self.limits.lower, self.limits.upper)
+        return via_spline("", np.concatenate([self.pose[None], points, self.pose[None]]), self.duration).q
+
+    def random(self, swing: float, leg_s: float, fast_share: float, draw: float) -> Float[Array, "K n"]:
+        """All joints through random points anywhere and the same way back, slower where the limits need it.
+
+        The simulator's usual motion, with which every proposal is compared; here it is a start like any other.
+        """
+        limits = self.limits
+        rng = np.random.default_rng([int(draw), int(self.rng.integers(2**31))])
+        half = 0.5 * self.duration * (1.0 if rng.uniform() < 0.5 else fast_share)
+        count = max(2, round(0.5 * self.duration / leg_s))
+        for attempt in range(ATTEMPTS):
+            reach = 0.97**attempt * self.size * swing * limits.span
+            points = limits.centre + reach * rng.uniform(-1.0, 1.0, (count, len(self.pose)))
+            points = np.concatenate([self.pose[None], points])
+            path = via_spline("", points, 1.0)
+            inside = (path.q >= limits.lower).all() and (path.q <= limits.upper).all()
+            if inside and not limits.touches(path.q):
+                break
+        # In one second the path has the speeds that it has in any other time, times that.
+        there = timed_spline(limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max())))
+        return np.concatenate([there.q, there.q[::-1]])
+
 
 # Rough duration of a run, and standstill at both of its ends [s].
 RUN_S, STILL_S = 10.0, 0.3

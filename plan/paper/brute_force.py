@@ -16,6 +16,7 @@ from plan.problem.problem import PlanningProblem
 
 # Trajectories whose cost, and whose limits, are computed at once.
 COSTS, CHECKED = 4096, 512
+LARGEST = 20_000_000  # grid that is taken on
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,9 @@ class BruteForce(Planner):
 
     Attributes:
         levels: Values of each variable.
-        most: Largest grid that is taken on.
     """
 
     levels: int = 11
-    most: int = 20_000_000
     name: ClassVar[str] = "brute"
     threads: ClassVar[int] = 2
 
@@ -45,7 +44,7 @@ class BruteForce(Planner):
         """
         problem = problems[0]
         points = self.levels**problem.dimension
-        if points > self.most:
+        if points > LARGEST:
             raise MethodError(
                 "--method brute",
                 f"the grid has {self.levels}^{problem.dimension} points",

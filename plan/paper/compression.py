@@ -16,6 +16,7 @@ from plan.problem.problem import PlanningProblem
 
 # A section keeps at least this share of itself in one pass.
 STEP = 0.9
+PASSES = 100
 WORDS = {"factor": "one factor", "pass": "per section, one pass", "sections": "per section, in balance"}
 
 
@@ -31,11 +32,9 @@ class Compression(Planner):
 
     Attributes:
         mode: `factor`, `pass`, `sections`, or `all` for the best of them.
-        passes: Most passes over the sections.
     """
 
     mode: Literal["factor", "pass", "sections", "all"] = "all"
-    passes: int = 100
     name: ClassVar[str] = "compress"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -56,7 +55,7 @@ class Compression(Planner):
         durations = np.array(problem.durations)
         if mode == "factor":
             return shortest(problem, ledger, durations, np.arange(len(durations)))
-        for _ in range(1 if mode == "pass" else self.passes):
+        for _ in range(1 if mode == "pass" else PASSES):
             before = durations.sum()
             for k in range(len(durations)):
                 durations = shortest(problem, ledger, durations, np.array([k]), STEP if mode == "sections" else 0.0)

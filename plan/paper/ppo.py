@@ -19,6 +19,11 @@ from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
 HIDDEN = (512, 256)
+# Epochs of a seed before another may be drawn; trajectories an update, and its gradient steps.
+ROUND, BATCH, PASSES = 100, 25, 3
+# Range of the probability ratio; initial standard deviation as a share of each variable's range; of Adam, falling
+# linearly to a tenth.
+CLIP, SPREAD, LEARNING_RATE = 0.3, 0.03, 3e-3
 
 
 @dataclass(frozen=True)
@@ -29,21 +34,9 @@ class Ppo(Planner):
 
     Attributes:
         epochs: Epochs in all.
-        round_length: Epochs of a seed before another may be drawn.
-        batch: Trajectories an update.
-        passes: Gradient steps an update.
-        clip: Range of the probability ratio.
-        spread: Initial standard deviation as a share of each variable's range.
-        learning_rate: Of Adam; falls linearly to a tenth.
     """
 
     epochs: int = 2100
-    round_length: int = 100
-    batch: int = 25
-    passes: int = 3
-    clip: float = 0.3
-    spread: float = 0.03
-    learning_rate: float = 3e-3
     name: ClassVar[str] = "ppo"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -51,13 +44,13 @@ class Ppo(Planner):
         agents = [_Agent(problem, self, rng) for problem in problems]
         spent = 0
         for agent in agents:
-            spent += agent.learn(self.round_length, ledger)
+            spent += agent.learn(ROUND, ledger)
         while spent < self.epochs:  # whose turn it is is drawn by the level reached, and by what the last round gained
             level, gain = (np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain"))
             score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
             weight = np.exp(np.clip(score, -50.0, None))
             agent = agents[rng.choice(len(agents), p=weight / weight.sum())]
-            spent += agent.learn(min(self.round_length, self.epochs - spent), ledger)
+            spent += agent.learn(min(ROUND, self.epochs - spent), ledger)
 
 
 class _Net(torch.nn.Module):
@@ -88,14 +81,14 @@ class _Agent:
         d = problem.dimension
         self.actor, self.critic = _Net((d, d), generator), _Net((1,), generator)
         parameters = [*self.actor.parameters(), *self.critic.parameters()]
-        self.adam = torch.optim.Adam(parameters, lr=options.learning_rate, fused=True)
-        self.unit = options.spread * (problem.upper - problem.lower)
+        self.adam = torch.optim.Adam(parameters, lr=LEARNING_RATE, fused=True)
+        self.unit = SPREAD * (problem.upper - problem.lower)
 
     def learn(self, epochs: int, ledger: Ledger) -> int:
         """Runs some epochs; returns how many."""
         before, done = self.best, 0
         while done < epochs:
-            size = min(self.options.batch, epochs - done)
+            size = min(BATCH, epochs - done)
             self._update(size, ledger)
             done += size
         self.gain = max(self.best - before, 0.0) if np.isfinite(before) else 0.0
@@ -115,14 +108,14 @@ class _Agent:
         self.learned += len(reward)
         share = min(self.learned / max(self.options.epochs, 1), 1.0)
         for group in self.adam.param_groups:
-            group["lr"] = self.options.learning_rate * (1.0 - 0.9 * share)
+            group["lr"] = LEARNING_RATE * (1.0 - 0.9 * share)
         # Mean zero and spread one within a batch: the rewards' scale carries no meaning.
         scaled = (reward - reward.mean()) / (reward.std() + 1e-9)
         self._fit(torch.from_numpy(action[: len(reward)]).float(), torch.from_numpy(scaled).float())
 
     def _fit(self, action: torch.Tensor, reward: torch.Tensor) -> None:
-        options, old = self.options, None
-        for _ in range(options.passes):
+        old = None
+        for _ in range(PASSES):
             mean, spread = self.actor()
             (value,) = self.critic()
             z = (action - mean) * torch.exp(-spread)
@@ -131,7 +124,7 @@ class _Agent:
                 old = logarithm.detach()
                 advantage = reward - value.detach()
             ratio = torch.exp(logarithm - old)
-            clipped = torch.clamp(ratio, 1.0 - options.clip, 1.0 + options.clip)
+            clipped = torch.clamp(ratio, 1.0 - CLIP, 1.0 + CLIP)
             gained = torch.minimum(ratio * advantage, clipped * advantage).mean()
             loss = -gained + 0.5 * ((value - reward) ** 2).mean()
             self.adam.zero_grad(set_to_none=True)

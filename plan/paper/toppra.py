@@ -23,6 +23,8 @@ from plan.spline import Splines
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 GRID = 200
+# Most rounds, and the change of the duration at which they end, as a share.
+ROUNDS, TOLERANCE = 12, 1e-3
 # Knots of the spline that carries the found motion.
 KNOTS = 60
 # The path is read at so many instants, and carried by so many knots over its length.
@@ -39,14 +41,8 @@ class Toppra(Planner):
     friction and the net are not of that form: they enter as torques along the path, taken from the motion of the round
     before. The time it gives is a bound for that path under that model; the returned motion is a spline through it,
     stretched until all limits hold.
-
-    Attributes:
-        rounds: Most rounds.
-        tolerance: Change of the duration at which the rounds end, as a share.
     """
 
-    rounds: int = 12
-    tolerance: float = 1e-3
     name: ClassVar[str] = "toppra"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -71,7 +67,7 @@ class Toppra(Planner):
         path = _path(problem)
         grid = np.linspace(0.0, path.duration, GRID + 1)
         rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
-        for turn in range(self.rounds):
+        for turn in range(ROUNDS):
             speed, push = _solve(problem, linear, path, grid, rest)
             if speed is None:
                 return motion
@@ -82,7 +78,7 @@ class Toppra(Planner):
             new = (problem.model.torque(*states) - linear.torque(*states))[0]
             rest = new if turn == 0 else 0.5 * (rest + new)
             motion = ParametrizeConstAccel(path, grid, speed)
-            if abs(motion.duration - last) < self.tolerance * last:
+            if abs(motion.duration - last) < TOLERANCE * last:
                 break
             last = motion.duration
         return motion

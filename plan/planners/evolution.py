@@ -11,6 +11,10 @@ import numpy as np
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
+# Generations a round before the runs are halved; a run ends when its costs lie this close together, as a share of the
+# initial cost.
+ROUND, TOLERANCE = 25, 1e-6
+
 
 @dataclass(frozen=True)
 class Evolution(Planner):
@@ -21,16 +25,10 @@ class Evolution(Planner):
 
     Attributes:
         step: Initial standard deviation, as a share of each variable's range.
-        population: Candidates a generation; by the usual rule, 4 + 3 log d, times two, if 0.
-        round_length: Generations a round before the runs are halved.
-        tolerance: Ends a run when its costs lie this close together, as a share of the initial cost.
         most: Evaluations after which the search ends; no end but the budget's if 0.
     """
 
     step: float = 0.05
-    population: int = 0
-    round_length: int = 25
-    tolerance: float = 1e-6
     most: int = 0
     name: ClassVar[str] = "cma"
 
@@ -40,7 +38,7 @@ class Evolution(Planner):
         end = ledger.evaluations + self.most if self.most else np.inf
         while runs and ledger.evaluations < end:
             for run in runs:
-                for _ in range(self.round_length):
+                for _ in range(ROUND):
                     if run.done or ledger.evaluations >= end:
                         break
                     run.advance(ledger)
@@ -57,8 +55,8 @@ class _Run:
 
         self.problem, self.span, self.best = problem, problem.upper - problem.lower, np.inf
         first = np.clip((problem.initial - problem.lower) / self.span, 1e-6, 1.0 - 1e-6)
-        limits = {"tolfun": options.tolerance, "tolfunhist": options.tolerance, "tolx": 1e-6}
-        size = options.population or 2 * (4 + int(3 * np.log(problem.dimension)))
+        limits = {"tolfun": TOLERANCE, "tolfunhist": TOLERANCE, "tolx": 1e-6}
+        size = 2 * (4 + int(3 * np.log(problem.dimension)))
         settings = {"bounds": [0.0, 1.0], "popsize": size, "seed": seed, "verbose": -9, **limits}
         self.strategy = cma.CMAEvolutionStrategy(first, options.step, settings)
 

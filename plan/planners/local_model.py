@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.dynamics.power import ChainTorque, differentiate_torque, rounded
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
 from plan.planners.velocity_reversals import Turns, find_dips, find_turns

@@ -12,8 +12,7 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from plan.dynamics.power import section_nodes
 from plan.errors import MethodError
-from plan.initial.at_limits import at_its_limits, quickest_of_each_joint
-from plan.initial.starts import iterate_rule_ways, iterate_ways, straight
+from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
 from plan.planners.evolution import Evolution

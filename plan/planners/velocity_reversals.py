@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float, Int
-from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_gradient import differentiate_torque
+from plan.dynamics.power import ChainTorque, differentiate_torque
 from plan.planners.transcription import Grid
 
 # Speed at which friction is all but fully there, in widths of its transition; and where it has none [rad/s].

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from ident.arrays import Array, Float
 from ident.laws.carried import JointStates
 from plan.dynamics.compiled_nets import CompiledJointNets
-from plan.dynamics.torque_gradient import differentiate_torque
+from plan.dynamics.power import differentiate_torque
 from plan.problem.problem import PlanningProblem
 
 # Positions from which the extremes of inertia and gravity are taken, and what is granted for those in between.

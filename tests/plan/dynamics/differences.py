@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ident.arrays import Array
-from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_gradient import differentiate_torque
+from plan.dynamics.power import ChainTorque, differentiate_torque
 
 
 def slopes_by_differences(arm: ChainTorque, states: Sequence[Array]) -> Iterator[tuple[int, int, Array]]:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ident.laws.carried import NamedLaw, named_torque
-from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.dynamics.power import ChainTorque, differentiate_torque, rounded
 from plan.solving.bound import lower_bound
 from tests.plan.dynamics.differences import slopes_by_differences
 from tests.plan.worlds import joint_nets, model, problem, three_joints

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
-from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.dynamics.power import differentiate_torque, rounded
 from tests.plan.dynamics.differences import slopes_by_differences
 from tests.plan.worlds import bounded_nets, dense_net, joint_nets, model
 

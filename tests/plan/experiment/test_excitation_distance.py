@@ -12,11 +12,10 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import Predictor
-from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
 from plan.experiment.hypotheses import AllGains, AllMasses
 from plan.experiment.result import minutes_to_odds, odds_of
-from plan.experiment.run_set import RunSet
+from plan.experiment.run_set import FAMILIES, RunSet
 
 STRIBECK, VISCOUS = (find_effect("stribeck_friction"), 1), (find_effect("nonlinear_viscous_friction"), 1)
 Runs = list[ReferenceMotion]

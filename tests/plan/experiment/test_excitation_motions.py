@@ -13,10 +13,9 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
 from plan.experiment.design import BASELINE, LEAST_RUNS, Designer, search
-from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility, surroundings_of
 from plan.experiment.hypotheses import ask
-from plan.experiment.run_set import RunSet
+from plan.experiment.run_set import FAMILIES, RunSet
 from plan.options import ExciteOptions
 
 PAIRS = (

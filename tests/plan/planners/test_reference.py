@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.dynamics.symbolic import rigid_torque, torque
 from plan.errors import MethodError
-from plan.planners.reference import Reference
+from plan.planners.reference import Reference, rigid_torque, torque
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import WayRules

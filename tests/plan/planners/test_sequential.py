@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from plan.dynamics.power import METRICS
-from plan.initial.at_limits import quickest_of_each_joint
-from plan.initial.starts import straight
+from plan.initial.starts import quickest_of_each_joint, straight
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, velocity_reversals
 from plan.planners.descent import begin, descend, refine
