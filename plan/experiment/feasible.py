@@ -14,7 +14,7 @@ from ident.robot.names import find_urdf
 from ident.trajectories.limits import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
 from plan.errors import MethodError, SceneError
-from plan.geometry.link_pairs import FLOOR, read_disabled
+from plan.geometry.pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import record_carried
 from plan.options import ExciteOptions

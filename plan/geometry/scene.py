@@ -16,9 +16,8 @@ from ident.robot.chain import compute_joint_poses
 from plan.dynamics.rigid import random_positions
 from plan.geometry.arm_shapes import ArmShapes, arm_shapes
 from plan.geometry.compiled import CompiledScene, compile_scene
-from plan.geometry.link_pairs import FLOOR, OVERLAP, Unchecked, choose_pairs
-from plan.geometry.margins import Margins
 from plan.geometry.obstacle_files import holds
+from plan.geometry.pairs import FLOOR, OVERLAP, Margins, Unchecked, choose_pairs
 from plan.geometry.proximity import Proximity
 from plan.geometry.solids import Box, Solid
 from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep

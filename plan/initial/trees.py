@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.geometry.margins import Margins
+from plan.geometry.pairs import Margins
 from plan.geometry.scene import Scene
 from plan.problem.problem import PlanningProblem
 

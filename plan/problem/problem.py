@@ -13,7 +13,7 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
 from plan.dynamics.rigid import manipulability_of
-from plan.geometry.margins import Margins, find_margins
+from plan.geometry.pairs import Margins, find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
 from plan.problem.rules import WayRules

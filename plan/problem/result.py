@@ -16,7 +16,7 @@ from ident.records import as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
-from plan.geometry.margins import SHORT, Cut, find_cuts
+from plan.geometry.pairs import SHORT, Cut, find_cuts
 from plan.geometry.scene import Scene
 from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem

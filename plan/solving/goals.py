@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.errors import TaskError
-from plan.geometry.margins import why_refused
+from plan.geometry.pairs import why_refused
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
 from plan.planners import Budget, Ledger

@@ -13,8 +13,7 @@ from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, ChainTorque, Metric, reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
-from plan.geometry.link_pairs import read_disabled
-from plan.geometry.margins import why_refused
+from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import name_links, place_payload, record_carried
 from plan.initial.starts import straight

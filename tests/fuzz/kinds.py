@@ -35,8 +35,8 @@ from ident.simulation.request import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
 from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
-from plan.geometry.link_pairs import read_disabled
 from plan.geometry.obstacle_files import read_cloud, read_mesh
+from plan.geometry.pairs import read_disabled
 from plan.planners import Budget, Ledger
 from plan.problem.task_file import load_surroundings, load_task, load_trials
 from tests.fuzz.corpus import KEY, OPTIONS, training_data

@@ -9,7 +9,7 @@ import pytest
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import energy
 from plan.dynamics.rigid import manipulability_of
-from plan.geometry.margins import SHORT, find_cuts, find_margins, why_refused
+from plan.geometry.pairs import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
 from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
 from tests.plan.worlds import MONITOR, problem, three_joints
