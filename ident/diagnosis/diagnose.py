@@ -149,7 +149,7 @@ def diagnose(
         verdict=verdict,
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
-        gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
+        gap=_gap(arm.joint_names, (found.ladder[0].rms, given[0]), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
         findings=findings,
         heldout=heldout,
@@ -260,19 +260,18 @@ def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
 
 def _gap(
     joints: Sequence[str],
-    search: Search,
-    found: SearchResults,
+    rms: tuple[Float[Array, " n"], Float[Array, " n"]],
     floors: Float[Array, " n"],
     ceilings: Sequence[Ceiling],
     series: Sequence[RunResidual],
     tolerance: Tolerance,
 ) -> dict[str, JointGap]:
-    start, fixed = found.ladder[0].rms, search.fixed.score().rms
+    """The gap of each joint; `rms` is that of the tuned model and of the one with the URDF fixed."""
     energy = np.array([run_energy(item, item.unseen_before) for item in series])
     return {
         name: JointGap(
-            rms=float(start[j]),
-            fixed_rms=float(fixed[j]),
+            rms=float(rms[0][j]),
+            fixed_rms=float(rms[1][j]),
             noise_floor=float(floors[j]),
             ceiling_rms=float(max(floors[j], ceilings[j].rms)),
             unexplained=ceilings[j].kind,

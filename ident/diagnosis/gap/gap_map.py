@@ -16,8 +16,10 @@ Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign f
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -85,35 +87,17 @@ def map_gap(
     duration = sum(item.time[-1] - item.time[0] for item in series)
     labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
     axes = session_axes(series)
-    return {view: _map_view(series, joints, noise, rng, view, labels, axes, settings) for view in views}
-
-
-def _map_view(
-    series: Sequence[RunResidual],
-    joints: Sequence[str],
-    noise: Whitening,
-    rng: np.random.Generator,
-    view: View,
-    labels: Sequence[Int[Array, " t"]],
-    axes: Mapping[str, Axis],
-    settings: MapSettings,
-) -> list[Place]:
-    places: list[Place] = []
-    for j, name in enumerate(joints):
-        counts = np.concatenate([item.counts[:, j] for item in series])
-        left = np.concatenate([getattr(item, view)[:, j] for item in series])[counts]
-        least = settings.least_excess * noise.level[j] ** 2
-        if len(left) < settings.least_samples or np.mean(left**2) < least:
-            continue
-        block = np.concatenate(labels)[counts]
-        work = left * np.concatenate([item.speed[:, j] * item.step for item in series])[counts]
-        cells: list[_Cell] = []
-        for axis, pick in axes.items():
-            values = np.concatenate([pick(item, j) for item in series])[counts]
-            cells += _cut(name, axis, values, left, work, block, int(labels[-1][-1]) + 1, settings)
-        cells += _bands(name, series, labels, j, view, noise.coefficients[j], settings)
-        places += _with_p_values(cells, rng, settings.flips)
-    return places
+    maps: dict[View, list[Place]] = {view: [] for view in views}
+    for view, places in maps.items():
+        for j, name in enumerate(joints):
+            one = _JointMap(series, labels, name, j, view, settings)
+            if len(one.left) < settings.least_samples:
+                continue
+            if np.mean(one.left**2) >= settings.least_excess * noise.level[j] ** 2:
+                cells = [cell for axis, pick in axes.items() for cell in one.along(axis, pick)]
+                cells += one.along_frequency(noise.coefficients[j])
+                places += _with_p_values(cells, rng, settings.flips)
+    return maps
 
 
 def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
@@ -135,34 +119,82 @@ def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
     ]
 
 
-def _cut(
-    joint: str,
-    axis: str,
-    values: Array,
-    left: Array,
-    work: Array,
-    block: Int[Array, " t"],
-    blocks: int,
-    settings: MapSettings,
-) -> list[_Cell]:
-    """Cells of an axis: some of equal time, or the two directions."""
-    edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else _quantiles(values, settings.bins)
-    if len(edges) < 3:
-        return []
-    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    cells = []
-    for k in range(len(edges) - 1):
-        inside = place == k
-        share, time = float(np.sum(left[inside] ** 2) / np.sum(left**2)), float(inside.mean())
-        if not 0.0 < time < 1.0:
-            continue
-        here = Place(joint, axis, float(edges[k]), float(edges[k + 1]), share, time, float(work[inside].sum()), 1.0)
-        cells.append(_Cell(here, _contrast(inside, np.abs(left), block, blocks, settings.within_from)))
-    return cells
+@dataclass(frozen=True, eq=False)
+class _JointMap:
+    """What a model leaves at a joint, to be cut along one axis after the other."""
 
+    series: Sequence[RunResidual]
+    labels: Sequence[Int[Array, " t"]]  # block of each sample, run by run
+    joint: str
+    j: int
+    view: View
+    settings: MapSettings
 
-def _quantiles(values: Array, bins: int) -> Array:
-    return np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
+    def _of_runs(self, pick: Axis) -> Array:
+        """Values of all runs where they count."""
+        return np.concatenate([pick(item, self.j)[item.counts[:, self.j]] for item in self.series])
+
+    @cached_property
+    def left(self) -> Float[Array, " t"]:
+        """What is left [N m]."""
+        return self._of_runs(lambda item, j: getattr(item, self.view)[:, j])
+
+    @cached_property
+    def _work(self) -> Float[Array, " t"]:
+        return self.left * self._of_runs(lambda item, j: item.speed[:, j] * item.step)
+
+    @cached_property
+    def _block(self) -> Int[Array, " t"]:
+        each = zip(self.labels, self.series, strict=True)
+        return np.concatenate([label[item.counts[:, self.j]] for label, item in each])
+
+    @property
+    def _blocks(self) -> int:
+        return int(self.labels[-1][-1]) + 1
+
+    def along(self, axis: str, pick: Axis) -> list[_Cell]:
+        """Cells of an axis: some of equal time, or the two directions."""
+        values, left = self._of_runs(pick), self.left
+        bins = np.linspace(0.0, 1.0, self.settings.bins + 1)
+        edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else np.unique(np.quantile(values, bins))
+        if len(edges) < 3:
+            return []
+        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+        cells = []
+        for k, (low, high) in enumerate(pairwise(edges.tolist())):
+            inside = place == k
+            share, time = float(np.sum(left[inside] ** 2) / np.sum(left**2)), float(inside.mean())
+            if 0.0 < time < 1.0:
+                here = Place(self.joint, axis, low, high, share, time, float(self._work[inside].sum()), 1.0)
+                contrast = _contrast(inside, np.abs(left), self._block, self._blocks, self.settings.within_from)
+                cells.append(_Cell(here, contrast))
+        return cells
+
+    def along_frequency(self, whitening: Float[Array, " p"]) -> list[_Cell]:
+        """Cells of frequency, held against the noise's share of each band.
+
+        Args:
+            whitening: Coefficients of the filter that makes the joint's noise white.
+        """
+        series = self.series
+        edges = np.unique(
+            np.minimum(self.settings.frequency_edges_hz, max(item.run.motion.lowpass.cutoff for item in series))
+        )
+        power = np.zeros((self._blocks, len(edges) - 1))
+        for item, label in zip(series, self.labels, strict=True):
+            left = getattr(item, self.view)[:, self.j] * item.counts[:, self.j]
+            for piece in np.unique(label):
+                part = left[label == piece]
+                frequency = np.fft.rfftfreq(len(part), item.step)
+                power[piece] = np.histogram(frequency, edges, weights=np.abs(np.fft.rfft(part)) ** 2)[0]
+        fine = np.linspace(0.0, edges[-1], 2001)[1:]
+        response = np.abs(np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * series[0].step * fine), whitening))
+        width = np.histogram(fine, edges, weights=1.0 / response**2)[0] / np.sum(1.0 / response**2)
+        shares = power.sum(axis=0) / max(float(power.sum()), 1e-300)
+        excess = power - width * power.sum(axis=1, keepdims=True)
+        each = zip(pairwise(edges.tolist()), shares.tolist(), width.tolist(), strict=True)
+        places = [Place(self.joint, "frequency", *edge, share, noise, None, 1.0) for edge, share, noise in each]
+        return [_Cell(place, column) for place, column in zip(places, excess.T, strict=True)]
 
 
 def _contrast(
@@ -179,40 +211,6 @@ def _contrast(
     if weight.sum() < within_from * n_in.sum() * n_out.sum() / len(size):
         return r_in - inside.mean() * (r_in + r_out)
     return weight * (r_in / np.maximum(n_in, 1.0) - r_out / np.maximum(n_out, 1.0))
-
-
-def _bands(
-    joint: str,
-    series: Sequence[RunResidual],
-    labels: Sequence[Int[Array, " t"]],
-    j: int,
-    view: View,
-    coefficients: Float[Array, " p"],
-    settings: MapSettings,
-) -> list[_Cell]:
-    """Cells of frequency, held against the noise's share of each band."""
-    top = max(item.run.motion.lowpass.cutoff for item in series)
-    edges = np.unique(np.minimum(settings.frequency_edges_hz, top))
-    blocks = int(labels[-1][-1]) + 1
-    power = np.zeros((blocks, len(edges) - 1))
-    for item, label in zip(series, labels, strict=True):
-        left = getattr(item, view)[:, j] * item.counts[:, j]
-        for piece in np.unique(label):
-            part = left[label == piece]
-            frequency = np.fft.rfftfreq(len(part), item.step)
-            power[piece] = np.histogram(frequency, edges, weights=np.abs(np.fft.rfft(part)) ** 2)[0]
-    fine = np.linspace(0.0, edges[-1], 2001)[1:]
-    response = np.abs(np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * series[0].step * fine), coefficients))
-    width = np.histogram(fine, edges, weights=1.0 / response**2)[0] / np.sum(1.0 / response**2)
-    shares = power.sum(axis=0) / max(float(power.sum()), 1e-300)
-    excess = power - width * power.sum(axis=1, keepdims=True)
-    return [
-        _Cell(
-            Place(joint, "frequency", float(edges[k]), float(edges[k + 1]), float(shares[k]), float(width[k]), None, 1),
-            excess[:, k],
-        )
-        for k in range(len(width))
-    ]
 
 
 def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int) -> list[Place]:
