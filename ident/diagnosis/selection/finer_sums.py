@@ -13,7 +13,7 @@ from ident.diagnosis.regression.gram import Evidence
 
 
 class FinerSums:
-    """The sums that were made last, and for whom."""
+    """The sums that were made last, and for whom: they hold those of fewer names, too."""
 
     def __init__(self) -> None:
         self._groups: tuple[Group, ...] = ()
@@ -26,7 +26,7 @@ class FinerSums:
             groups: The names.
             gathered: Makes the sums, where they are not those of last time.
         """
-        if self._evidence is None or self._groups != tuple(groups):
+        if self._evidence is None or not set(groups) <= set(self._groups):
             self._groups, self._evidence = tuple(groups), None  # the old ones go before new ones come
             self._evidence = gathered()
         return self._evidence
