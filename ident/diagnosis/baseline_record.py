@@ -141,7 +141,8 @@ def _by_joint(
     rank, n = evidence.layout.rank, evidence.layout.n
     scaled_baseline = scaled / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(scaled_baseline[rank : rank + LOSS_PARAMETERS * n].reshape(n, LOSS_PARAMETERS), 0.0)
-    links = _link_changes(baseline, scaled_baseline[:rank])
+    lift = lift_base(baseline.base, baseline.settings.inertia_share * parameter_scale(baseline.nominal))
+    links = (lift @ scaled_baseline[:rank]).reshape(n, len(LINK_KEYS))
     sliding = baseline.sliding
     # A simulator without memory takes a smooth sign where friction turns round over a range.
     widths = np.where(sliding.range > 0.0, baseline.loss.transition_speed, sliding.speed)
@@ -168,9 +169,3 @@ def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -
             law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in shape.items()})
             found.setdefault(group.joint, {})[group.effect.id] = law
     return found
-
-
-def _link_changes(baseline: Baseline, change: Array) -> Float[Array, "n 10"]:
-    """Change of all inertial numbers from that of the base parameters."""
-    lift = lift_base(baseline.base, baseline.settings.inertia_share * parameter_scale(baseline.nominal))
-    return (lift @ change).reshape(baseline.nominal.n, len(LINK_KEYS))

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
@@ -200,7 +200,7 @@ class _Look:
         """What hides an effect most."""
         if self._is_absorbed(group):
             return "tolerance"
-        if self._is_buried(group.columns):
+        if self.views[0].buried(group.columns).any():  # by encoder noise
             return "encoder"
         shares = encoder_share(self.search.evidence.whitening)[group.acts_on(self.search.evidence.layout.n)]
         return "encoder" if float(shares.max()) > 0.5 else "torque"
@@ -239,10 +239,6 @@ class _Look:
 
     def _is_absorbed(self, group: Group) -> bool:
         return self.search.is_absorbed(*self.views, group)
-
-    def _is_buried(self, columns: Int[Array, " k"]) -> bool:
-        """Whether encoder noise lets nobody see some of the columns."""
-        return bool(self.views[0].buried(columns).any())
 
     def _nats(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
         """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""

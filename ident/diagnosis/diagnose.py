@@ -127,7 +127,9 @@ def diagnose(
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
-    names, heldout = believed(estimates, found.named, beside.laws, settings.verdict), _together(found, floors, reach)
+    names = believed(estimates, found.named, beside.laws, settings.verdict)
+    old, new = found.ladder[0].rms, found.ladder[-1].rms
+    heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
     verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
     findings = _findings(found, names, arm, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
@@ -147,7 +149,11 @@ def diagnose(
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
         joints=arm.joint_names,
         verdict=verdict,
-        session=_session_facts(motions),
+        session={
+            "runs": runs_recorded(motions),
+            "samples": int(sum(len(motion.time) for motion in motions)),
+            "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
+        },
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, (found.ladder[0].rms, given[0]), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
@@ -250,14 +256,6 @@ def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) ->
     return tuned_beside(baseline, evidence, alone, refined, coefficients)
 
 
-def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
-    return {
-        "runs": runs_recorded(motions),
-        "samples": int(sum(len(motion.time) for motion in motions)),
-        "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
-    }
-
-
 def _gap(
     joints: Sequence[str],
     rms: tuple[Float[Array, " n"], Float[Array, " n"]],
@@ -315,8 +313,3 @@ def _spread(energies: Float[Array, "R k"]) -> float | None:
     """Standard deviation over the runs of what some joints err by together [J]; None of a single run."""
     found = spread_of_runs(energies.sum(axis=1))
     return None if found is None else float(found)
-
-
-def _together(found: SearchResults, floors: Float[Array, " n"], reach: Reach) -> AllNames:
-    old, new = found.ladder[0].rms, found.ladder[-1].rms
-    return AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)

@@ -51,7 +51,9 @@ def next_experiment(
     for finding in findings:
         if len(finding["class"]) > 1:
             return _for_tied(list(finding["class"]), finding["joints"][0], known, robot)
-    unseen = [one for one in not_testable if _is_of_motion(one)]
+    unseen = [
+        one for one in not_testable if one["joints"] and not any(words in one["reason"] for words in NOT_OF_MOTION)
+    ]
     if nearest is not None and (loudest is None or loudest in nearest["joints"]):
         return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
     there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
@@ -96,7 +98,3 @@ def _sentence(family: str, joint: str) -> str:
 def _command(effects: Sequence[str], joint: str, robot: str) -> str:
     command = f"plan excite --robot {shlex.quote(robot)} --separate {','.join(effects)} --joint {shlex.quote(joint)}"
     return f"`{command} --out next_motion` works it out and writes it"
-
-
-def _is_of_motion(entry: Mapping[str, Any]) -> bool:
-    return bool(entry["joints"]) and not any(words in entry["reason"] for words in NOT_OF_MOTION)

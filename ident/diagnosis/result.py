@@ -240,14 +240,12 @@ class Diagnosis(Exportable):
         remedy = "give the JSON of `ident diagnose`"
         return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))
 
-    def _next_experiment(self, findings: list[dict[str, Any]], silent: list[dict[str, Any]]) -> dict[str, Any] | None:
-        near = None if self.details is None or self.details.nearest is None else self.details.nearest.to_dict()
-        loudest = self.where[0].joint if self.where else None
-        return next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot, near, loudest)
-
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]
         silent = [one.to_dict(self.joints) for one in self.not_testable]
+        near = None if self.details is None or self.details.nearest is None else self.details.nearest.to_dict()
+        loudest = self.where[0].joint if self.where else None
+        advice = next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot, near, loudest)
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -261,7 +259,7 @@ class Diagnosis(Exportable):
             "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
             "not_testable": silent,
             "reservations": [one.to_dict() for one in self.reservations],
-            "next_experiment": self._next_experiment(findings, silent),
+            "next_experiment": advice,
             **({} if self.details is None else self.details.to_dict(self.joints)),
             "provenance": self.provenance.to_dict(),
             **({} if self.until is None else {"until": self.until.to_dict()}),

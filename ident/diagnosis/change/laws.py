@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import friction_level, hardly_moves, travel
@@ -82,13 +82,12 @@ class UnlistedChange(Effect):
         return (Variant(shape={"low_rad": low, "high_rad": high}),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [self._of_run(run, joint, variant) for run in session.runs]
-
-    def _of_run(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "T k"]:
-        low, high = variant.shape["low_rad"], variant.shape["high_rad"]
-        place = (run.motion.q[:, joint] - low) / max(high - low, 1e-9)
-        slip = run.direction[:, joint, None]
-        return np.concatenate([_hats(place, POINTS_EVEN), slip * _hats(place, POINTS_ODD)], axis=1)
+        low, high, columns = variant.shape["low_rad"], variant.shape["high_rad"], []
+        for run in session.runs:
+            place = (run.motion.q[:, joint] - low) / max(high - low, 1e-9)
+            odd = run.direction[:, joint, None] * _hats(place, POINTS_ODD)
+            columns.append(np.concatenate([_hats(place, POINTS_EVEN), odd], axis=1))
+        return columns
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array

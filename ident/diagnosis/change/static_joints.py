@@ -80,13 +80,7 @@ def find_static_joints(before: Sequence[Motion], after: Sequence[Motion]) -> tup
     found = []
     for j in np.flatnonzero(still.any(axis=0)):
         sides = [side for side, at_rest in zip((before, after), still[:, j], strict=True) if at_rest]
-        travel = min(_travel(side, int(j)) for side in sides)
+        travel = min(float(np.ptp(np.concatenate([motion.q[:, j] for motion in side]))) for side in sides)
         when = WHEN[bool(still[0, j]), bool(still[1, j])]
         found.append(StaticJoint(int(j), before[0].joints[j], when, travel >= LEAST_TRAVEL))
     return tuple(found)
-
-
-def _travel(side: Sequence[Motion], joint: int) -> float:
-    """How far a joint goes in a set of runs [rad or m]."""
-    q = np.concatenate([motion.q[:, joint] for motion in side])
-    return float(q.max() - q.min())

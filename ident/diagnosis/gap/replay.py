@@ -67,7 +67,8 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
     for item in series:
         starts = _starts(item, window)[::every]
         rows = starts[:, None] + np.arange(_samples(item, window) + 1)
-        free = _free(item, rows)
+        heading = np.sign(item.speed[rows])  # free are joints that move one way throughout a stretch
+        free = item.counts[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
         rows, free = rows[free.any(axis=1)], free[free.any(axis=1)]
         if len(rows) == 0:
             continue
@@ -87,12 +88,6 @@ def _starts(item: RunResidual, window: float) -> Int[Array, " w"]:
 def _samples(item: RunResidual, window: float) -> int:
     """Samples of a stretch, at least one."""
     return max(1, round(window / item.step))
-
-
-def _free(item: RunResidual, rows: Int[Array, "w k"]) -> Bool[Array, "w n"]:
-    """Which joints move one way throughout each stretch."""
-    heading = np.sign(item.speed[rows])
-    return item.counts[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
 
 
 def _dynamics(

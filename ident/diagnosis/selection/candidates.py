@@ -109,7 +109,9 @@ class Candidates:
         return float(np.log(self.settings.inertial_odds * len(kinds)))
 
     def _cost_of_column(self, group: Group) -> float:
-        return 0.5 * float(np.log(self._samples(group)))
+        counts = self.evidence.samples
+        seen = counts[group.joint] if group.effect.rows == "own" else counts.sum()
+        return 0.5 * float(np.log(max(seen, 10.0)))
 
     @cached_property
     def _choices(self) -> dict[str, float]:
@@ -171,10 +173,6 @@ class Candidates:
     def least_seen(self, projection: Projection, group: Group) -> bool:
         """Whether the tuned baseline leaves next to nothing of a group."""
         return bool(projection.visibility(group.columns).max() < self.settings.absorbed_below)
-
-    def _samples(self, group: Group) -> float:
-        counts = self.evidence.samples
-        return float(max(counts[group.joint] if group.effect.rows == "own" else counts.sum(), 10.0))
 
     @cached_property
     def fixed(self) -> HeldOut:

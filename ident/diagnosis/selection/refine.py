@@ -18,7 +18,7 @@ from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import SessionContext, Variant
+from ident.effects.base import SessionContext
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,8 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     """
 
     def gathered() -> Evidence:
-        grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
+        points = [group.effect.refined(group.effect.asked(session), group.joint, group.variant) for group in groups]
+        grids = [(group.effect, group.joint, tuple(finer)) for group, finer in zip(groups, points, strict=True)]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         return gather(session, baseline, layout, search.evidence.whitening, rest=True).with_dwells()
 
@@ -78,11 +79,6 @@ def find_needless(fine: Refined) -> int | None:
         left.append(search.score_beside(gram, group, _best(search, others, near)))
     weakest = int(np.argmin(left))
     return weakest if left[weakest] <= 0.0 else None
-
-
-def _finer(session: SessionContext, group: Group) -> tuple[Variant, ...]:
-    """A finer grid around a named effect's point of the coarse one."""
-    return tuple(group.effect.refined(group.effect.asked(session), group.joint, group.variant))
 
 
 def _best(fine: Search, start: Mapping[Key, Group], keys: Sequence[Key]) -> tuple[Group, ...]:
