@@ -143,8 +143,8 @@ def sampled_states(session: SessionContext) -> tuple[Float[Array, "t n"], Float[
     """Some states (q, dq, ddq), evenly over the session."""
     total = sum(len(run.motion.time) for run in session.runs)
     step = max(1, total // LIMIT.sampled_states)
-    motions = [run.motion for run in session.runs]
-    q, dq, ddq = (np.concatenate([getattr(one, name)[::step] for one in motions]) for name in ("q", "dq", "ddq"))
+    names = "q", "dq", "ddq"  # a long session's runs are made anew when asked for, and let go one by one
+    q, dq, ddq = (np.concatenate([getattr(run.motion, one)[::step] for run in session.runs]) for one in names)
     return q, dq, ddq
 
 

@@ -34,7 +34,7 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_places(record: Mapping[str, Any]) -> None:
-    """Places are of joints with a gap, in the order of harm but for the first name's joints, which come first."""
+    """Places are of joints with a gap, in the order of harm."""
     gap, places = record["gap"], record["where"]
     judged = [(set(f["joints"]) | set(f["heldout"]["rms_before_Nm"]), f["evidence"]) for f in record["findings"]]
     for place in places:
@@ -44,9 +44,9 @@ def check_places(record: Mapping[str, Any]) -> None:
         assert error > one["noise_floor_Nm"]
         assert place["share_of_gap"] > place["share_of_time"]
         assert (place["axis"], place["low"]) != ("frequency", 0.0)
-    first = set(record["findings"][0]["joints"]) if record["findings"] else set()
-    listed = list(dict.fromkeys((place["joint"] not in first, -place["beyond_noise_Nm"]) for place in places))
+    listed = [-place["beyond_noise_Nm"] for place in places]
     assert listed == sorted(listed)
+    first = set(record["findings"][0]["joints"]) if record["findings"] else set()
     if first & {place["joint"] for place in places}:
         assert places[0]["joint"] in first
 
