@@ -19,7 +19,6 @@ from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
-from ident.recordings.columns import ANGLES
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -74,7 +73,8 @@ def speed(run: Recording) -> Float[Array, " n"]:
 
 def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"], derivatives: bool = True) -> Session:
     """Multiplies positions of some joints, and their derivatives or not."""
-    scale, names = np.where(columns, factor, 1.0), ANGLES if derivatives else ("position", "position_command")
+    further = ("velocity", "acceleration", "velocity_command") if derivatives else ()
+    scale, names = np.where(columns, factor, 1.0), ("position", "position_command", *further)
     scaled = [{name: v * scale for name, v in run.channels().items() if name in names} for run in session.runs]
     return session.replace(runs=[run.replace(**own) for run, own in zip(session.runs, scaled, strict=True)])
 
