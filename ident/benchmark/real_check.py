@@ -1,7 +1,7 @@
 """Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
 
-A real arm has effects of its own: a name that its untouched recordings (the control) have already is neither right nor
-wrong. A probability is that of the class, where one is given.
+A real arm has effects of its own: a name that its untouched recordings (the control) have already, or that others
+measured on this arm, is neither right nor wrong. A probability is that of the class, where one is given.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 from ident.show.panels import draw_bars
 from ident.simulation.real.cases import make_cases
-from ident.simulation.real.sources import load_sources
+from ident.simulation.real.sources import load_sources, measured_causes
 from ident.workers import run_tasks
 
 if TYPE_CHECKING:
@@ -56,12 +56,18 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         record, findings = _record(results[case]), _findings(results[case])
         control = _findings(results.get(answer["control"], {}))
         base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
+        measured: list[Finding] = [
+            {"effect": effect, "joints": [joint]}
+            for effect, joints in measured_causes(answer["arm"]).items()
+            for joint in joints
+        ]
+        owned = [*control, *measured]
         planted = [{**base, **_effect_row(effect, findings, control)} for effect in answer["effects"]]
         new = []
         for one in findings if answer["kind"] != "control" else ():
             true = any(holds(one, effect) for effect in answer["effects"])
             old = not true and any(
-                _class(one) & _class(other) and set(one["joints"]) & set(other["joints"]) for other in control
+                _class(one) & _class(other) and set(one["joints"]) & set(other["joints"]) for other in owned
             )
             name = f"{one['effect']}:{'+'.join(one['joints'])}"
             row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
@@ -71,7 +77,10 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         f1 = 2.0 * hits / (said + len(planted)) if planted and hits else 0.0 if planted else None
         wrong, seconds = [one for one in new if not one["right"]], results[case].get("processor_seconds")
         verdict = record.get("verdict", "error")
-        cases.append({**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds})
+        row = {**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds}
+        sure = [one for one in findings if _probability(one) >= CONFIDENT]
+        seen = [any(holds(one, {**it, "may_stand_at": it["joints"]}) for one in sure) for it in measured]
+        cases.append({**row, "measured": seen if answer["kind"] == "control" else []})
         effects += planted
     return effects, names, cases
 
@@ -88,7 +97,7 @@ def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) ->
         "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
         "calibration_error": calibration_error([one["p"] for one in said], [one["right"] for one in said]),
     }
-    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong")} for one in cases]
+    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong", "measured")} for one in cases]
     return {"cases": len(cases), **in_columns(found), "effects": list(effects), "outcomes": outcomes}
 
 
@@ -151,6 +160,8 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     fresh = [one for one in names if not one["old"]]
     yield f"{len(cases)} cases; verdicts: " + _count(one["verdict"] for one in cases)
     yield "controls: " + _count(one["verdict"] for one in cases if one["kind"] == "control")
+    measured = [seen for one in cases for seen in one["measured"]]
+    yield f"measured by others on the untouched arms, named with p >= 0.5: {_share(measured)}"
     yield from _grouped("planted singles in the class with p >= 0.5, by size", single, "asked", "named")
     yield from _grouped("  at any p", single, "asked", "named_at_all")
     yield from _grouped("  as the first name", single, "asked", "strict")

@@ -123,6 +123,13 @@ def load_sources(folder: Path) -> tuple[Source, ...]:
     return tuple(found)
 
 
+def measured_causes(arm: str) -> dict[str, list[str]]:
+    """What others measured of an arm whose recordings are public: joints by effect (`measured.toml`)."""
+    table = tomllib.loads((Path(__file__).with_name("measured.toml")).read_text(encoding="utf-8"))
+    found: dict[str, list[str]] = table.get(arm, {})
+    return found
+
+
 def _load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
     place, robot = folder / entry["folder"], entry.get("robot", "")
     if "number_files" in entry:
