@@ -74,6 +74,16 @@ def find_time(names: Sequence[str]) -> str | None:
     return next(iter([*plain, *some]), None)
 
 
+def _find_rising(table: ForeignTable) -> str | None:
+    """The first column that rises evenly."""
+    for name, values in table.columns.items():
+        steps = np.diff(np.asarray(values, dtype=float))
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        if usual > 0.0 and np.mean((steps > 0.0) & (np.abs(steps - usual) < LIMIT.even * usual)) > LIMIT.nearly_all:
+            return name
+    return None
+
+
 def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Families of columns."""
     members: dict[str, dict[str, str]] = defaultdict(dict)
@@ -121,6 +131,7 @@ def _family(template: str, by_label: dict[str, str], shorts: dict[str, int]) -> 
     return ColumnFamily(template, tuple(by_label[label] for label in labels), tuple(labels), channel, doubt)
 
 
+MEASURED = ("effort", "current")
 # Channels that a session takes, beside position; torque comes first where there is current too.
 FURTHER = ("velocity", "effort", "current", "position_command", "velocity_command", "temperature")
 
@@ -132,9 +143,12 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         RecordingError: There is a position, but neither torque nor current.
     """
     names = list(table.columns)
-    clock = find_time(names)
+    clock = find_time(names) or _find_rising(table)
     families = find_families([name for name in names if name != clock], () if arm is None else arm.joint_names)
-    position = _choose(families, "position", arm)
+    position, unnamed = _choose(families, "position", arm), ""
+    if position is None and arm is not None and any(_choose(families, one, arm, arm.n) for one in MEASURED):
+        others = [one for one in families if one.channel is None and len(one.columns) >= arm.n]
+        position, unnamed = (others[0], "the only others of as many joints, ") if len(others) == 1 else (None, "")
     if position is None:
         return None
     count = len(position.columns) if arm is None else min(len(position.columns), arm.n)
@@ -143,7 +157,7 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         family = _choose(families, channel, arm, count)
         if family is not None and not (channel == "current" and "effort" in chosen):
             chosen[channel] = family
-    if not {"effort", "current"} & set(chosen):
+    if not {*MEASURED} & set(chosen):
         goals = "; an arm that logs goal and position only is for `ident servo`" if "position_command" in chosen else ""
         what = f"no columns are named as torque or current of the {count} joints"
         remedy = f"name them in [columns] of session.toml yourself{goals}; there are: {listed(names)}"
@@ -154,10 +168,12 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         own, wanted = dict(zip(family.labels, family.columns, strict=True)), position.labels[:count]
         columns[channel] = tuple(own[one] for one in wanted) if {*wanted} <= {*own} else family.columns[:count]
     time = np.arange(len(table.columns[names[0]]), dtype=float) if clock is None else table.columns[clock]
-    reasons = [] if clock is None else [Reason("time", repr(clock), "its name says so")]
+    said = "its name says so" if clock == find_time(names) else "the first column that rises evenly"
+    reasons = [] if clock is None else [Reason("time", repr(clock), said)]
     for channel, family in chosen.items():
         span = f"{columns[channel][0]!r} to {columns[channel][-1]!r}"
-        reasons.append(Reason(channel, span, f"named {family.template.replace('#', '…')!r}"))
+        why_so = unnamed if family is position else ""
+        reasons.append(Reason(channel, span, f"{why_so}named {family.template.replace('#', '…')!r}"))
     reasons.append(Reason("joints", ", ".join(joints), why))
     tables = {channel: np.column_stack([table.columns[name] for name in own]) for channel, own in columns.items()}
     return Signals(joints, columns, tables, clock, time, tuple(reasons))
@@ -206,11 +222,8 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
         RecordingError: No columns move as this robot's joints do.
     """
     names, values = list(table.columns), np.column_stack(list(table.columns.values()))
-    clock = None
-    if len(values) > 1:
-        steps, usual = np.diff(values, axis=0), np.median(np.diff(values, axis=0), axis=0)
-        even = np.mean((steps > 0.0) & (np.abs(steps - usual) < LIMIT.even * usual), axis=0)
-        clock = next((i for i in range(len(names)) if usual[i] > 0.0 and even[i] > LIMIT.nearly_all), None)
+    rising = _find_rising(table)
+    clock = None if rising is None else names.index(rising)
     time = np.arange(len(values), dtype=float) if clock is None else values[:, clock]
     start = 0 if clock is None else clock + 1
     count = (len(names) - start) // arm.n

@@ -9,6 +9,7 @@ import difflib
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -42,12 +43,6 @@ def check_urdf(root: ET.Element, where: str) -> None:
         _check_shapes(link, where)
     for joint in joints:
         _check_joint(joint, where)
-    for element in root.findall("transmission/actuator/mechanicalReduction"):
-        try:
-            usable = np.isfinite(float(element.text or "")) and float(element.text or "") != 0.0
-        except ValueError:
-            usable = False
-        _require(usable, where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
     _check_tree(root, where)
 
 
@@ -335,10 +330,11 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[
 
 
 def read_reductions(text: str) -> dict[str, float]:
-    """Gear ratio of each joint that a URDF's `<transmission>` elements name."""
+    """Gear ratio of each joint that a URDF's `<transmission>` elements name; what is no ratio is not known."""
     found = {}
     for transmission in ET.fromstring(text).findall("transmission"):
-        joint, reduction = transmission.find("joint"), transmission.find("actuator/mechanicalReduction")
-        if joint is not None and reduction is not None and reduction.text:
-            found[joint.get("name", "")] = abs(float(reduction.text))
+        joint, reduction = transmission.find("joint"), transmission.findtext("actuator/mechanicalReduction", "")
+        with suppress(ValueError):
+            if joint is not None and np.isfinite(ratio := abs(float(reduction))) and ratio > 0.0:
+                found[joint.get("name", "")] = ratio
     return found

@@ -112,6 +112,17 @@ def test_degrees_are_told_by_the_robots_limits(run: Recording, arm: ArmModel, tm
     assert "URDF's limits" in found.summary()
 
 
+def test_names_in_another_language_leave_position_and_time_to_the_rest(run: Recording, tmp_path: Path) -> None:
+    """Law: beside a torque, the only others of as many joints are the position, and what rises evenly is time."""
+    names = ["Zeit[ms]", *(f"A{i}_{kind}" for kind in ("Ist[Grad]", "Moment[Nm]") for i in range(1, 7))]
+    table = np.column_stack([1e3 * run.time, np.degrees(run.position), run.effort])
+    path = text_table(tmp_path / "Fahrt.txt", names, table, ";")
+    path.write_text(path.read_text().replace(".", ","))
+    found = new(tmp_path, "tm5-900")
+    assert found.guess.columns["A2_Ist[Grad]"] == "joint_2/position"
+    assert_same(tmp_path, run, velocity=False)
+
+
 def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
     """Time, then a command, position, velocity, a rigid model's torque and a current: the measured ones are taken."""
     rigid = arm.inverse_dynamics(run.position, np.zeros_like(run.position), np.zeros_like(run.position))

@@ -348,11 +348,13 @@ def test_every_link_has_its_box_and_no_mesh(tm5: ArmModel) -> None:
 
 
 def test_gear_ratios_are_told(tm5: ArmModel) -> None:
-    """100 on joints 1 to 3, 80 on 4 to 6; an tm5 without transmissions has none."""
+    """100 on joints 1 to 3, 80 on 4 to 6; an arm without transmissions has none, and no words or zeros are ratios."""
     ratios = tm5.gear_ratios
     assert ratios is not None
     assert np.array_equal(ratios, GEAR_RATIOS)
     assert ArmModel.load("panda").gear_ratios is None
+    for wrong in ("reduction", "0", "nan"):
+        assert ArmModel.from_urdf(tm5.urdf.replace(">100<", f">{wrong}<"), tm5.source).gear_ratios is None
 
 
 def test_each_moving_link_carries_the_source_of_its_figures() -> None:

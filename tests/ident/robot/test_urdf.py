@@ -125,12 +125,7 @@ def _robot(*changes: tuple[str, str]) -> str:
     return text
 
 
-GEAR = (
-    "<transmission><joint name='one'/><actuator><mechanicalReduction>{}</mechanicalReduction></actuator></transmission>"
-)
 BAD = {
-    "text in a gear ratio": (_robot(("</robot>", GEAR.format("fast") + "</robot>")), "<mechanicalReduction> is 'fast'"),
-    "a gear ratio of zero": (_robot(("</robot>", GEAR.format(0) + "</robot>")), "<mechanicalReduction> is '0'"),
     "not XML": ("# robot", "not XML"),
     "a file that is no text": ("\udcff\udcfe\x00\x01" * 20, "is not UTF-8 text"),
     "empty": ("", "not XML"),
