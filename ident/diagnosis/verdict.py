@@ -28,7 +28,7 @@ def find_floors(
 
 
 def stands_out(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings = USUAL_VERDICT) -> bool:
-    """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
+    """Whether more is left at a joint than its noise: else there is nothing to explain."""
     return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
 
 

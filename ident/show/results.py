@@ -16,7 +16,7 @@ from ident.console import styled
 from ident.errors import plural, visible
 from ident.results import Result
 from ident.show.console import LadderTable, print_effort, print_issues
-from ident.show.palette import MEASURED, NAMED, NOISE, TREES, TUNED, rung_colours
+from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
 from ident.show.panels import draw_bars, framed, panel, words_and_picture
 
 if TYPE_CHECKING:
@@ -70,13 +70,13 @@ def _of_record(place: str) -> Callable[..., Any]:
 
 
 def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
-    """Of each joint what is left by the tuned model, after the names and by trees, and what is noise."""
+    """Of each joint what is left by the tuned model, after the names and by a flexible function, and what is noise."""
     gap, heldout = record["gap"], record["heldout"]
-    after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    after, flexible = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
     rows = {
         "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
         "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
-        "left by boosted trees, without names": (TREES, [trees.get(joint) for joint in gap]),
+        "left by a flexible function, without names": (FLEXIBLE, [flexible.get(joint) for joint in gap]),
         "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
     if not record["findings"]:

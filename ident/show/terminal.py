@@ -141,7 +141,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
 def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
     """A joint's gap in one line."""
     joint, one = gap
-    left = f", explainable by {one['unexplained']} but unnamed" if one["unexplained"] else ""
+    left = f"; a function of {one['unexplained']} leaves {one['ceiling_rms_Nm']:.3f}" if one["unexplained"] else ""
     return f"{joint}: {one['rms_Nm']:.3f} N m against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 

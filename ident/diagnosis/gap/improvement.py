@@ -92,7 +92,7 @@ def measure_reach(
     rms = found.ladder[0].rms
     return Reach(
         shares=shapley_shares(scorer, [item.group for item in found.named], floors, search.seed),
-        without_names=rms * np.sqrt(1.0 - explained),
+        without_names=np.maximum(rms * np.sqrt(1.0 - explained), np.minimum(rms, floors)),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
         runs_after=np.array([run_energy(item, item.unseen_after) for item in series]),

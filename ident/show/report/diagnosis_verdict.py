@@ -277,7 +277,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
         shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
-        shown["trees"] = heldout.get("without_names_rms_Nm", {}).get(joint)
+        shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
         rows.append(
             {
                 "joint": joint,

@@ -16,7 +16,7 @@ from ident.show import palette
 from ident.show.report import words
 
 # What templates colour with.
-COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "TREES", "TUNED", "model_colour", "rung_colours")
+COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "FLEXIBLE", "TUNED", "model_colour", "rung_colours")
 
 
 @dataclass(frozen=True, eq=False)

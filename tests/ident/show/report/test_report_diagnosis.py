@@ -221,7 +221,7 @@ def test_map_has_a_strip_a_joint_and_axis(tmp_path: Path) -> None:
 
 
 def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
-    """The replay is told in mrad for the named joint; trees, the model as it is and energies stand in the table."""
+    """The replay is told in mrad for the named joint; what else is known of each stands in the table."""
     forward = {"window_s": 0.25, "position_rms_rad": {"before": {"joint_2": 5.86e-3}, "after": {"joint_2": 1.12e-3}}}
     further = {
         "forward": forward,
