@@ -24,7 +24,6 @@ from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import RIGID_BODY as LIMIT
 from ident.effects.typical_sizes import arm_mass, arm_reach
-from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
 NOWHERE: Places = MappingProxyType({})
@@ -72,9 +71,9 @@ class UnknownPayload(Effect):
 
     def _law(self, arm: ArmModel, variant: Variant) -> Float[Array, "10 k"]:
         """Change of the last link's numbers by the columns."""
-        nominal, axes = load_place(arm, variant), _acting_axes(arm)
-        unit = link_law(arm, arm.n - 1, Variant())[:, 0] if LIKE_LINK in variant.shape else point_mass(nominal)
-        return np.column_stack([unit, moment_change(nominal)[:, axes]])
+        place = dict(zip(PLACE, map(float, load_place(arm, variant)), strict=True))
+        law = link_law(arm, arm.n - 1, Variant() if LIKE_LINK in variant.shape else Variant(shape=place))
+        return law[:, [0, *(axis + 1 for axis in _acting_axes(arm))]]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
