@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int
 from ident.errors import ModelError
 from ident.laws.carried import NamedLaw, named_torque, states_of
 from ident.model.hybrid import HybridModel
@@ -168,6 +168,8 @@ def _parts(loss: LossParameters) -> tuple[Array, ...]:
     return loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
 
 
+# Kinks that are bent less than this share of their middle are not counted as bent.
+BENT = 0.01
 # Step of the central difference by position [rad]: the error of either kind is then some 1e-9 of the torque.
 STEP = 1e-5
 # The same for friction laws, in their states' own units: these are smooth on scales that are thousands of times it.
@@ -263,3 +265,41 @@ def differentiate_torque(
     by_a[:, joints, joints] += losses.motor_inertia
     by_v[:, joints, joints] += losses.viscous + losses.coulomb * slope
     return TorqueDerivatives(tau, by_q, by_v, by_a)
+
+
+def find_kinks(
+    model: ChainTorque, dq: Float[Array, "T n"], found: TorqueDerivatives, metric: Metric, width: float
+) -> Iterator[tuple[Int[Array, " k"], list[Float[Array, "k n"]]]]:
+    """Second derivative of what is integrated where power or speed of a joint passes zero.
+
+    The modulus of power, √(p² + δ²), is bent there by δ²/√(p² + δ²)³ along p's own slope, and friction's share of it,
+    v tanh(v/w), by 2/w (1 - tanh²)(1 - v/w tanh) along v. A joint that coasts, or stands for a while, stays at such a
+    kink, where the slope alone points to where the cost rises at once.
+
+    Args:
+        model: As it was differentiated, its friction rounded.
+        dq: Speeds.
+        found: Its torque and derivatives.
+        metric: How energy is counted.
+        width: Rounding δ of the modulus of power [W].
+
+    Yields:
+        States, and slopes there by position, speed and acceleration, whose squares are the second derivative.
+    """
+    share_of_kink = {"absolute": 1.0, "positive": 0.5, "signed": 0.0}
+    if metric not in share_of_kink:
+        return
+    kink, one, power = share_of_kink[metric], np.eye(model.n), found.tau * dq
+    root = np.sqrt(power**2 + width**2)
+    sharp = kink * (width / root) ** 3
+    nodes, joints = np.nonzero(sharp > BENT)
+    by = [found.by_position, found.by_speed, found.by_acceleration]
+    by = [part[nodes, joints] * dq[nodes, joints, None] for part in by]
+    by[1] += one[joints] * found.tau[nodes, joints, None]
+    yield nodes, [part * np.sqrt(sharp[nodes, joints, None] / width) for part in by]
+    losses = model.losses
+    share, slip = dq / losses.transition_speed, np.tanh(dq / losses.transition_speed)
+    sharp = np.maximum((1.0 - kink + kink * power / root) * (1.0 - slip**2) * (1.0 - share * slip), 0.0)
+    nodes, joints = np.nonzero(sharp > BENT)
+    bent = np.sqrt(2.0 * sharp * losses.coulomb / losses.transition_speed)[nodes, joints, None] * one[joints]
+    yield nodes, [0.0 * bent, bent, 0.0 * bent]

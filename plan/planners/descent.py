@@ -74,13 +74,14 @@ def begin(local: LocalModel, x: Float[Array, " d"]) -> Course:
 
 def _measured(local: LocalModel, x: Array, curvature: Array, scale: float) -> float:
     """How much more the cost is bent than the curvature says, along a short way downhill."""
-    gradient = local.gradient(x)[0] / scale
-    step = -np.linalg.solve(curvature + 1e-9 * np.eye(len(x)), gradient)
+    gradient, bend, _ = local.gradient(x)
+    gradient, bend = gradient / scale, bend / scale
+    step = -np.linalg.solve(curvature + bend + 1e-9 * np.eye(len(x)), gradient)
     length = float(np.abs(step).max())
     if length < 1e-12:
         return 1.0
     step *= PROBE / length
-    change = local.gradient(x + step)[0] / scale - gradient
+    change = local.gradient(x + step)[0] / scale - gradient - bend @ step
     return float(np.clip((change @ step) / (step @ curvature @ step), *STIFFEST))
 
 
@@ -114,15 +115,17 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
     scale = max(abs(now.cost), 1e-9)
     prices, raised = np.array(PRICES), 0
     slope: Array | None = None
+    bent = np.zeros_like(curvature)
     taken = np.zeros(0)
     for _ in range(steps):
         if ledger.remaining == 0:
             break
-        gradient, rows = local.gradient(x)
+        gradient, bend, rows = local.gradient(x)
+        bend = bend / scale
         ledger.count(1)
         if slope is not None and not local.timed:
-            curvature = _learn(curvature, taken, (gradient - slope) / scale)
-        slope = gradient
+            curvature = _learn(curvature, taken, (gradient - slope) / scale - 0.5 * (bent + bend) @ taken)
+        slope, bent = gradient, bend
         clear, ruled = local.clearance_rows(x), local.rule_rows(x)
         taken = np.zeros(0)
         while reach > SHORTEST and ledger.remaining > 0:
@@ -130,7 +133,7 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
             if local.timed:
                 span[-1] = min(reach, 0.2) * x[-1]
             bounds = np.maximum(low - x, -span), np.minimum(high - x, span)
-            found = solve_step(gradient / scale, curvature, [rows, clear, ruled], prices, *bounds)
+            found = solve_step(gradient / scale, curvature + bend, [rows, clear, ruled], prices, *bounds)
             if found is None:
                 reach *= 0.3
                 continue

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from plan.dynamics.power import ChainTorque, differentiate_torque, rounded
+from plan.dynamics.power import ChainTorque, differentiate_torque, find_kinks, rounded
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
 from plan.planners.velocity_reversals import Turns, find_dips, find_turns
@@ -131,23 +131,30 @@ class LocalModel:
         rules = 0.0 if self.problem.rules is None else self.problem.rules.excess(q, dq)
         return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)), rules)
 
-    def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], ConstraintRows]:
-        """Derivative of the cost, and the limits that are near, to first order."""
+    def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:
+        """Derivative of the cost, how its kinks bend it there, and the limits that are near, to first order."""
         coefficients, duration = self.split(x)
         states = self.grid.states(coefficients, duration)
         found = differentiate_torque(self._model, *states)
-        slope = np.zeros(self.size)
+        slope, bent = np.zeros(self.size), np.zeros((0, self.size))
         if self.timed:
             slope[-1] = self.reference
         else:
             _, by_tau, by_speed = self._rate(found.tau, states[1])
             w = (self._quadrature * duration)[:, None]
+            kinks = find_kinks(self._model, states[1], found, self.problem.metric, self.power)
+            rows = [self._node_rows(at, [np.sqrt(w[at]) * p for p in by], states, duration) for at, by in kinks]
+            bent = np.concatenate([bent, *rows])
             parts = [np.einsum("ti,tij->tj", by_tau, part) for part in (found.by_position, found.by_speed)]
             parts[1] += by_speed
             parts.append(np.einsum("ti,tij->tj", by_tau, found.by_acceleration))
             slope = self._scatter([w * part for part in parts], duration)
         torque = [self._torque_rows(states, found, duration), self._turn_rows(coefficients, states, duration)]
-        return slope, ConstraintRows.join([*torque, *self._kinematic_rows(coefficients, states, duration)])
+        return (
+            slope,
+            bent.T @ bent,
+            ConstraintRows.join([*torque, *self._kinematic_rows(coefficients, states, duration)]),
+        )
 
     def clearance_rows(self, x: Float[Array, " d"]) -> ConstraintRows:
         """Clearance of the nearest pairs at the watched places, to first order."""

@@ -45,10 +45,6 @@ FAR = 1.25
 LOST = 0.2
 # Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
 FINEST = 96
-# Arms of no more joints try more starts for energy: there the first ones often miss the lowest of many basins, by up to
-# 4 % of the cost, and a start takes a thirtieth of a second. Of six joints, sixty starts have found half a per cent at
-# most.
-FEW = 3
 # Fewest via points that a motion without acceleration at its ends leaves free, and trajectories by which CMA-ES moves
 # time stamps that are named.
 SOFT_VIAS, STAMPS = 3, 4000
@@ -72,9 +68,8 @@ class Sequential(Planner):
 
     Attributes:
         starts: Initial trajectories that are tried.
-        more: How many times as many are tried then, for the energy of arms of few joints.
         first: Steps on the coarse grid from each start.
-        steps: Steps on each finer grid.
+        steps: Most steps on each finer grid: nearly all end of themselves, and one that does not has ended 3 % above.
         kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
         gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
         levels: Most refinements, for energy and for time.
@@ -82,9 +77,8 @@ class Sequential(Planner):
     """
 
     starts: int = 10
-    more: int = 2
     first: int = 36
-    steps: int = 30
+    steps: int = 80
     kept: tuple[int, ...] = (4, 2, 1)
     gains: tuple[float, float] = (0.005, 0.001)
     levels: tuple[int, int] = (3, 3)
@@ -99,9 +93,7 @@ class Sequential(Planner):
             self._search_named(problems, ledger, rng)
             return
         ways = self._initial(problems, ledger, rng)
-        courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, ())
-        if given.objective == "energy" and given.n <= FEW and ledger.remaining > 0:
-            self._round(islice(ways, self.more * self.starts), ledger, courses)
+        self._search(islice(ways, max(self.starts, len(problems))), ledger)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
 
@@ -133,30 +125,20 @@ class Sequential(Planner):
             starts = problems if best is None else [best.problem.with_initial(best.splines)]
             Evolution(step=0.02 if best else 0.05, most=STAMPS).search(starts, ledger, rng)
 
-    def _round(self, ways: Iterable[PlanningProblem], ledger: Ledger, earlier: Sequence[Course]) -> list[Course]:
-        """Tries some ways and takes the best of them to finer grids, as many on each as `kept` says.
-
-        Args:
-            ways: The ways.
-            ledger: Counts what is evaluated.
-            earlier: Courses of the round before; where there are none, the best of the first few leads.
-
-        Returns:
-            The courses of these ways on the coarse grid.
-        """
+    def _search(self, ways: Iterable[PlanningProblem], ledger: Ledger) -> None:
+        """Tries some ways and takes the best of them to finer grids, as many on each as `kept` says."""
         courses: list[Course] = []
         known: Refined = {}
         for problem in ways:
-            courses.append(self._try(begin_course(problem), ledger, (*earlier, *courses)))
+            courses.append(self._try(begin_course(problem), ledger, courses))
             if ledger.remaining == 0:
-                return courses
-            if not earlier and len(courses) == LEAD < self.starts:
+                return
+            if len(courses) == LEAD < self.starts:
                 best = min(courses, key=lambda course: course.rank)
                 self._finer([best], ledger, known, LEADS[best.local.timed])
         if courses:
             courses.sort(key=lambda course: course.rank)
             self._finer(courses, ledger, known, self.levels[courses[0].local.timed])
-        return courses
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
@@ -178,7 +160,7 @@ class Sequential(Planner):
             torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
             if max(torque.max(), speed.max()) > 1.0 + KEPT:
                 local = replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed)
-                course = descend(begin(local, course.x), ledger, self.steps // 4, 0.02, 1e-5)
+                course = descend(begin(local, course.x), ledger, self.steps // 10, 0.02, 1e-5)
                 cost = min(cost, enter(course, ledger))
         return course, cost
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
-from plan.dynamics.power import differentiate_torque, rounded
+from plan.dynamics.power import ChainTorque, differentiate_torque, find_kinks, rounded
 from tests.plan.dynamics.differences import slopes_by_differences
-from tests.plan.worlds import bounded_nets, dense_net, joint_nets, model
+from tests.plan.worlds import bounded_nets, dense_net, joint_nets, losses, model, three_joints
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,25 @@ def test_rounding_only_widens_the_sign() -> None:
         difference = arm.torque(still, dq, still) - rounded(arm, 0.05).torque(still, dq, still)
         expected = change * arm.losses.coulomb * (1.0 - np.tanh(0.2))
         assert difference[0, 0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("metric", ["absolute", "positive", "signed"])
+def test_kinks_of_power_bend_as_told(metric: str) -> None:
+    """Where joints coast, or stand, power is bent along any way as the kinks say."""
+    model = ChainTorque(three_joints().chain, replace(losses(), transition_speed=np.full(3, 1e-3)))
+    rng, width, step = np.random.default_rng(0), 1e-3, 1e-7
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 1, 3))
+    dq *= metric != "signed"
+    found = differentiate_torque(model, q, dq, ddq)
+    ddq = ddq - np.linalg.solve(found.by_acceleration[0], found.tau[0])
+    way = rng.normal(size=(3, 1, 3))
+
+    def power(share: float) -> float:
+        moved = [part + share * step * w for part, w in zip((q, dq, ddq), way, strict=True)]
+        rate = model.torque(*(part[None] for part in moved))[0] * moved[1]
+        root = np.sqrt(rate**2 + width**2)
+        return float({"absolute": root, "positive": 0.5 * (rate + root), "signed": rate}[metric].sum())
+
+    kinks = find_kinks(model, dq, differentiate_torque(model, q, dq, ddq), metric, width)
+    bent = sum(float((sum((p * w).sum(axis=1) for p, w in zip(by, way, strict=True)) ** 2).sum()) for _, by in kinks)
+    assert (power(1.0) + power(-1.0) - 2.0 * power(0.0)) / step**2 == pytest.approx(bent, rel=0.05)

@@ -19,7 +19,7 @@ from plan.problem.result import certify
 from plan.problem.time_law import find_time_law
 from tests.plan.worlds import GOAL, MONITOR, START, dense_net, joint_nets, ledger, model, problem
 
-QUICK = Sequential(starts=2, more=0, kept=(1,), levels=(1, 1))
+QUICK = Sequential(starts=2, kept=(1,), levels=(1, 1))
 
 
 def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]:
@@ -56,13 +56,20 @@ def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch:
     limits = replace(task.limits, acceleration=np.full(3, 60.0), jerk=np.full(3, 500.0))
     local, x = moved(replace(task, limits=limits))
     step = 1e-5 * np.random.default_rng(2).normal(size=len(x))
-    slope, rows = local.gradient(x)
-    ends = [local.gradient(x + sign * step)[1].room for sign in (1.0, -1.0)]
+    slope, _, rows = local.gradient(x)
+    ends = [local.gradient(x + sign * step)[2].room for sign in (1.0, -1.0)]
     assert slope @ step == pytest.approx((local.look(x + step).cost - local.look(x - step).cost) / 2, rel=1e-3)
     assert rows.matrix @ step == pytest.approx((ends[1] - ends[0]) / 2, abs=1e-9)
     clear = local.clearance_rows(x)
     assert len(clear.room) > 0
     assert clear.room.min() == pytest.approx(-local.look(x).clearance, abs=0.03)
+
+
+def test_what_is_found_hardly_depends_on_the_seed() -> None:
+    """Energy of a task with something in the way, from three seeds, within half a per cent."""
+    task = problem(MONITOR, duration=1.0)
+    costs = [Sequential().run([task], ledger(), np.random.default_rng(seed)).best.cost for seed in range(3)]
+    assert max(costs) <= 1.005 * min(costs)
 
 
 def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
@@ -97,25 +104,6 @@ def test_more_via_points_never_end_worse() -> None:
         costs.append(best.cost)
     assert costs[1] <= costs[0] * (1.0 + 1e-9)
     assert costs[2] <= costs[1] * (1.0 + 1e-9)
-
-
-def test_more_starts_are_tried_where_they_cost_little() -> None:
-    """For the energy of three joints more starts follow the first ones, and what those found is kept."""
-    task = problem(MONITOR, duration=1.0)
-    books = [ledger(), ledger()]
-    few, more = (
-        planner.run([task], book, np.random.default_rng(0)).best
-        for planner, book in zip((QUICK, replace(QUICK, more=2)), books, strict=True)
-    )
-    assert more.cost <= few.cost
-    assert books[1].evaluations > books[0].evaluations
-    counts = []
-    for times in (0, 2):
-        book = ledger()
-        planner = replace(QUICK, starts=1, more=times)
-        planner.run([replace(task, objective="time", free="both")], book, np.random.default_rng(0))
-        counts.append(book.evaluations)
-    assert counts[0] == counts[1]
 
 
 def test_goes_round_what_is_in_the_way() -> None:
