@@ -40,7 +40,7 @@ from pathlib import Path
 import numpy as np
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.export.identified import Diagnosed
-from ident.export.loading import load_module
+from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.model.named_fit import read_named_laws

@@ -12,7 +12,7 @@ from ident.api.fitting import Model, load_model
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.write import FILES, open_heldout, write_export, write_patch
+from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
 from ident.options import ExportOptions, PatchOptions, VerifyOptions
 from ident.results import Provenance, Result, files_of, runs_of
@@ -21,17 +21,12 @@ from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 @dataclass(frozen=True, eq=False)
 class Written(Result):
-    """Files of an identified arm.
-
-    Attributes:
-        folder: Where they lie.
-        record: What `patch.json` or `export.json` holds.
-    """
+    """Files of an identified arm."""
 
     SHOWN_BY = "ident.export.printing"
 
-    folder: Path
-    record: Mapping[str, Any]
+    folder: Path  # where they lie
+    record: Mapping[str, Any]  # what `patch.json` or `export.json` holds
 
     def to_dict(self) -> dict[str, Any]:
         return {**self.record, "provenance": self.provenance.to_dict()}
@@ -39,25 +34,16 @@ class Written(Result):
 
 @dataclass(frozen=True, eq=False)
 class Verification(Result):
-    """A model against limits.
-
-    Attributes:
-        model: Its name.
-        robot: Its robot.
-        joints: Its joints.
-        checks: Every limit on every session.
-        in_sample: Whether the model was fitted on one of the recordings.
-        accepted: Whether that was accepted.
-    """
+    """A model, by its name, robot and joints, against limits."""
 
     SHOWN_BY = "ident.export.printing"
 
     model: str
     robot: str
     joints: tuple[str, ...]
-    checks: tuple[Check, ...]
-    in_sample: bool
-    accepted: bool
+    checks: tuple[Check, ...]  # every limit on every session
+    in_sample: bool  # whether the model was fitted on one of the recordings
+    accepted: bool  # whether that was accepted
 
     @property
     def passed(self) -> bool:
@@ -103,7 +89,13 @@ def patch(
         raise InputError("diagnosis", what, "give a Diagnosis, its record or its JSON file")
     opened = None
     if chosen.on is not None:
-        opened = open_heldout(chosen.on, arm, diagnosed, chosen.topic, chosen.session_file)
+        # Filtered as what was diagnosed.
+        opened = open_sessions(chosen.on, arm, chosen.topic, chosen.session_file, diagnosed.cutoff, learning=False)
+        if opened.arm.joint_names != diagnosed.joints:
+            what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis "
+            session = opened.reports[0].session
+            remedy = "give recordings of the joints that were diagnosed"
+            raise InputError(session.path or session.name, what + ", ".join(diagnosed.joints), remedy)
     settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
     origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions

@@ -7,12 +7,12 @@ torques those nearest to the URDF's that are bodies can be taken. The same holds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float
 from ident.model.inertia import is_consistent, parameter_scale, pseudo_inertia, solve_bounded
 from ident.robot.arm import ArmModel
 
@@ -25,24 +25,12 @@ LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Change of each link against the URDF.
+    """Change of each link against the URDF."""
 
-    Attributes:
-        tuned: By tuning, shape (n, 10).
-        named: By named link errors, shape (n, 10).
-        missed: Share of the changes' torque that no bodies give, 0 where they could be written whole.
-        mended: Links that as they were fitted could be no body, and were written as the nearest ones.
-    """
-
-    tuned: Float[Array, "n 10"]
-    named: Float[Array, "n 10"]
-    missed: float
-    mended: tuple[str, ...] = ()
-
-    @classmethod
-    def unchanged(cls, n: int) -> Links:
-        """The URDF's own."""
-        return cls(freeze(np.zeros((n, 10))), freeze(np.zeros((n, 10))), 0.0)
+    tuned: Float[Array, "n 10"]  # by tuning
+    named: Float[Array, "n 10"]  # by named link errors
+    missed: float  # share of the changes' torque that no bodies give, 0 where they could be written whole
+    mended: tuple[str, ...] = ()  # links that as they were fitted could be no body, and became the nearest ones
 
     @property
     def total(self) -> Float[Array, "n 10"]:
@@ -55,18 +43,13 @@ def numbers(values: Sequence[float] | Array) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def ten_numbers(pseudo: Float[Array, "4 4"]) -> Float[Array, " 10"]:
-    """Mass, first and second moments of a pseudo-inertia."""
-    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-    rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
-    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[rows, columns]])
-
-
 def moved(link: Float[Array, " 10"], turn: Float[Array, "3 3"], shift: Float[Array, " 3"]) -> Float[Array, " 10"]:
     """Ten inertial numbers in another frame, in which the old one stands at `shift`, turned by `turn`."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn, shift
-    return ten_numbers(pose @ pseudo_inertia(link) @ pose.T)
+    pseudo = pose @ pseudo_inertia(link) @ pose.T
+    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]])
 
 
 def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], Float[Array, "3 3"]]:
@@ -75,20 +58,6 @@ def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], 
     centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-
-
-def lay_out(arm: ArmModel, tuning: Float[Array, "n 10"], errors: Callable[[Array], Float[Array, "n 10"]]) -> Links:
-    """What becomes of the links.
-
-    An identified error is reported as a change of one link, given the tuning as it is written. Where that alone leaves
-    no body, the links together give its torque.
-    """
-    tuned, missed = nearest_bodies(arm, tuning)
-    named = errors(tuned)
-    if named.any():
-        whole, missed = nearest_bodies(arm, tuning + named)
-        named = whole - tuned
-    return Links(freeze(tuned), freeze(named), missed)
 
 
 def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -25,8 +25,7 @@ from scipy.optimize import lsq_linear
 
 from ident.arrays import Array, Float
 from ident.export.identified import IdentifiedArm
-from ident.export.loaded import LoadedModel
-from ident.export.loading import FILE_OF, WrittenFile
+from ident.export.loaded import FILE_OF, LoadedModel, WrittenFile, log_error
 from ident.laws.motion import Losses
 from ident.motion.motion import Motion
 
@@ -59,16 +58,13 @@ SAID = {
 class Gap:
     """How far a model is from recordings, joint by joint.
 
-    Attributes:
-        squares: Squared errors of torque (with the share of its samples), energy, position and velocity, of each
-            stretch or window, shape (k, n): their means are the squares of the errors in N m, J, rad and rad/s.
-        count: Samples behind the torque, shape (n,).
-        left: What is left of each run's torque, zero where a joint does not slide [N m].
+    Squared errors of torque (with the share of its samples), energy, position and velocity, of each of k stretches or
+    windows: their means are the squares of the errors in N m, J, rad and rad/s.
     """
 
     squares: Mapping[str, Float[Array, "k n"]]
-    count: Float[Array, " n"]
-    left: Sequence[Float[Array, "t n"]] = ()
+    count: Float[Array, " n"]  # samples behind the torque
+    left: Sequence[Float[Array, "t n"]] = ()  # of each run's torque, zero where a joint does not slide [N m]
 
     def error(self, name: str) -> Float[Array, " n"]:
         """RMS of a measure, NaN where nothing was measured."""
@@ -82,9 +78,7 @@ class Gap:
     def over(self, others: Sequence[Gap], errors: float = 0.0) -> Float[Array, "m n"]:
         """Logarithms of its errors over the least of others', by measure and joint; zero where nothing was measured.
 
-        Args:
-            others: Of the same recordings.
-            errors: How many of their standard errors, pair by pair of stretches, are added.
+        So many of their standard errors, pair by pair of stretches, are added.
         """
         found = []
         for name, least in LEAST.items():
@@ -108,13 +102,7 @@ class Gap:
 
 
 def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = None) -> Gap:
-    """All distances of a loaded file from recordings.
-
-    Args:
-        model: The file.
-        runs: The recordings.
-        known: Has the distances of torque and energy, where only the replay is to be measured.
-    """
+    """All distances of a loaded file from recordings; only of the replay where those of torque and energy are known."""
     each = max(1, MOST_WINDOWS // len(runs))
     replay = np.concatenate([_roll_run(model, motion, each) for motion in runs], axis=1) ** 2
     replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
@@ -123,9 +111,7 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = 
         return replace(known, squares={**known.squares, **replayed})
     counts, squares, works, lefts = np.zeros(runs[0].n), [], [], []
     for motion in runs:
-        torque = model.joint_torque(motion.q, motion.dq, motion.ddq, motion.interval)
-        left = motion.tau_filtered - motion.filtered(model.read_log(torque, motion.interval))
-        left = np.where(motion.settled, left, 0.0)
+        left = log_error(model, motion)
         lefts.append(left)
         counts += motion.settled.sum(axis=0)
         step = motion.interval * motion.lowpass.factor
@@ -155,20 +141,13 @@ def _roll_run(model: LoadedModel, motion: Motion, count: int) -> Float[Array, "2
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """The file to be written.
+    """The file to be written."""
 
-    Attributes:
-        stated: What it holds.
-        bodies: Whose bodies it has, a name of the candidates.
-        joints: Whose losses and laws each joint has.
-        gaps: Its errors, and those of the candidates that are told beside it.
-        worse: Joints at which another candidate is nearer in some measure, with that measure and the largest ratio.
-    """
-
-    stated: IdentifiedArm
-    bodies: str
-    joints: tuple[str, ...]
-    gaps: Mapping[str, Gap]
+    stated: IdentifiedArm  # what it holds
+    bodies: str  # whose bodies it has, a name of the candidates
+    joints: tuple[str, ...]  # whose losses and laws each joint has
+    gaps: Mapping[str, Gap]  # its errors, and those of the candidates that are told beside it
+    # Joints at which another candidate is nearer in some measure, with that measure and the largest ratio.
     worse: Mapping[str, tuple[str, float]]
 
     @property
@@ -195,13 +174,9 @@ class Chosen:
 
 
 def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
-    """The nearest candidate of a format.
+    """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files.
 
-    Args:
-        form: `urdf` or `mjcf`.
-        options: What each candidate would hold; none may be worse than those that are not `after`.
-        runs: Recordings that no candidate was fitted to.
-        folder: A scratch folder.
+    It may not be worse than what the candidates that are not `after` would hold.
     """
     search = _Search(form, dict(options), runs, folder)
     for bodies in options:

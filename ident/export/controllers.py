@@ -12,8 +12,8 @@ import numpy as np
 import tomli_w
 
 from ident.arrays import Array, Float
-from ident.diagnosis.baseline_record import LINK_KEYS
-from ident.export.identified import Change, IdentifiedArm
+from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
+from ident.export.identified import IdentifiedArm
 from ident.export.python import describe_arm
 from ident.export.templates import fill
 from ident.files import atomic_folder
@@ -38,14 +38,7 @@ def write_parameters(
     estimates: Sequence[LossFigure] = (),
     urdf: Losses | None = None,
 ) -> str:
-    """TOML text.
-
-    Args:
-        identified: The arm.
-        alone: Losses that fit best without its effects, where they are known.
-        estimates: Estimates of losses with their intervals, where they are known.
-        urdf: Losses that go with the URDF, where there is one.
-    """
+    """TOML text; also of losses that fit best without the arm's effects, or go with the URDF, and of estimates."""
     joints = identified.nominal.joint_names
     numbers = identified.whole.inertial_parameters.reshape(-1, 10)
     record: dict[str, Any] = {
@@ -60,33 +53,23 @@ def write_parameters(
             name: dict(zip(LINK_KEYS, map(float, identified.links.tuned[j]), strict=True))
             for j, name in enumerate(joints)
         },
-        "effect": [_effect(change) for change in identified.changes],
+        "effect": [],
     }
+    for change in identified.changes:  # with its parameters, and the rest of its law
+        reported = {name: figure.to_dict() for name, figure in change.figures.items()}
+        rest = {name: float(value) for name, value in change.values.items() if name not in change.figures}
+        law = {"law": rest} if change.law is not None and rest else {}
+        record["effect"].append({"id": change.effect, "joints": list(change.joints), **reported, **law})
     for one in estimates:
         told = {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
         record.setdefault("estimates", {}).setdefault(one.joint, {})[one.name] = told
     return _HEAD + tomli_w.dumps(record)
 
 
-def _effect(change: Change) -> dict[str, Any]:
-    """An effect with its parameters, and the rest of its law."""
-    reported = {name: figure.to_dict() for name, figure in change.figures.items()}
-    rest = {name: float(value) for name, value in change.values.items() if name not in change.figures}
-    law = {"law": rest} if change.law is not None and rest else {}
-    return {"id": change.effect, "joints": list(change.joints), **reported, **law}
-
-
 def _losses(joints: Sequence[str], losses: Losses) -> dict[str, dict[str, float]]:
-    return {
-        name: {
-            "motor_inertia_kgm2": float(losses.motor_inertia[j]),
-            "viscous_Nms_rad": float(losses.viscous[j]),
-            "coulomb_Nm": float(losses.coulomb[j]),
-            "transition_rad_s": float(losses.transition[j]),
-            "sliding_range_rad": float(losses.range[j]),
-        }
-        for j, name in enumerate(joints)
-    }
+    keys = (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
+    columns = losses.motor_inertia, losses.viscous, losses.coulomb, losses.transition, losses.range
+    return {name: dict(zip(keys, map(float, row), strict=True)) for name, *row in zip(joints, *columns, strict=True)}
 
 
 # What trainers and controllers take of an identified arm, effects aside: Isaac Lab, ros2_control, C++, and ranges.
@@ -110,12 +93,9 @@ def write_isaac(identified: IdentifiedArm) -> str:
     """Keyword arguments of Isaac Lab's actuators, as a module that does not need it; no recording shows a delay."""
     arm, losses = identified.whole, identified.losses
     names = arm.joint_names
-    actuator = {
-        "armature": losses.motor_inertia,
-        "friction": losses.coulomb,
-        "dynamic_friction": losses.coulomb,
-        "viscous_friction": losses.viscous,
-    }
+    keys = ("armature", "friction", "dynamic_friction", "viscous_friction")
+    values = (losses.motor_inertia, losses.coulomb, losses.coulomb, losses.viscous)
+    actuator = dict(zip(keys, values, strict=True))
     known = {"effort_limit": np.array(arm.effort_limit), "velocity_limit": np.array(arm.velocity_limit)}
     # A limit that a URDF does not state is zero or beyond all measure there.
     limits = {key: values for key, values in known.items() if ((values > 0.0) & (values < 1e6)).all()}
@@ -203,36 +183,26 @@ def write_cpp(identified: IdentifiedArm) -> str:
             _row([losses.motor_inertia[j], losses.viscous[j], losses.coulomb[j], losses.transition[j]]),
         ]
         rows.append("      {" + ", ".join(parts) + "},")
-    names = ", ".join(_text(name) for name in arm.joint_names)
-    marks = {
-        "NAME": re.sub(r"[^\w .-]", "?", arm.name, flags=re.ASCII),
-        "SPACE": space,
-        "N": str(arm.n),
-        "LINKS": "\n".join(rows),
-        "JOINTS": names,
-        "UP": _row(-chain.gravity),
-    }
-    return fill("torque_model.hpp", marks)
+    named = re.sub(r"[^\w .-]", "?", arm.name, flags=re.ASCII)
+    marks = {"NAME": named, "SPACE": space, "N": str(arm.n), "LINKS": "\n".join(rows), "UP": _row(-chain.gravity)}
+    # String literals of any names: what is not plain becomes octal bytes.
+    plain = re.compile(rb"[A-Za-z0-9_\-./ ]")
+    kept = (
+        "".join(chr(byte) if plain.match(bytes([byte])) else f"\\{byte:03o}" for byte in name.encode())
+        for name in arm.joint_names
+    )
+    return fill("torque_model.hpp", {**marks, "JOINTS": ", ".join(f'"{name}"' for name in kept)})
 
 
 def _row(values: Array | list[float]) -> str:
     return ", ".join(repr(float(value)) for value in np.asarray(values))
 
 
-def _text(name: str) -> str:
-    """A string literal of any name: what is not plain becomes octal bytes."""
-    kept = (
-        chr(byte) if (chr(byte).isascii() and chr(byte).isalnum()) or chr(byte) in "_-./ " else f"\\{byte:03o}"
-        for byte in name.encode()
-    )
-    return '"' + "".join(kept) + '"'
-
-
 def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[float, float]]]) -> list[str]:
-    """Writes ranges from which Isaac Lab and MuJoCo Playground draw each joint.
+    """Writes ranges from which Isaac Lab and MuJoCo Playground draw each joint; earlier ones there are replaced.
 
     Args:
-        out: Folder; earlier ranges there are replaced.
+        out: Folder.
         robot: The arm's name.
         ranges: By joint and figure (`rotor`, `viscous`, `coulomb`) the ends of its range.
 

@@ -19,12 +19,10 @@ from scipy.optimize import lsq_linear
 from ident.arrays import Array
 from ident.effects.effect_info import Expression
 from ident.export.identified import Change, IdentifiedArm, in_module
-from ident.export.loaded import LawModel, SimulatorModel
-from ident.export.loading import WrittenFile
+from ident.export.loaded import LawModel, WrittenFile
 from ident.export.python import describe_arm
 from ident.laws.acting import acting_torque
 from ident.laws.motion import Losses, MovingArm
-from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
 FORMATS = ("urdf", "mjcf", "parameters", "module")
@@ -43,8 +41,6 @@ SAME, NEAR = 0.01, 0.1
 USUAL_TIME, USUAL_STEP, USUAL_SHARE, USUAL_LIMIT = 20.0, 0.01, 0.5, 3.0
 # Position, speed, acceleration of shape (T, n), and the sampling interval.
 Run = tuple[Array, Array, Array, float]
-# More samples of a run say no more about a law's nearest losses.
-MOST_SAMPLES = 5000
 # Losses are also to be near at speeds up to this many times those of the runs, at a tenth of the weight.
 BEYOND, BEYOND_WEIGHT = 1.5, 0.1
 
@@ -64,12 +60,7 @@ def express(change: Change, form: str) -> Expression:
 
 
 def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
-    """An effect and how each format expresses it, for a record.
-
-    Args:
-        change: The effect.
-        off: By format how far its torque is off, as a share, where that was measured.
-    """
+    """An effect and how each format expresses it, for a record; `off` by which share, where that was measured."""
     formats: dict[str, dict[str, Any]] = {}
     for form in FORMATS:
         said = express(change, form)
@@ -89,17 +80,13 @@ def measure_off(identified: IdentifiedArm, form: str, runs: Sequence[Run], folde
     Links that are changed are compared as bodies (`WrittenFile.check`), and what has no law with nothing. What a file
     has a part for is measured on an arm without dry friction, of which simulators have another sign at rest.
     """
-
-    def logs(model: SimulatorModel) -> Array:
-        found = [model.read_log(model.joint_torque(*run), run[-1]) for run in runs]
-        return np.concatenate(found)
-
     smooth = replace(identified, losses=replace(identified.losses, coulomb=np.zeros(identified.nominal.n)))
 
     def both(arm: IdentifiedArm, changes: tuple[Change, ...]) -> tuple[Array, Array]:
         arm = replace(arm, changes=changes)
-        file = WrittenFile.write(form, folder, state_arm(arm, form, runs)).load()
-        return logs(file), logs(LawModel.of(arm))
+        models = WrittenFile.write(form, folder, state_arm(arm, form, runs)).load(), LawModel.of(arm)
+        file, law = ([one.read_log(one.joint_torque(*run), run[-1]) for run in runs] for one in models)
+        return np.concatenate(file), np.concatenate(law)
 
     found: list[dict[str, float]] = []
     plain = {arm: both(arm, ()) for arm in (identified, smooth)}
@@ -117,10 +104,7 @@ def measure_off(identified: IdentifiedArm, form: str, runs: Sequence[Run], folde
 def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> IdentifiedArm:
     """What a file holds of an identified arm: effects that it has words for, losses that stand in for the others.
 
-    Args:
-        identified: The arm.
-        form: `urdf`, `mjcf`, or another name for a format that knows losses alone.
-        runs: Motions along which losses are to stand in for laws; their torque is of no interest.
+    Of a form that is neither `urdf` nor `mjcf` losses alone; they stand in for laws along the motions of `runs`.
     """
     said = tuple(c for c in identified.changes if form in LOADED and express(c, form).answer != "no")
     unsaid = [c for c in stood_in(identified.changes, form) if c.has_law]
@@ -132,7 +116,7 @@ def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> Iden
 def stood_in(changes: Iterable[Change], form: str) -> list[Change]:
     """Joints' effects that a format has no words for, so that losses have to stand in for them."""
     unsaid = (c for c in changes if form not in LOADED or express(c, form).answer == "no")
-    return [change for change in unsaid if change.joint >= 0 and not change.of_the_log]
+    return [change for change in unsaid if change.joint >= 0 and not (change.kind and change.kind.of_the_log)]
 
 
 def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[Run], bends: bool) -> Losses:
@@ -140,13 +124,8 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
 
         min Σ (f_c s + C v + b₁ |v| v + b₂ v³ − τ_losses − τ_laws)²,  f_c, C ≥ 0
 
-    A polynomial that would drive the joint at some speed gives way to a straight line.
-
-    Args:
-        identified: The arm.
-        laws: Effects of joints.
-        runs: Motions over which they are to be near.
-        bends: Whether the format has b₁ and b₂.
+    over the motions of `runs`; b₁ and b₂ only of a format that `bends`. A polynomial that would drive the joint at some
+    speed gives way to a straight line.
     """
     losses = identified.losses
     if not laws:
@@ -167,18 +146,11 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
         for size in (4, 2) if bends else (2,):
             x, bounds = columns[:, j, :size], ([0.0, 0.0, -np.inf, -np.inf][:size], np.inf)
             scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
-            found[:, j] = np.append(
-                lsq_linear(x / scale, target[:, j], bounds, tol=1e-14).x / scale, np.zeros(4 - size)
-            )
+            near = lsq_linear(x / scale, target[:, j], bounds, tol=1e-14).x / scale
+            found[:, j] = np.append(near, np.zeros(4 - size))
             if np.polynomial.Polynomial(found[:, j])(np.linspace(0.0, top[j], 200)).min() >= 0.0:
                 break
     return replace(losses, coulomb=found[0], viscous=found[1], bend=found[2:].T)
-
-
-def recorded_runs(motions: Sequence[Motion]) -> list[Run]:
-    """States of recordings, of long ones their first part: the torque is left out."""
-    rows = slice(0, max(3, MOST_SAMPLES // max(len(motions), 1)))
-    return [(m.q[rows], m.dq[rows], m.ddq[rows], m.interval) for m in motions]
 
 
 def usual_run(arm: ArmModel) -> Run:

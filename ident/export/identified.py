@@ -5,6 +5,7 @@ Read from the JSON alone, so that a patch can be made where the recordings are n
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from ident.diagnosis.result import SCHEMA
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
-from ident.export.bodies import Links, lay_out, nearest_bodies
+from ident.export.bodies import Links, nearest_bodies
 from ident.laws.acting import BODIES, KNOWN, link_change, turned_gravity
 from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
@@ -31,17 +32,8 @@ from ident.robot.traits import content_of
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
-WHOLE_ARM = -1
 # Ends of names of parameters that no body or gear has below zero.
-POSITIVE = (
-    "stribeck_velocity_rad_s",
-    "displacement_rad",
-    "time_constant_s",
-    "gap_rad",
-    "limit_Nm",
-    "mass_kg",
-    "delay_s",
-)
+POSITIVE = re.compile("(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$")
 # A loss that a solver left just below zero is zero, in its own unit.
 ROUNDING = 1e-9
 # Smallest transition width, where a model's friction turns round at once [rad/s].
@@ -52,35 +44,20 @@ LEVEL_ENOUGH = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """One identified effect.
+    """One identified effect."""
 
-    Attributes:
-        effect: Its id.
-        joint: Index of its joint; -1 for the whole arm.
-        joints: Names of the joints where it shows.
-        figures: The reported parameters with their intervals.
-        law: Coefficients and shape of its law where the reported parameters leave them open, or None.
-        kind: The effect itself, or None where it is none of those that are known.
-        probability: That it acts.
-    """
-
-    effect: str
-    joint: int
-    joints: tuple[str, ...]
-    figures: Mapping[str, Interval]
-    law: Mapping[str, Any] | None = None
-    kind: Effect | None = None
-    probability: float = 1.0
+    effect: str  # its id
+    joint: int  # index of its joint; -1 for the whole arm
+    joints: tuple[str, ...]  # names of the joints where it shows
+    figures: Mapping[str, Interval]  # the reported parameters with their intervals
+    law: Mapping[str, Any] | None = None  # coefficients and shape of its law where the parameters leave them open
+    kind: Effect | None = None  # the effect itself; None where it is none of those that are known
+    probability: float = 1.0  # that it acts
 
     @property
     def has_law(self) -> bool:
         """Whether the written module knows its torque."""
         return self.effect in KNOWN or (self.kind is not None and self.kind.law is not None)
-
-    @property
-    def of_the_log(self) -> bool:
-        """Whether it is one of the log alone."""
-        return self.kind is not None and self.kind.of_the_log
 
     def part(self, form: str) -> str:
         """Which part of a file (`urdf`, `mjcf`) carries it, as its row says; "" for none."""
@@ -114,33 +91,29 @@ def untuned(n: int) -> Tuning:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedArm:
-    """An arm as it was identified.
+    """An arm as it was identified."""
 
-    Attributes:
-        nominal: As its URDF describes it; joints that were not recorded are locked.
-        losses: Rotor inertia and friction of its joints, fitted beside the effects.
-        links: Change of its links against the URDF, each link a body that can exist.
-        changes: Its identified effects.
-    """
-
-    nominal: ArmModel
-    losses: Losses
-    links: Links
-    changes: tuple[Change, ...] = ()
+    nominal: ArmModel  # as its URDF describes it; joints that were not recorded are locked
+    losses: Losses  # rotor inertia and friction of its joints, fitted beside the effects
+    links: Links  # change of its links against the URDF, each link a body that can exist
+    changes: tuple[Change, ...] = ()  # its identified effects
 
     @classmethod
     def tuned_to(cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()) -> IdentifiedArm:
-        """An arm from a tuning and effects; links that no body could be become the nearest bodies."""
-        numbers = nominal.inertial_parameters.reshape(nominal.n, 10)
+        """An arm from a tuning and effects; links that no body could be become the nearest bodies.
 
-        def errors(tuned: Array) -> Float[Array, "n 10"]:
-            wrong = np.zeros((nominal.n, 10))
-            for change in changes:
-                if change.part("urdf") == "inertial":
-                    wrong[change.joint] += link_change(numbers[change.joint] + tuned[change.joint], change.values)
-            return wrong
-
-        return cls(nominal, tuning[0], lay_out(nominal, tuning[1], errors), tuple(changes))
+        An identified error is reported as a change of one link, given the tuning as it is written. Where that alone
+        leaves no body, the links together give its torque.
+        """
+        tuned, missed = nearest_bodies(nominal, tuning[1])
+        numbers, named = nominal.inertial_parameters.reshape(nominal.n, 10) + tuned, np.zeros((nominal.n, 10))
+        for change in changes:
+            if change.part("urdf") == "inertial":
+                named[change.joint] += link_change(numbers[change.joint], change.values)
+        if named.any():
+            whole, missed = nearest_bodies(nominal, tuning[1] + named)
+            named = whole - tuned
+        return cls(nominal, tuning[0], Links(freeze(tuned), freeze(named), missed), tuple(changes))
 
     @classmethod
     def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
@@ -171,7 +144,14 @@ class IdentifiedArm:
         loss = model.loss
         widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
         losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
-        return cls(nominal, losses, links, tuple(_of_law(law, nominal.joint_names) for law in model.named))
+        changes = []
+        for law in model.named:  # its shape as parameters, its coefficients with their intervals
+            figures = {name: Interval(value, value, value) for name, value in law.shape.items()}
+            figures |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
+            known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
+            where = (nominal.joint_names[law.joint],)
+            changes.append(Change(law.effect, law.joint, where, figures, known, find_effect(law.effect)))
+        return cls(nominal, losses, links, tuple(changes))
 
     @classmethod
     def of_models(cls, model: HybridModel, nearest: bool = False) -> dict[str, IdentifiedArm]:
@@ -185,7 +165,8 @@ class IdentifiedArm:
     @classmethod
     def with_losses(cls, nominal: ArmModel, losses: Losses) -> IdentifiedArm:
         """The URDF's bodies with losses, and no effect."""
-        return cls(nominal, losses, Links.unchanged(nominal.n))
+        none = freeze(np.zeros((nominal.n, 10)))
+        return cls(nominal, losses, Links(none, none, 0.0))
 
     @property
     def tuned(self) -> ArmModel:
@@ -212,56 +193,28 @@ class IdentifiedArm:
         pull = self.gravity
         return bool(np.linalg.norm(pull[:2]) < LEVEL_ENOUGH * -pull[2])
 
-    @property
-    def effects(self) -> list[ModuleEffect]:
-        """The effects whose law is known, as the laws take them."""
-        return in_module(self.changes)
-
 
 def in_module(changes: Sequence[Change]) -> list[ModuleEffect]:
     """Effects as the module's laws take them; those without a law are left out."""
     return [(change.effect, change.joint, change.values) for change in changes if change.has_law]
 
 
-def _of_law(law: Any, joints: tuple[str, ...]) -> Change:
-    """A model's law as an effect: its shape as parameters, its coefficients with their intervals."""
-    figures = {name: Interval(value, value, value) for name, value in law.shape.items()}
-    figures |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
-    known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
-    return Change(law.effect, law.joint, (joints[law.joint],), figures, known, find_effect(law.effect))
-
-
 @dataclass(frozen=True, eq=False)
 class Diagnosed:
-    """A diagnosis, or a comparison, as a patch needs it.
+    """A diagnosis, or a comparison, as a patch needs it."""
 
-    Attributes:
-        path: Its file.
-        joints: Joints of the diagnosed arm.
-        verdict: Its verdict.
-        changes: The identified effects.
-        tuned: The baseline tuned together with them.
-        alone: The baseline tuned without them.
-        urdf: Losses tuned without them and with the URDF's own link inertias.
-        has_baseline: Whether the file says how the baseline was tuned.
-        cutoff: Corner of the common filter that it was made with [Hz].
-        gravity: Under which the arm was found, or given, to be recorded, in its base [m/s²]; the URDF's if None.
-        content: Digest of the arm that it was made with (`content_of`); "" where the file does not say.
-        runs: First digits of the hashes of the files that it was made from.
-    """
-
-    path: Path
-    joints: tuple[str, ...]
+    path: Path  # its file
+    joints: tuple[str, ...]  # of the diagnosed arm
     verdict: str
-    changes: tuple[Change, ...]
-    tuned: Tuning
-    alone: Tuning
-    urdf: Tuning
-    has_baseline: bool
-    cutoff: float
-    gravity: tuple[float, float, float] | None = None
-    content: str = ""
-    runs: frozenset[str] = frozenset()
+    changes: tuple[Change, ...]  # the identified effects
+    tuned: Tuning  # the baseline tuned together with them
+    alone: Tuning  # the baseline tuned without them
+    urdf: Tuning  # losses tuned without them and with the URDF's own link inertias
+    has_baseline: bool  # whether the file says how the baseline was tuned
+    cutoff: float  # corner of the common filter that it was made with [Hz]
+    gravity: tuple[float, ...] | None = None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
+    content: str = ""  # digest of the arm that it was made with (`content_of`); "" where the file does not say
+    runs: frozenset[str] = frozenset()  # first digits of the hashes of the files that it was made from
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
@@ -289,13 +242,17 @@ class Diagnosed:
             InputError: It is damaged, or holds no effect where one is needed.
         """
         try:
-            return cls._of(path, record, {effect.id: effect for effect in catalogue}, needed)
+            found = cls._of(path, record, {effect.id: effect for effect in catalogue})
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+        if needed and not found.changes:
+            what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
+            raise InputError(path, what, "give a diagnosis with findings")
+        return found
 
     @classmethod
-    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect], needed: bool) -> Diagnosed:
+    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
         joints = tuple(record["joints"])
         if not joints or not all(isinstance(name, str) for name in joints):
             raise ValueError(f"its joints are {joints!r}")
@@ -303,24 +260,30 @@ class Diagnosed:
         changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
         for change in changes:
             _ = change.values  # a law that lacks a parameter is found here, not by whoever writes it
-        if needed and not changes:
-            what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
-            raise InputError(path, what, "give a diagnosis with findings")
         tuned, alone, urdf = (
             _tuning(record[key], joints) if key in record else untuned(len(joints))
             for key in ("baseline", "baseline_alone", "baseline_urdf")
         )
-        urdf = urdf[0], freeze(np.zeros_like(urdf[1]))
         origin = record.get("provenance", {})
-        content = str(origin.get("settings", {}).get("arm_sha256", ""))
-        is_tuned = "baseline" in record
-        cutoff = float(origin.get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
+        settings = origin.get("settings", {})
+        cutoff = float(settings.get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
         if not 0.0 < cutoff < np.inf:
             raise ValueError(f"its cutoff_hz is {cutoff:g}")
-        pull = origin.get("settings", {}).get("gravity_mps2")
-        gravity = None if pull is None else (float(pull[0]), float(pull[1]), float(pull[2]))
-        arms = changes, tuned, alone, urdf
-        return cls(path, joints, record["verdict"], *arms, is_tuned, cutoff, gravity, content, files_of(origin))
+        pull = settings.get("gravity_mps2")
+        return cls(
+            path,
+            joints,
+            record["verdict"],
+            changes,
+            tuned,
+            alone,
+            (urdf[0], freeze(np.zeros_like(urdf[1]))),
+            "baseline" in record,
+            cutoff,
+            None if pull is None else tuple(float(pull[k]) for k in range(3)),
+            str(settings.get("arm_sha256", "")),
+            files_of(origin),
+        )
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
         """The arm as it is mounted, with the joints that the diagnosis does not know locked.
@@ -350,25 +313,22 @@ class Diagnosed:
 
 
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
-    effect, where = finding["effect"], tuple(finding["joints"])
-    figures = {name: _interval(effect, name, value) for name, value in finding["parameters"].items()}
+    """A finding as an effect; a parameter that the law can't take is refused here."""
+    effect, where, figures = finding["effect"], tuple(finding["joints"]), {}
+    for name, value in finding["parameters"].items():
+        if not isinstance(value, dict) or set(value) - {"open"} != {"value", "low", "high"}:
+            raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
+        middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
+        found = Interval(middle, low, high)
+        if found.low > found.high:
+            raise ValueError(f"{name} of {effect}: its interval begins above its end")
+        if found.value < 0.0 and POSITIVE.search(name):
+            raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
+        figures[name] = found
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
-    place = WHOLE_ARM if kind is not None and kind.scope == "arm" else joints.index(where[0])
+    place = -1 if kind is not None and kind.scope == "arm" else joints.index(where[0])
     sure = require_finite(finding.get("probability", 1.0), f"probability of {effect}")
     return Change(effect, place, where, figures, law, kind, sure)
-
-
-def _interval(effect: str, name: str, value: dict[str, Any]) -> Interval:
-    """A parameter with its interval; what the law can't take is refused here."""
-    if not isinstance(value, dict) or set(value) - {"open"} != {"value", "low", "high"}:
-        raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
-    middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
-    found = Interval(middle, low, high)
-    if found.low > found.high:
-        raise ValueError(f"{name} of {effect}: its interval begins above its end")
-    if found.value < 0.0 and name.endswith(POSITIVE):
-        raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
-    return found
 
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:

@@ -1,11 +1,13 @@
 """Models that a simulator holds: the laws themselves, and written files as their simulators read them back.
 
 All of them predict a torque log, files also the motion under a logged torque: a file is judged by what is in it and not
-by what was meant.
+by what was meant. Without recordings, every file must differ from the tuned arm by exactly what its effects say.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,15 +18,19 @@ import mujoco
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.identified import IdentifiedArm
-from ident.export.mjcf import SPRING_SUFFIX
+from ident.export.bodies import random_states
+from ident.export.identified import IdentifiedArm, in_module
+from ident.export.mjcf import SPRING_SUFFIX, write_mjcf
 from ident.export.python import describe_arm
+from ident.export.urdf import write_urdf
+from ident.files import WithoutBytecode
 from ident.laws.acting import Effect, acting_torque, read_log, shifted
 from ident.laws.motion import Arm, Losses, MovingArm
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
+FILE_OF = {"urdf": "robot.urdf", "mjcf": "robot.xml"}
 # Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
 ROLLOUT_STEP = 2.5e-4
 # What a motion is off by that grows without bound [rad].
@@ -36,38 +42,27 @@ SPRING_STEP = 1e-3
 class SimulatorModel(Protocol):
     """What a controller is designed with, and what a log is compared with."""
 
-    def joint_torque(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
-    ) -> Float[Array, "T n"]:
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         """Torque that the motors deliver along a run [N m]."""
-        ...
 
     def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
         """What the log says of it [N m]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
 class LawModel:
-    """Rigid body, losses, and laws of identified effects: what a patch holds.
+    """Rigid body, losses, and laws of identified effects: what a patch holds."""
 
-    Attributes:
-        arm: The chain, its links tuned.
-        losses: Rotor inertia and friction.
-        effects: Named effects; those without a law in torque are left out.
-        warmth: Of a run's joints, as `MovingArm` takes it; half warm where nobody has followed it.
-    """
-
-    arm: Arm
-    losses: Losses
-    effects: tuple[Effect, ...] = ()
-    warmth: Any = 0.5
+    arm: Arm  # the chain, its links tuned
+    losses: Losses  # rotor inertia and friction
+    effects: tuple[Effect, ...] = ()  # those without a law in torque are left out
+    warmth: Any = 0.5  # of a run's joints, as `MovingArm` takes it; half warm where nobody has followed it
 
     @classmethod
     def of(cls, identified: IdentifiedArm, payload: Payload | None = None) -> LawModel:
         """All of an identified arm that has a law, with a known payload."""
         arm = describe_arm(identified.tuned.with_payload(payload))
-        return cls(arm, identified.losses, tuple(identified.effects))
+        return cls(arm, identified.losses, tuple(in_module(identified.changes)))
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         states = MovingArm(self.arm, self.losses, q, dq, ddq, interval, warmth=self.warmth)
@@ -88,85 +83,59 @@ def log_error(model: SimulatorModel, motion: Motion) -> Float[Array, "t n"]:
 class LoadedModel(SimulatorModel, ABC):
     """A patched file in its simulator; its log is read as far as the file says."""
 
+    form: str
+    module: ModuleType | None = None
+    """A written module that stands in for what the file lacks: of a URDF also what the log reads."""
+
+    @abstractmethod
+    def own_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        """`joint_torque` of the file alone."""
+
     @abstractmethod
     def roll_out(
-        self,
-        states: Float[Array, "2 w n"],
-        twists: Float[Array, "w 2 s"],
-        drive: Float[Array, "w T n"],
-        extra: Float[Array, "w T n"],
-        interval: float,
+        self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
     ) -> Float[Array, "2 w n"]:
         """States after w stretches of time under what a log says of the torque.
 
         Args:
-            states: Positions and velocities at their starts.
-            twists: What the springs' deflections and their rates are there (`deflections`).
-            drive: Logged torque, already earlier by the log's delay [N m].
-            extra: Joint torque added to it [N m].
+            states: Positions and velocities at their starts, shape (2, w, n).
+            twists: What the springs' deflections and their rates are there (`deflections`), shape (w, 2, s).
+            drive: Logged torque, already earlier by the log's delay, shape (w, T, n) [N m].
+            extra: Joint torque added to it, of the same shape [N m].
             interval: Sampling interval of both [s].
         """
 
-    def deflections(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
-    ) -> Float[Array, "T 3 s"]:
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        own = self.own_torque(q, dq, ddq, interval)
+        return own if self.module is None else own + self.missing(q, dq, ddq, interval)
+
+    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
         """Deflection, rate and acceleration of the model's s springs along a motion, of which no log tells."""
         return np.zeros((len(q), 3, 0))
 
     def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         """Joint torque along a run that is added to the file's own [N m]."""
-        return np.zeros_like(q)
+        if self.module is None:
+            return np.zeros_like(q)
+        return np.asarray(self.module.missing_torque(self.form, q, dq, ddq, interval), dtype=float)
 
     def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
         """What `roll_out` takes for a log: earlier by its lateness, as far as the file says [N m]."""
         return log
 
 
-class HelpedModel(LoadedModel):
-    """A file with a written module that stands in for what it lacks: of a `urdf` also what the log reads."""
-
-    def __init__(self, file: LoadedModel, module: ModuleType, form: str) -> None:
-        self.file, self.module, self.form = file, module, form
-
-    def roll_out(
-        self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
-    ) -> Float[Array, "2 w n"]:
-        return self.file.roll_out(states, twists, drive, extra, interval)
-
-    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
-        return self.file.deflections(q, dq, ddq, interval)
-
-    def missing(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        return np.asarray(self.module.missing_torque(self.form, q, dq, ddq, interval), dtype=float)
-
-    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        return self.file.joint_torque(q, dq, ddq, interval) + self.missing(q, dq, ddq, interval)
-
-    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
-        read = self.module.log_of_torque if self.form == "urdf" else self.file.read_log
-        return np.asarray(read(torque, interval), dtype=float)
-
-    def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
-        undo = self.module.torque_of_log if self.form == "urdf" else self.file.undo_log
-        return np.asarray(undo(log, interval), dtype=float)
-
-
 class LoadedUrdf(LoadedModel):
     """A URDF in Pinocchio. Rotor inertia, and how friction turns round, stand in the parameter file instead."""
 
-    def __init__(
-        self,
-        path: Path,
-        locked: tuple[str, ...],
-        losses: Losses,
-        payload: Payload | None,
-    ) -> None:
+    form = "urdf"
+
+    def __init__(self, path: Path, locked: tuple[str, ...], losses: Losses, payload: Payload | None) -> None:
         arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
         arm = arm.locked([name for name in locked if name in arm.joint_names])
         self.losses = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
         self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
 
-    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+    def own_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         slip = np.tanh(dq / self.losses.transition) if interval <= 0.0 else self.losses.direction(q, dq)
         return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq, slip)
 
@@ -174,7 +143,10 @@ class LoadedUrdf(LoadedModel):
         return np.asarray(self.losses.viscous * dq + self.losses.coulomb * slip)
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
-        return torque
+        return torque if self.module is None else np.asarray(self.module.log_of_torque(torque, interval), dtype=float)
+
+    def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
+        return log if self.module is None else np.asarray(self.module.torque_of_log(log, interval), dtype=float)
 
     def roll_out(
         self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
@@ -193,6 +165,8 @@ class LoadedUrdf(LoadedModel):
 
 class LoadedMjcf(LoadedModel):
     """An MJCF in MuJoCo, without its joint limits, which a log may touch."""
+
+    form = "mjcf"
 
     def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
         mujoco.set_mju_user_warning(lambda _: None)  # else on the terminal and in a file where the user works
@@ -218,11 +192,11 @@ class LoadedMjcf(LoadedModel):
     def undo_log(self, log: Array, interval: float) -> Float[Array, "T n"]:
         return shifted(log, -self.delay, interval)
 
-    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+    def own_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         out = np.empty_like(q)
         twists = self.deflections(q, dq, ddq, interval)
         for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-            self._place(*state, *twists[k])
+            self._place(np.array(state), *twists[k])
             mujoco.mj_inverse(self.model, self.data)
             out[k] = self.data.qfrc_inverse[self.main]
         return out
@@ -232,48 +206,33 @@ class LoadedMjcf(LoadedModel):
         found = np.zeros((len(q), 3, len(self.springs)))
         if len(self.springs) == 0 or interval <= 0.0:
             return found
-        states = np.stack([q, dq, ddq], axis=1)
-        first, second = (self._sag(states[k]) for k in (0, 1))
+        states, steps = np.stack([q, dq, ddq], axis=1), max(1, int(np.ceil(interval / SPRING_STEP)))
+        stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
+        first, second = (-self._on_springs(states[k], found[0, 0], found[0, 1]) / stiffness for k in (0, 1))
         found[0, :2] = first, (second - first) / interval
         for k in range(1, len(q)):
-            found[k] = self._deflect(states[k - 1], states[k], found[k - 1], interval)
+            x, v, change = found[k - 1]
+            for step in range(1, steps + 1):
+                v = v + interval / steps * change
+                x = x + interval / steps * v
+                state = states[k - 1] + step / steps * (states[k] - states[k - 1])
+                # By what two inverse dynamics leave on the springs; each spring feels its own acceleration only.
+                left, with_one = (self._on_springs(state, x, v, own) for own in (0.0, 1.0))
+                change = -left / (with_one - left)
+            found[k] = x, v, change
         return found
 
-    def _place(self, q: Array, dq: Array, ddq: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
-        for target, values, behind in (
-            (self.data.qpos, q, twist),
-            (self.data.qvel, dq, rate),
-            (self.data.qacc, ddq, change),
-        ):
+    def _place(self, state: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
+        targets = self.data.qpos, self.data.qvel, self.data.qacc
+        for target, values, behind in zip(targets, state, (twist, rate, change), strict=True):
             target[self.main] = values
             target[self.springs] = behind
 
-    def _sag(self, state: Float[Array, "3 n"]) -> Float[Array, " s"]:
-        """Deflections in balance with the load of a state."""
-        none = np.zeros(len(self.springs))
-        self._place(state[0], state[1], state[2], none, none)
+    def _on_springs(self, state: Float[Array, "3 n"], x: Array, v: Array, change: float = 0.0) -> Float[Array, " s"]:
+        """Torque that inverse dynamics leave on the springs [N m]."""
+        self._place(state, x, v, change)
         mujoco.mj_inverse(self.model, self.data)
-        stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
-        return np.asarray(-self.data.qfrc_inverse[self.springs] / stiffness)
-
-    def _deflect(self, before: Array, after: Array, twist: Array, interval: float) -> Float[Array, "3 s"]:
-        """Deflections, rates and accelerations one sample on."""
-        steps = max(1, int(np.ceil(interval / SPRING_STEP)))
-        x, v, change = twist
-        for step in range(1, steps + 1):
-            v = v + interval / steps * change
-            x = x + interval / steps * v
-            change = self._spring_acceleration(before + step / steps * (after - before), x, v)
-        return np.stack([x, v, change])
-
-    def _spring_acceleration(self, state: Array, x: Array, v: Array) -> Array:
-        """By what two inverse dynamics leave on the springs; each spring feels its own acceleration only."""
-        left = []
-        for change in (0.0, 1.0):
-            self._place(state[0], state[1], state[2], x, v, change)
-            mujoco.mj_inverse(self.model, self.data)
-            left.append(np.array(self.data.qfrc_inverse[self.springs]))
-        return np.asarray(-left[0] / (left[1] - left[0]))
+        return np.array(self.data.qfrc_inverse[self.springs])
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
         log = shifted(torque / self.gear - self.bias, self.delay, interval)
@@ -287,7 +246,7 @@ class LoadedMjcf(LoadedModel):
         driven, added = (_at_steps(one, interval, step) for one in (drive, extra))
         for k, twist in enumerate(twists):
             mujoco.mj_resetData(self.model, self.data)
-            self._place(states[0, k], states[1, k], np.zeros_like(states[0, k]), *twist)
+            self._place(np.array([*states[:, k], np.zeros_like(states[0, k])]), *twist)
             for logged, more in zip(driven[:, k], added[:, k], strict=True):
                 self.data.ctrl[self.motors] = logged
                 self.data.qfrc_applied[self.main] = more
@@ -305,3 +264,64 @@ def _at_steps(values: Float[Array, "w T n"], interval: float, step: float) -> Fl
     share = (at - whole)[:, None, None]
     rows = np.moveaxis(values, 1, 0)
     return np.asarray((1.0 - share) * rows[whole] + share * rows[whole + 1])
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenFile:
+    """A file of a format (`urdf`, `mjcf`) in its place."""
+
+    form: str
+    folder: Path  # where it lies
+    stated: IdentifiedArm  # what the file holds
+
+    @classmethod
+    def write(cls, form: str, folder: Path, stated: IdentifiedArm) -> WrittenFile:
+        """Writes the file into a folder."""
+        folder.mkdir(exist_ok=True)
+        text = write_urdf(stated) if form == "urdf" else write_mjcf(stated)
+        (folder / FILE_OF[form]).write_text(text, encoding="utf-8")
+        return cls(form, folder, stated)
+
+    def load(self, payload: Payload | None = None, module: ModuleType | None = None) -> LoadedModel:
+        """The file in its simulator, with a module that stands in for what it lacks, if one is given."""
+        path, arm = self.folder / FILE_OF[self.form], self.stated.nominal
+        model: LoadedModel = (
+            LoadedMjcf(path, arm.joint_names, payload)
+            if self.form == "mjcf"
+            else LoadedUrdf(path, tuple(arm.locked_joints), self.stated.losses, payload)
+        )
+        model.module = module
+        return model
+
+    def check(self, seed: int = 0) -> dict[str, Any]:
+        """Largest difference of the loaded file from its bodies, losses and laws, evaluated at random states [N m].
+
+        Single states: what has a memory (an elastic joint, a delay) is not in them.
+        """
+        changes, model = self.stated.changes, self.load()
+        if any(change.part(self.form) == "second joint" for change in changes):
+            return {"loads": True, "torque_difference_Nm": None}
+        q, dq, ddq = random_states(self.stated.nominal, np.random.default_rng(seed))
+        # Link errors are in the bodies already.
+        instant = in_module([c for c in changes if c.part(self.form) not in ("delay", "inertial")])
+        law = LawModel(describe_arm(self.stated.whole), self.stated.losses, tuple(instant))
+        wanted = law.read_log(law.joint_torque(q, dq, ddq, 0.0), 0.0)
+        # States that lie for ever apart: no delay reaches from one to the next.
+        left = model.read_log(model.joint_torque(q, dq, ddq, 0.0), 1e9) - wanted
+        return {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
+
+
+def load_module(path: Path) -> ModuleType:
+    """Imports a written module from its file."""
+    name = f"armgap_patch_{path.parent.name.strip('.')}"
+    loader = WithoutBytecode(name, str(path))
+    spec = importlib.util.spec_from_loader(name, loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up while it is being made; a second patch must not find the first one's.
+    sys.modules[name] = module
+    try:
+        loader.exec_module(module)
+    finally:
+        del sys.modules[name]
+    return module

@@ -10,7 +10,7 @@ Source: MuJoCo's XML reference (joint: armature, polynomial damping, frictionlos
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import ceil, factorial
 from typing import Any
 
@@ -48,9 +48,8 @@ def write_mjcf(identified: IdentifiedArm) -> str:
     root = ET.Element("mujoco", model=arm.name)
     root.append(ET.Comment(NOTE))
     ET.SubElement(root, "compiler", angle="radian", balanceinertia="true", autolimits="true")
-    ET.SubElement(
-        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=numbers(identified.gravity)
-    )
+    gravity = numbers(identified.gravity)
+    ET.SubElement(root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=gravity)
     parent = ET.SubElement(root, "worldbody")
     shapes, hulls = _shapes(arm)
     if hulls:
@@ -64,7 +63,10 @@ def write_mjcf(identified: IdentifiedArm) -> str:
         _add_shapes(parent, shapes.get(j + 1, []))
     for change in changes:
         if change.part("mjcf") == "load":
-            parent = _add_payload(parent, payload_parameters(change.values))
+            link = payload_parameters(change.values)
+            mass, moment = float(link[0]), repr(float(link[0]) * PAYLOAD_RADIUS**2)
+            told = {"pos": numbers(link[1:4] / mass), "mass": repr(mass), "diaginertia": f"{moment} {moment} {moment}"}
+            ET.SubElement(ET.SubElement(parent, "body", name=PAYLOAD), "inertial", told)
     motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
     for name, own in zip(arm.joint_names, elements, strict=True):
         ET.SubElement(motors, "general", {"name": name, "joint": name, **own["motor"]})
@@ -76,6 +78,19 @@ def write_mjcf(identified: IdentifiedArm) -> str:
 # Attributes of a joint's elements: `joint`, `motor`, `sensor`, and `spring`, a second joint behind the motor's, empty
 # where the gear does not give way.
 Elements = dict[str, dict[str, str]]
+
+
+# Which element of its joint an effect's part of the file changes, and how, by its figures.
+PARTS: dict[str, tuple[str, Callable[[Mapping[str, float]], dict[str, str]]]] = {
+    "gain": ("motor", lambda p: {"gear": repr(1.0 / (1.0 + p["gain"]))}),
+    "bias": ("motor", lambda p: {"biastype": "affine", "biasprm": f"{-p['offset_Nm']!r} 0 0"}),
+    "cutoff": ("sensor", lambda p: {"cutoff": repr(p["limit_Nm"])}),
+    "spring": ("joint", lambda p: dict(zip(("springref", "stiffness"), map(numbers, spring_at_rest(p)), strict=True))),
+    "second joint": (
+        "spring",
+        lambda p: {"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])},
+    ),
+}
 
 
 def joint_elements(identified: IdentifiedArm) -> list[Elements]:
@@ -94,41 +109,21 @@ def joint_elements(identified: IdentifiedArm) -> list[Elements]:
         own: Elements = {"joint": joint, "motor": motor, "sensor": dict(late), "spring": {}}
         changes = [change for change in identified.changes if change.joint == j]
         for change in changes:
-            _add_part(own, change.part("mjcf"), change.values)
+            if (part := change.part("mjcf")) in PARTS:
+                own[PARTS[part][0]].update(PARTS[part][1](change.values))
         # qpos is the logged angle, qpos − ref the true one.
-        zero = -sum(change.values["offset_rad"] for change in changes if change.part("mjcf") == "zero")
-        joint.update(_limits(arm, j, zero))
+        if zero := -sum(change.values["offset_rad"] for change in changes if change.part("mjcf") == "zero"):
+            joint["ref"] = repr(zero)
+        lower, upper, effort = float(arm.lower[j]) + zero, float(arm.upper[j]) + zero, float(arm.effort_limit[j])
+        if max(abs(lower), abs(upper)) < UNLIMITED:
+            joint["range"] = f"{lower!r} {upper!r}"
+        if 0.0 < effort < UNLIMITED:
+            joint["actuatorfrcrange"] = f"{-effort!r} {effort!r}"
         found.append(own)
     return found
 
 
-def _add_part(own: Elements, part: str, p: Mapping[str, float]) -> None:
-    """Writes one effect's part of a joint's elements."""
-    if part == "gain":
-        own["motor"]["gear"] = repr(1.0 / (1.0 + p["gain"]))
-    elif part == "bias":
-        own["motor"].update({"biastype": "affine", "biasprm": f"{-p['offset_Nm']!r} 0 0"})
-    elif part == "cutoff":
-        own["sensor"]["cutoff"] = repr(p["limit_Nm"])
-    elif part == "spring":
-        rest, stiffness = spring_at_rest(p)
-        own["joint"].update({"springref": repr(rest), "stiffness": numbers(stiffness)})
-    elif part == "second joint":
-        own["spring"].update({"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])})
-
-
-def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:
-    """Zero, range and torque limit of a joint, as far as it has them."""
-    found = {"ref": repr(zero)} if zero else {}
-    lower, upper, effort = float(arm.lower[j]) + zero, float(arm.upper[j]) + zero, float(arm.effort_limit[j])
-    if max(abs(lower), abs(upper)) < UNLIMITED:
-        found["range"] = f"{lower!r} {upper!r}"
-    if 0.0 < effort < UNLIMITED:
-        found["actuatorfrcrange"] = f"{-effort!r} {effort!r}"
-    return found
-
-
-def spring_at_rest(figures: Mapping[str, float]) -> tuple[float, tuple[float, ...]]:
+def spring_at_rest(figures: Mapping[str, float]) -> tuple[tuple[float], tuple[float, ...]]:
     """Rest angle of a cubic spring and its coefficients there, as MuJoCo reads them: k₀ x + k₁ x² + k₂ x³.
 
     A spring without a rest, which no cubic with a cube is, counts as none.
@@ -137,21 +132,23 @@ def spring_at_rest(figures: Mapping[str, float]) -> tuple[float, tuple[float, ..
     law = np.polynomial.Polynomial([figures[name] for name in names]).trim()
     roots = [float(root.real) for root in np.atleast_1d(law.roots()) if abs(root.imag) < REAL]
     if not roots:
-        return figures["centre_rad"], (0.0,)
+        return (figures["centre_rad"],), (0.0,)
     rest = min(roots, key=abs)
     terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
-    return figures["centre_rad"] + rest, tuple(terms)
+    return (figures["centre_rad"] + rest,), tuple(terms)
 
 
-def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, " 4"]:
+def quaternion(rotation: Float[Array, "3 3"]) -> str:
     """Unit quaternion (w, x, y, z) of a rotation."""
-    return np.asarray(Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True))
+    return numbers(Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True))
+
+
+def _pose(placement: Any) -> dict[str, str]:
+    return {"pos": numbers(placement.translation), "quat": quaternion(placement.rotation)}
 
 
 def _add_body(parent: ET.Element, arm: ArmModel, j: int, own: Elements) -> ET.Element:
-    placement = arm.model.jointPlacements[j + 1]
-    place = {"pos": numbers(placement.translation), "quat": numbers(quaternion(placement.rotation))}
-    body = ET.SubElement(parent, "body", {"name": arm.links[j], **place})
+    body = ET.SubElement(parent, "body", {"name": arm.links[j], **_pose(arm.model.jointPlacements[j + 1])})
     ET.SubElement(body, "inertial", inertial_attributes(arm.inertial_parameters[10 * j : 10 * j + 10]))
     sliding = bool(arm.sliding_joints[j])
     common = {"type": "slide" if sliding else "hinge", "axis": numbers(arm.joint_axes[j])}
@@ -168,20 +165,19 @@ def inertial_attributes(link: Float[Array, " 10"]) -> dict[str, str]:
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return {
         "pos": numbers(centre),
-        "quat": numbers(quaternion(axes)),
+        "quat": quaternion(axes),
         "mass": repr(max(mass, LEAST_MOMENT)),
         "diaginertia": numbers(np.maximum(moments, LEAST_MOMENT)),
     }
 
 
-def _add_payload(parent: ET.Element, link: Float[Array, " 10"]) -> ET.Element:
-    body = ET.SubElement(parent, "body", name=PAYLOAD)
-    mass = float(link[0])
-    moment = repr(mass * PAYLOAD_RADIUS**2)
-    ET.SubElement(
-        body, "inertial", pos=numbers(link[1:4] / mass), mass=repr(mass), diaginertia=f"{moment} {moment} {moment}"
-    )
-    return parent
+# Sizes of the shapes that MuJoCo has by the same name.
+SIZES: dict[str, Callable[[Any], Sequence[float]]] = {
+    "box": lambda shape: shape.halfSide,
+    "cylinder": lambda shape: [shape.radius, shape.halfLength],
+    "capsule": lambda shape: [shape.radius, shape.halfLength],
+    "sphere": lambda shape: [shape.radius],
+}
 
 
 def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, Float[Array, "k 3"]]]:
@@ -193,25 +189,17 @@ def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, F
     except RobotError:
         return found, hulls
     for number, item in enumerate(objects):
-        size = _size(item.geometry)
-        if size is None and hasattr(item.geometry, "vertices"):
+        kind = type(item.geometry).__name__.lower()
+        if kind in SIZES:
+            size = {"type": kind, "size": numbers(SIZES[kind](item.geometry))}
+        elif hasattr(item.geometry, "vertices"):
             corners = np.array(item.geometry.vertices())
             hulls[f"hull_{number}"] = corners[ConvexHull(corners).vertices]
             size = {"type": "mesh", "mesh": f"hull_{number}"}
-        if size is not None:
-            pose = {"pos": numbers(item.placement.translation), "quat": numbers(quaternion(item.placement.rotation))}
-            found.setdefault(int(item.parentJoint), []).append({**size, **pose})
+        else:
+            continue
+        found.setdefault(int(item.parentJoint), []).append({**size, **_pose(item.placement)})
     return found, hulls
-
-
-def _size(shape: Any) -> dict[str, str] | None:
-    """A primitive's type and size; None for what is none."""
-    kind = type(shape).__name__.lower()
-    if kind == "box":
-        return {"type": kind, "size": numbers(shape.halfSide)}
-    if kind in ("cylinder", "capsule"):
-        return {"type": kind, "size": numbers([shape.radius, shape.halfLength])}
-    return {"type": kind, "size": numbers([shape.radius])} if kind == "sphere" else None
 
 
 def _add_shapes(body: ET.Element, shapes: Sequence[dict[str, str]]) -> None:

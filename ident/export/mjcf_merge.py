@@ -42,20 +42,13 @@ LARGEST_MISS_M, LARGEST_MISS_RAD = 2e-3, 2e-3
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """How a file and an arm belong together.
+    """How a file and an arm belong together."""
 
-    Attributes:
-        joints: The file's name of each joint of the arm.
-        bodies: The file's name of the body that each joint moves.
-        turns, shifts: Placement of each link's frame in that body, shapes (n, 3, 3) and (n, 3) [m].
-        base_turn: Rotation of the arm's base in the file's world, shape (3, 3).
-    """
-
-    joints: tuple[str, ...]
-    bodies: tuple[str, ...]
-    turns: Float[Array, "n 3 3"]
+    joints: tuple[str, ...]  # the file's name of each joint of the arm
+    bodies: tuple[str, ...]  # the file's name of the body that each joint moves
+    turns: Float[Array, "n 3 3"]  # placement of each link's frame in that body [m]
     shifts: Float[Array, "n 3"]
-    base_turn: Float[Array, "3 3"]
+    base_turn: Float[Array, "3 3"]  # rotation of the arm's base in the file's world
 
 
 def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> tuple[str, ...]:
@@ -77,12 +70,7 @@ def match_joints(wanted: Sequence[str], there: Sequence[str], where: Path) -> tu
 
 
 def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
-    """Finds the arm in a file.
-
-    Args:
-        arm: The arm.
-        model: The file, compiled.
-        where: Its place, for messages.
+    """Finds the arm in a compiled file; `where` is its place, for messages.
 
     Raises:
         InputError: A joint is missing, or the file is of another arm.
@@ -103,8 +91,8 @@ def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
         at = model.jnt_bodyid[ids]
         seen.append((data.xaxis[ids], data.xanchor[ids], data.xmat[at].reshape(-1, 3, 3), data.xpos[at]))
     directions, points, theirs, theirs_at = (np.array(part) for part in zip(*seen, strict=True))
-    ours = _lines(turns @ arm.joint_axes[:, :, None], places)
-    turn, shift = _rigid_motion(ours, _lines(directions, points), arm, where)
+    ours = (turns @ arm.joint_axes[:, :, None]).reshape(places.shape)
+    turn, shift = _rigid_motion(_lines(ours, places), _lines(directions, points), arm, where)
     if any(not name for name in bodies):
         raise InputError(where, "a body that a joint moves has no name", "name its bodies")
     placed = np.einsum("pjba,bc,pjcd->pjad", theirs, turn, turns)
@@ -114,9 +102,8 @@ def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
     return Match(joints, tuple(bodies), placed[0], apart[0], turn)
 
 
-def _lines(directions: Array, points: Float[Array, "P n 3"]) -> Float[Array, "P n 6"]:
+def _lines(directions: Float[Array, "P n 3"], points: Float[Array, "P n 3"]) -> Float[Array, "P n 6"]:
     """Axes as lines: direction, and moment about the origin."""
-    directions = directions.reshape(points.shape)
     return np.concatenate([directions, np.cross(points, directions)], axis=2)
 
 
@@ -169,9 +156,9 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
 
     Args:
         source: The user's file; it is left as it is.
-        out: The copy; paths of its meshes point to where they are.
+        out: The copy; paths of its meshes point to where they are from `placed`, where it will lie in the end.
         identified: The arm.
-        placed: Where the copy will lie in the end, if `out` is only where it is put together.
+        placed: That place, if `out` is only where it is put together.
 
     Returns:
         Which joint of the file is which of the arm, what the copy does not say and why, and the largest difference of

@@ -74,12 +74,32 @@ def gap_table(heldout: dict[str, Any]) -> Table:
 
 def write(console: Console, result: Any) -> None:
     """Prints a patch, an export or a verification in plain lines."""
-    record = result.to_dict()
+    record, lines = result.to_dict(), []
     if "effects" in record:
         print_patch(console, record, result.folder)
         return
-    lines = _verification(record) if "checks" in record else _export(record, result.folder)
-    console.print(visible("\n".join(lines), lines=True), highlight=False, soft_wrap=True)
+    for check in record.get("checks", ()):
+        value = "not told by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        mark = "kept" if check["passed"] else "NOT KEPT"
+        place = f"{check['session']}: {check['figure']} {check['joint']}"
+        lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
+    for name, found in record.get("loaded_back", {}).items():
+        error = found.get("torque_difference_Nm")
+        lines.append(
+            f"{name}: loaded back" + ("" if error is None else f", torque within {error:.1e} N m of what it states")
+        )
+    for name, error in record.get("torque_rmse_Nm", {}).items():
+        lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
+    if "merged" in record:
+        far = record["merged"]["torque_difference_Nm"]
+        lines.append(f"merged.xml: your file with what was identified, torque within {far:.1e} N m")
+    if record.get("changed_links"):
+        lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
+    lines += [f"left out: {line}" for line in record.get("left_out", ())]
+    if record.get("in_sample"):
+        lines.append("the model was fitted on these recordings: they say nothing of others (--in-sample accepts them)")
+    end = f"written to {result.folder}" if "files" in record else "passed" if record["passed"] else "not passed"
+    console.print(visible("\n".join([*lines, end]), lines=True), highlight=False, soft_wrap=True)
 
 
 def draw(result: Any) -> Any:
@@ -94,31 +114,3 @@ def draw(result: Any) -> Any:
     shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
     names = [f"{one['figure']} {one['joint']}" for one in checks]
     return draw_bars(names, {"share of its limit": (COLOURS["after"], shares)}, "1", f"limits of {record['model']}")
-
-
-def _export(record: dict[str, Any], out: Path) -> list[str]:
-    lines = []
-    for name, found in record["loaded_back"].items():
-        error = found.get("torque_difference_Nm")
-        told = "" if error is None else f", torque within {error:.1e} N m of what it states"
-        lines.append(f"{name}: loaded back{told}")
-    for name, error in record.get("torque_rmse_Nm", {}).items():
-        lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
-    if "merged" in record:
-        far = record["merged"]["torque_difference_Nm"]
-        lines.append(f"merged.xml: your file with what was identified, torque within {far:.1e} N m")
-    if record["changed_links"]:
-        lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
-    return [*lines, *(f"left out: {line}" for line in record["left_out"]), f"written to {out}"]
-
-
-def _verification(record: dict[str, Any]) -> list[str]:
-    lines = []
-    for check in record["checks"]:
-        value = "not told by these recordings" if check["value"] is None else f"{check['value']:.4g}"
-        mark = "kept" if check["passed"] else "NOT KEPT"
-        place = f"{check['session']}: {check['figure']} {check['joint']}"
-        lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
-    if record["in_sample"]:
-        lines.append("the model was fitted on these recordings: they say nothing of others (--in-sample accepts them)")
-    return [*lines, "passed" if record["passed"] else "not passed"]

@@ -17,7 +17,7 @@ import numpy as np
 from ident import laws
 from ident.effects import base
 from ident.errors import InputError
-from ident.export.identified import IdentifiedArm
+from ident.export.identified import IdentifiedArm, in_module
 from ident.export.templates import fill
 from ident.laws.acting import KNOWN
 from ident.laws.carried import COLUMNS
@@ -49,19 +49,14 @@ InFile = tuple[list[int], Losses, Array | None]
 
 
 def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
-    """The module's text: the tuned arm without the effects, its losses, and the effects whose law is known.
-
-    Args:
-        identified: The arm; effects outside the catalogue bring their law along.
-        files: What `urdf` and `mjcf` hold.
-    """
-    arm, losses, effects = identified.tuned, identified.losses, identified.effects
+    """The module's text: the tuned arm without the effects, its losses, and the effects whose law is known."""
+    arm, losses, effects = identified.tuned, identified.losses, in_module(identified.changes)
     kinds = [change.kind for change in identified.changes if change.has_law and change.kind is not None]
     own = {kind.id: kind for kind in kinds if kind.id not in KNOWN}
     named = ", ".join(f"{name!r}: {name}" for name in COLUMNS)
     more = [inspect.getsource(one).strip() for one in COLUMNS.values() if one.__module__.split(".")[-1] not in PARTS]
     columns = [*more, f"COLUMNS = {{{named}}}"]
-    parts = [*map(_body, PARTS[:-1]), *columns, _body(PARTS[-1]), *(_own_law(kind) for kind in own.values())]
+    parts = [*map(_body, PARTS[:-1]), *columns, _body(PARTS[-1]), *map(_own_law, own.values())]
     held = ", ".join(f"{name!r}: {_call('Losses', one[1])}" for name, one in files.items())
     shared = {name: one[0] for name, one in files.items()}
     links = ", ".join(f"{name!r}: {_plain(one[2])}" for name, one in files.items())

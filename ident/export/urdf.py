@@ -43,13 +43,22 @@ def write_urdf(identified: IdentifiedArm) -> str:
         if np.any(links[j]):
             _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
     for change in identified.changes:
-        part = change.part("urdf")
+        part, p = change.part("urdf"), change.values
         if part == "load":
-            _add_payload(root, arm.links[-1], change.values)
+            inertial = ET.SubElement(ET.SubElement(root, "link", name=PAYLOAD), "inertial")
+            mass, centre = p["mass_kg"], np.array([p[f"com_{axis}_m"] for axis in "xyz"])
+            _set_inertial(inertial, mass, centre, mass * PAYLOAD_RADIUS**2 * np.eye(3))
+            _fix(root, f"{PAYLOAD}_fixed", arm.links[-1], PAYLOAD, np.eye(3))
         elif part == "zero":
-            _turn_joint(joints[arm.joint_names[change.joint]], change.values["offset_rad"])
+            _turn_joint(joints[arm.joint_names[change.joint]], p["offset_rad"])
     if not identified.is_level:
-        _turn_base(root, identified.gravity)
+        # A level link below the base, which stands on it askew, or hangs: so that gravity pulls along the link's -z.
+        below = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
+        base = next(link.get("name") for link in root.findall("link") if link.get("name") not in below)
+        ET.SubElement(root, "link", name=LEVEL)
+        down = identified.gravity[None] / np.linalg.norm(identified.gravity)
+        turn = Rotation.align_vectors(np.array([[0.0, 0.0, -1.0]]), down)[0]
+        _fix(root, f"{LEVEL}_to_base", LEVEL, str(base), turn.as_matrix())
     root.insert(0, ET.Comment(NOTE))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
@@ -77,11 +86,7 @@ def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"]
             if own is not None:
                 taken = (1.0 - LEFT) * _ten_numbers(own)
                 numbers = numbers + moved(taken, pose[:3, :3], pose[:3, 3])
-                _set_numbers(own, LEFT / (1.0 - LEFT) * taken)
-    _set_numbers(inertial, numbers)
-
-
-def _set_numbers(inertial: ET.Element, numbers: Float[Array, " 10"]) -> None:
+                _set_inertial(own, *about_centre(LEFT / (1.0 - LEFT) * taken))
     _set_inertial(inertial, *about_centre(numbers))
 
 
@@ -124,22 +129,6 @@ def _set_inertial(inertial: ET.Element, mass: float, centre: Array, inertia: Flo
     moments = child(inertial, "inertia")
     for key, value in zip(MOMENTS, inertia[ENTRIES], strict=True):
         moments.set(key, repr(float(value)))
-
-
-def _add_payload(root: ET.Element, last: str, figures: dict[str, float]) -> None:
-    link = ET.SubElement(root, "link", name=PAYLOAD)
-    mass, centre = figures["mass_kg"], np.array([figures[f"com_{axis}_m"] for axis in "xyz"])
-    _set_inertial(ET.SubElement(link, "inertial"), mass, centre, mass * PAYLOAD_RADIUS**2 * np.eye(3))
-    _fix(root, f"{PAYLOAD}_fixed", last, PAYLOAD, np.eye(3))
-
-
-def _turn_base(root: ET.Element, gravity: Float[Array, " 3"]) -> None:
-    """A level link below the base, which stands on it askew, or hangs: so that gravity pulls along the link's -z."""
-    children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
-    base = next(link.get("name") for link in root.findall("link") if link.get("name") not in children)
-    ET.SubElement(root, "link", name=LEVEL)
-    turn = Rotation.align_vectors(np.array([[0.0, 0.0, -1.0]]), gravity[None] / np.linalg.norm(gravity))[0]
-    _fix(root, f"{LEVEL}_to_base", LEVEL, str(base), turn.as_matrix())
 
 
 def _fix(root: ET.Element, name: str, parent: str, child: str, turn: Float[Array, "3 3"]) -> None:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +17,9 @@ from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, choose, measure_gap, mix
 from ident.export.controllers import write_cpp, write_isaac, write_limits, write_parameters
-from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, recorded_runs, state_arm, stood_in, usual_run
+from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.loaded import HelpedModel
-from ident.export.loading import FILE_OF, WrittenFile, load_module
+from ident.export.loaded import FILE_OF, WrittenFile, load_module
 from ident.export.mjcf_merge import merge_mjcf
 from ident.export.python import InFile, write_module
 from ident.files import atomic_folder
@@ -31,7 +28,6 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
-from ident.sessions import Opened, Robot, Sources, open_sessions
 
 PATCH, EXPORT = "ident.patch/1", "ident.export/1"
 PATCH_KIND, EXPORT_KIND = "patch", "export"
@@ -47,6 +43,8 @@ FILES = {
 }
 WRITERS = {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}
 NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
+# More samples of all runs together say no more about a law's nearest losses.
+MOST_SAMPLES = 5000
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
 # What the candidates are, in a record.
@@ -84,13 +82,13 @@ def write_patch(
         InputError: Another robot's diagnosis, or the folder holds something else.
     """
     options, origin = diagnosed.candidates(robot), provenance or Provenance("ident patch")
-    seen = bool(diagnosed.runs & runs_of(origin.sessions))
-    with _Files.into_folder(options, motions, out, PATCH_KIND) as arm:
+    module = "extra_torque.py"
+    with atomic_folder(out, PATCH_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
+        arm = _Files(options, motions, folder, Path(scratch))
         arm.write_loaded(LOADED)
-        arm.write(
-            "parameters.toml", write_parameters(options["after"], options["tuned"].losses, urdf=arm.losses_of_urdf())
-        )
-        arm.write("extra_torque.py", arm.module())
+        alone = options["tuned"].losses
+        arm.write("parameters.toml", write_parameters(options["after"], alone, urdf=arm.losses_of_urdf()))
+        arm.write(module, arm.module())
         record: dict[str, Any] = {
             "schema": PATCH,
             "robot": arm.nominal.name,
@@ -100,10 +98,13 @@ def write_patch(
             "baseline": "tuned" if diagnosed.has_baseline else NOT_TUNED,
             "files": list(PATCH_FILES),
             "effects": arm.effects(),
-            "told": _notes(options["after"], "extra_torque.py"),
-            "structure": arm.structure("extra_torque.py"),
+            "told": (notes := _notes(options["after"], module)),
+            "structure": arm.structure(module),
         }
-        arm.finish("patch.json", record, origin, into, "extra_torque.py", seen)
+        record |= arm.merged(into, out, record["files"], notes)
+        record |= arm.measured(module, bool(diagnosed.runs & runs_of(origin.sessions)), notes)
+        record["provenance"] = origin.to_dict()
+        arm.write("patch.json", json.dumps(record, indent=1) + "\n")
     return record
 
 
@@ -123,9 +124,7 @@ def write_export(
         out: Folder; an earlier export there is replaced.
         formats: Which of `FILES`.
         nearest: Whether links that no body could be are written as the nearest bodies.
-        motions: Recordings on which the files are measured; the best of the candidates is written.
-        into: The user's own MJCF of this arm, of which a copy gets what was identified.
-        origin: Where it comes from.
+        motions, into, origin: As of `write_patch`.
 
     Returns:
         What `export.json` holds.
@@ -136,80 +135,51 @@ def write_export(
     unknown = [name for name in formats if name not in FILES]
     if unknown:
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
-    options = IdentifiedArm.of_models(model, nearest)
-    after = options["after"]
-    motions = [motion.select(model.joint_names) for motion in motions]
-    with _Files.into_folder(options, motions, out, EXPORT_KIND) as arm:
+    options, origin = IdentifiedArm.of_models(model, nearest), origin or Provenance("ident export")
+    after, module = options["after"], FILES["python"] if "python" in formats else None
+    with atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
+        arm = _Files(options, [motion.select(model.joint_names) for motion in motions], folder, Path(scratch))
         arm.write_loaded([name for name in LOADED if name in formats])
-        texts = {
-            "toml": lambda: write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf()),
-            "python": arm.module,
-        }
         for name in formats:
-            if name in texts:
-                arm.write(FILES[name], texts[name]())
-            elif name in WRITERS:
-                arm.write(FILES[name], WRITERS[name](arm.stated("losses")))
+            if name == "toml":
+                parameters = write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf())
+                arm.write(FILES[name], parameters)
+            elif name not in LOADED:
+                arm.write(FILES[name], arm.module() if name == "python" else WRITERS[name](arm.stated("losses")))
         record: dict[str, Any] = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),
             "files": [FILES[name] for name in formats],
             "changed_links": list(after.links.mended),
-            "left_out": _notes(after, FILES["python"], model),
-            "loaded_back": arm.structure(FILES["python"] if "python" in formats else None),
+            "left_out": (notes := _notes(after, FILES["python"], model)),
+            "loaded_back": arm.structure(module),
         }
-        seen = origin is not None and bool(files_of(model.provenance) & runs_of(origin.sessions))
         if arm.chosen:
             record["torque_rmse_Nm"] = {
                 form: {"before": one.gaps["before"].rms, "after": one.gaps["after"].rms}
                 for form, one in arm.chosen.items()
             }
-        module = FILES["python"] if "python" in formats else None
-        arm.finish("export.json", record, origin or Provenance("ident export"), into, module, seen)
+        record |= arm.merged(into, out, record["files"], notes)
+        record |= arm.measured(module, bool(files_of(model.provenance) & runs_of(origin.sessions)), notes)
+        record["provenance"] = origin.to_dict()
+        arm.write("export.json", json.dumps(record, indent=1) + "\n")
     return record
 
 
-def open_heldout(
-    paths: Sources, robot: Robot, diagnosed: Diagnosed, topic: str, session_file: str | Path | None
-) -> Opened:
-    """Recordings to measure a patch on, filtered as those that were diagnosed.
-
-    Raises:
-        InputError: They can't be read, or have other joints than the diagnosis.
-    """
-    opened = open_sessions(paths, robot, topic, session_file, diagnosed.cutoff, learning=False)
-    if opened.arm.joint_names != diagnosed.joints:
-        theirs = ", ".join(diagnosed.joints)
-        what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis {theirs}"
-        where = opened.reports[0].session.path or opened.reports[0].session.name
-        raise InputError(where, what, "give recordings of the joints that were diagnosed")
-    return opened
-
-
-@dataclass(eq=False)
 class _Files:
     """The files of an arm while they are put together: of the options `after` has all that was identified."""
 
-    options: Mapping[str, IdentifiedArm]
-    motions: Sequence[Motion]
-    folder: Path
-    out: Path
-    scratch: Path
-
-    @classmethod
-    @contextmanager
-    def into_folder(
-        cls, options: Mapping[str, IdentifiedArm], motions: Sequence[Motion], out: Path, kind: str
-    ) -> Iterator[_Files]:
-        """The files of a folder that appears whole or not at all."""
-        with atomic_folder(out, kind) as folder, tempfile.TemporaryDirectory() as scratch:
-            yield cls(options, motions, folder, out, Path(scratch))
-
-    def __post_init__(self) -> None:
-        self.identified = self.options["after"]
+    def __init__(
+        self, options: Mapping[str, IdentifiedArm], motions: Sequence[Motion], folder: Path, scratch: Path
+    ) -> None:
+        self.options, self.motions, self.folder, self.scratch = options, motions, folder, scratch
+        self.identified = options["after"]
         self.nominal = self.identified.nominal
-        self.runs: list[Run] = recorded_runs(self.motions) or [usual_run(self.nominal)]
+        # States of recordings, of long ones their first part: the torque is left out.
+        rows = slice(0, max(3, MOST_SAMPLES // max(len(motions), 1)))
+        recorded: list[Run] = [(m.q[rows], m.dq[rows], m.ddq[rows], m.interval) for m in motions]
+        self.runs = recorded or [usual_run(self.nominal)]
         self.written: dict[str, WrittenFile] = {}
         self.chosen: dict[str, Chosen] = {}
         self.shares: dict[str, list[dict[str, float]]] = {}
@@ -277,23 +247,14 @@ class _Files:
             files[form] = [k for k, one in enumerate(owners) if one in held], stated.losses, numbers
         return write_module(self.identified, files)
 
-    def finish(
-        self, name: str, record: dict[str, Any], origin: Provenance, into: Path | None, module: str | None, seen: bool
-    ) -> None:
-        """Merges into the user's own MJCF, measures, and writes the record of all files, the last of them."""
-        told = record["told" if "told" in record else "left_out"]
-        if into is not None:
-            record["merged"] = merge_mjcf(into, self.folder / MERGED, self.stated("mjcf"), self.out / MERGED)
-            record["files"] = [*record["files"], MERGED]
-            told += [f"{MERGED}: left out {one}" for one in record["merged"]["left_out"]]
-        if self.chosen:
-            record |= self.measured(module, seen)
-            joints = self.nominal.joint_names
-            told += [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
-            if seen:
-                told.append("measured on recordings that it was made from: nothing is held out")
-        record["provenance"] = origin.to_dict()
-        self.write(name, json.dumps(record, indent=1) + "\n")
+    def merged(self, into: Path | None, out: Path, files: list[str], told: list[str]) -> dict[str, Any]:
+        """Merges into the user's own MJCF, if there is one, and adds to the files and to what is told of them."""
+        if into is None:
+            return {}
+        found = merge_mjcf(into, self.folder / MERGED, self.stated("mjcf"), out / MERGED)
+        files.append(MERGED)
+        told += [f"{MERGED}: left out {one}" for one in found["left_out"]]
+        return {"merged": found}
 
     def structure(self, module: str | None) -> dict[str, Any]:
         """How near each loaded file is to what it should hold [N m]."""
@@ -307,16 +268,20 @@ class _Files:
             found["python"] = {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
         return found
 
-    def measured(self, module: str | None, in_sample: bool) -> dict[str, Any]:
-        """Errors of the candidates and of the written files, and what was written."""
+    def measured(self, module: str | None, in_sample: bool, told: list[str]) -> dict[str, Any]:
+        """Errors of the candidates and of the written files where there are recordings, and what was written."""
+        if not self.chosen:
+            return {}
         joints = self.nominal.joint_names
         gaps = {form: dict(one.gaps) for form, one in self.chosen.items()}
         if module is not None:
             loaded = load_module(self.folder / module)
             for form, found in gaps.items():
-                helped = HelpedModel(self.written[form].load(self.motions[0].payload), loaded, form)
+                helped = self.written[form].load(self.motions[0].payload, loaded)
                 found["after_with_module"] = measure_gap(helped, self.motions)
         rms = {form: {when: gap.rms for when, gap in one.items()} for form, one in gaps.items()}
+        told += [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
+        told += ["measured on recordings that it was made from: nothing is held out"] * in_sample
         heldout = {
             "best": {form: min(one, key=one.__getitem__) for form, one in rms.items()},
             "in_sample": in_sample,

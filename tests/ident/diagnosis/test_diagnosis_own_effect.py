@@ -15,7 +15,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.loading import load_module
+from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from plan.api.exciting import excite

@@ -15,7 +15,7 @@ import pytest
 from ident.errors import InputError
 from ident.export.controllers import write_cpp, write_isaac, write_limits
 from ident.export.identified import IdentifiedArm
-from ident.export.loading import load_module
+from ident.export.loaded import load_module
 from ident.export.write import FILES, write_export
 from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses

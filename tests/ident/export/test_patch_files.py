@@ -18,9 +18,8 @@ from ident.effects.catalogue import find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, nearest_bodies
 from ident.export.formats import state_arm, usual_run
-from ident.export.identified import Change, Diagnosed, IdentifiedArm, untuned
-from ident.export.loaded import LoadedMjcf
-from ident.export.loading import load_module
+from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
+from ident.export.loaded import LoadedMjcf, load_module
 from ident.export.mjcf import spring_at_rest
 from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf
@@ -125,7 +124,7 @@ def test_losses_that_stand_in_for_a_law_are_the_nearest(tmp_path: Path, arm: Arm
     run = usual_run(arm)
     losses = state_arm(identified, "urdf", [run]).losses
     moving = MovingArm(describe_arm(arm), identified.losses, *run)
-    target = acting_torque(identified.effects, moving)[:, 1] + COULOMB[1] * moving.direction[:, 1]
+    target = acting_torque(in_module(identified.changes), moving)[:, 1] + COULOMB[1] * moving.direction[:, 1]
     target += VISCOUS[1] * moving.dq[:, 1]
 
     def left(coulomb: float, viscous: float) -> float:
@@ -204,7 +203,7 @@ def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> N
 def test_a_bent_spring_is_written_as_its_cubic() -> None:
     """MuJoCo's passive force of the written coefficients is minus the cubic's torque."""
     figures = {"centre_rad": 0.2, "constant_Nm": 1.5, "linear_Nm_rad": 2.0, "square_Nm_rad2": 0.7, "cube_Nm_rad3": 0.4}
-    rest, stiffness = spring_at_rest(figures)
+    (rest,), stiffness = spring_at_rest(figures)
     joint = f'<joint name="a" springref="{rest!r}" stiffness="{" ".join(map(repr, stiffness))}"/>'
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody></mujoco>'

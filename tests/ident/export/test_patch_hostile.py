@@ -15,7 +15,7 @@ import pytest
 from ident.diagnosis.next_experiment import _command
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.loading import load_module
+from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
