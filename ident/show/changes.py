@@ -25,21 +25,20 @@ OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 def headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence."""
-    told = join_words([_named(change) for change in record["changes"][:3]])
+    named = []
+    for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
+        mass, effect = change["parameters"].get("mass_kg"), effect_name(change["effect"])
+        where = places_of(change) if len(change["joints"]) <= 3 else "the whole arm"
+        if change["effect"] == CARRIED:
+            side = "more" if mass["value"] > 0.0 else "less"
+            effect = f"{significant(abs(mass['value']), 3)} kg {side} at the flange"
+        elif change["effect"] not in OF_THE_ARM:
+            effect = f"{effect} in {where}"
+        named.append(effect)
+    told = join_words(named)
     more = len(record["changes"]) - 3
     told += f", and {more} more" if more > 0 else ""
     return str(TABLES["changes"][record["verdict"]]).format(told=told, colon=f": {told}" if told else "")
-
-
-def _named(change: Mapping[str, Any]) -> str:
-    """A change with its place; one of the whole arm has none."""
-    if change["effect"] == CARRIED:
-        mass = change["parameters"]["mass_kg"]["value"]
-        return f"{significant(abs(mass), 3)} kg {'more' if mass > 0.0 else 'less'} at the flange"
-    if change["effect"] in OF_THE_ARM:
-        return effect_name(change["effect"])
-    where = places_of(change) if len(change["joints"]) <= 3 else "the whole arm"
-    return f"{effect_name(change['effect'])} in {where}"
 
 
 def places_of(change: Mapping[str, Any]) -> str:
@@ -49,12 +48,7 @@ def places_of(change: Mapping[str, Any]) -> str:
 
 
 def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
-    """Verdict, changes with what to do, and what could not be judged.
-
-    Args:
-        console: Where.
-        record: `ident.comparison/1`.
-    """
+    """Verdict, changes with what to do, and what could not be judged."""
     for name in ("before", "after"):
         side = record[name]
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
@@ -68,7 +62,10 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
         f"not reported: {effect_name(one['effect'])} in {join_words(one['joints'])}: {one['reason']}"
         for one in record["reservations"]
     ]
-    lines += [describe_spread(record["friction_run_spread"]), describe_lone_runs(record)]
+    lines.append(describe_spread(record["friction_run_spread"]))
+    if min(record["before"]["runs"], record["after"]["runs"]) < 2:
+        unknown = "of a single run nothing is known of what runs differ by"
+        lines.append(f"{unknown}: a usual spread is assumed; record three or more")
     lines += [*describe_used(record), *describe_still(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
@@ -114,13 +111,6 @@ def describe_used(record: Mapping[str, Any]) -> list[str]:
         for one in record.get("samples_used", ())
         if one["in_motion"] < 0.5
     ]
-
-
-def describe_lone_runs(record: Mapping[str, Any]) -> str:
-    """What a set of a single run leaves open; nothing where both have more."""
-    if min(record["before"]["runs"], record["after"]["runs"]) > 1:
-        return ""
-    return "of a single run nothing is known of what runs differ by: a usual spread is assumed; record three or more"
 
 
 def draw_comparison(record: Mapping[str, Any]) -> Figure:

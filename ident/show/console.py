@@ -19,7 +19,6 @@ from ident.progress import listening
 from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
-    from ident.checks.report import JointEffort
     from ident.model.evaluation import SessionScore
     from ident.recordings.recording import TelemetryIssue
 
@@ -92,21 +91,9 @@ def print_serious(console: Console, issues: Sequence[Mapping[str, Any]]) -> None
             console.print(words, soft_wrap=True)
 
 
-def print_effort(console: Console, effort: Sequence[JointEffort]) -> None:
-    """What each joint's effort is, a line each."""
-    for one in effort:
-        console.print(visible(f"effort of {one.joint}: {one.kind} ({one.evidence})"), soft_wrap=True)
-
-
 @contextmanager
 def progress_line(console: Console, job: str, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a line.
-
-    Args:
-        console: Where.
-        job: What the job is called.
-        clock: The time [s].
-    """
+    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a line."""
     shown, last = clock(), ""
 
     def log(stage: str, share: float, left: float | None) -> None:

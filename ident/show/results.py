@@ -15,7 +15,7 @@ from rich.console import Console
 from ident.console import styled
 from ident.errors import plural, visible
 from ident.results import Result
-from ident.show.console import LadderTable, print_effort, print_issues
+from ident.show.console import LadderTable, print_issues
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
 from ident.show.panels import draw_bars, framed, panel, words_and_picture
 
@@ -84,18 +84,16 @@ def draw_diagnosis(record: Mapping[str, Any]) -> Figure:
     return draw_bars(list(gap), rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")
 
 
-def _print_evaluation(console: Console, result: Evaluation) -> None:
-    console.print(styled((result.model, "bold")))
-    for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
-        console.print(LadderTable(one))
+def print_evaluation(console: Console, result: Any) -> None:
+    """The ladders of one evaluation, or of several."""
+    for evaluation in getattr(result, "models", (result,)):
+        console.print(styled((evaluation.model, "bold")))
+        several = len(evaluation.sessions) > 1
+        for one in (*evaluation.sessions, evaluation.pooled) if several else evaluation.sessions:
+            console.print(LadderTable(one))
 
 
-def _print_evaluations(console: Console, result: Any) -> None:
-    for one in result.models:
-        _print_evaluation(console, one)
-
-
-def _draw_evaluation(result: Evaluation) -> Figure:
+def draw_evaluation(result: Evaluation) -> Figure:
     """Torque error of each rung at each joint."""
     score = result.pooled
     colours = rung_colours(score.rungs)
@@ -103,7 +101,8 @@ def _draw_evaluation(result: Evaluation) -> Figure:
     return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
 
 
-def _print_fit(console: Console, result: FitResults) -> None:
+def print_fit(console: Console, result: FitResults) -> None:
+    """What was identified, and what was left out of it."""
     from ident.model.identification import describe
     from ident.model.net_shrinkage import describe_gate
 
@@ -114,7 +113,7 @@ def _print_fit(console: Console, result: FitResults) -> None:
     console.print("\n".join(lines), soft_wrap=True)
 
 
-def _draw_fit(result: FitResults) -> Figure:
+def draw_fit(result: FitResults) -> Figure:
     """Loss figures: rotor inertia, viscous and Coulomb friction of each joint."""
     loss = result.model.loss
     rows = {
@@ -125,17 +124,19 @@ def _draw_fit(result: FitResults) -> Figure:
     return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
 
 
-def _print_inspection(console: Console, result: Inspection) -> None:
+def print_inspection(console: Console, result: Inspection) -> None:
+    """Each session's amount, what its effort is, its issues and the verdict."""
     for report in result.reports:
         session = report.session
         size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
         console.print(f"{session.name}: {size}")
-        print_effort(console, report.effort)
+        for one in report.effort:
+            console.print(visible(f"effort of {one.joint}: {one.kind} ({one.evidence})"), soft_wrap=True)
         print_issues(console, report.issues)
         console.print(report.verdict if report.is_fit else styled((report.verdict, "red")))
 
 
-def _draw_inspection(result: Inspection) -> Figure:
+def draw_inspection(result: Inspection) -> Figure:
     """Torque of every joint over the first run of each session."""
     figure, axes = panel("time in the run [s]", "torque [N m]", "first runs")
     for report in result.reports:
@@ -148,28 +149,28 @@ def _draw_inspection(result: Inspection) -> Figure:
     return figure
 
 
-def _print_guesses(console: Console, result: NewSession) -> None:
+def print_guesses(console: Console, result: NewSession) -> None:
+    """The guesses with their evidence, and what the telemetry check finds under them."""
     console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
-    if result.report is not None:
-        print_issues(console, result.report.issues)
+    print_issues(console, () if result.report is None else result.report.issues)
 
 
 # Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.
 WORDS: dict[str, Callable[[Console, Any], None]] = {
     "ArmComparison": _of_record("ident.show.changes:print_comparison"),
     "Exportable": _of_record("ident.show.terminal:print_diagnosis"),
-    "Evaluation": _print_evaluation,
-    "Evaluations": _print_evaluations,
-    "FitResults": _print_fit,
-    "Inspection": _print_inspection,
-    "NewSession": _print_guesses,
+    "Evaluation": print_evaluation,
+    "Evaluations": print_evaluation,
+    "FitResults": print_fit,
+    "Inspection": print_inspection,
+    "NewSession": print_guesses,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _of_record("ident.show.changes:draw_comparison"),
     "Exportable": _of_record("ident.show.results:draw_diagnosis"),
-    "Evaluation": _draw_evaluation,
-    "FitResults": _draw_fit,
-    "Inspection": _draw_inspection,
+    "Evaluation": draw_evaluation,
+    "FitResults": draw_fit,
+    "Inspection": draw_inspection,
 }
 PAGES: dict[str, Callable[[Any], str]] = {
     "ArmComparison": _of_record("ident.show.report.diagnosis_pages:render_comparison_report"),

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.axes import Axis, session_axes
+from ident.diagnosis.gap.axes import session_axes
 from ident.errors import plural
 from ident.show.console import print_serious
 from ident.show.palette import NAMED, TUNED
@@ -39,11 +39,7 @@ UNTESTABLE: list[dict[str, Any]] = TABLES["untestable"]
 
 
 def group_silent(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Lines such as: not testable, as the motion shows too little of it: backlash (joint_1), …
-
-    Args:
-        rows: Entries with `effect`, `joints` and `reason`.
-    """
+    """Lines such as: not testable, as the motion shows too little of it: backlash (joint_1), …"""
     return [f"not testable, as {reason}: {', '.join(items)}" for reason, items in silent_groups(rows)]
 
 
@@ -54,24 +50,18 @@ def silent_groups(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str
         kind = next(one["words"] for one in UNTESTABLE if any(mark in row["reason"] for mark in one["marks"]))
         joints = found.setdefault(kind, {}).setdefault(str(row["effect"]), [])
         joints += [joint for joint in row.get("joints", []) if joint not in joints]
-    order = [one["words"] for one in UNTESTABLE]
-    return [
-        (reason, [_where(effect, joints) for effect, joints in found[reason].items()])
-        for reason in sorted(found, key=order.index)
-    ]
-
-
-def _where(effect: str, joints: Sequence[str]) -> str:
-    where = join_words(joints) if 0 < len(joints) <= 3 else f"{len(joints)} joints" if joints else "the arm"
-    return f"{effect_name(effect)} ({where})"
+    rows_of: list[tuple[str, list[str]]] = []
+    for reason in sorted(found, key=[one["words"] for one in UNTESTABLE].index):
+        places = {
+            effect: join_words(joints) if 0 < len(joints) <= 3 else f"{len(joints)} joints" if joints else "the arm"
+            for effect, joints in found[reason].items()
+        }
+        rows_of.append((reason, [f"{effect_name(effect)} ({where})" for effect, where in places.items()]))
+    return rows_of
 
 
 def describe_limits(record: Mapping[str, Any]) -> str:
-    """One line about all effects that would have been named, each with its range over the joints; "" without any.
-
-    Args:
-        record: `ident.diagnosis/1`.
-    """
+    """One line about all effects that would have been named, each with its range over the joints; "" without any."""
     rows = [one for one in record.get("detectable", []) if not one["hidden"] and one["limit"] is not None]
     parts = []
     for effect in dict.fromkeys(one["effect"] for one in rows):
@@ -86,23 +76,17 @@ def describe_limits(record: Mapping[str, Any]) -> str:
 
 def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
     """A row for each effect and joint: what would have been named, and what bounds it."""
-    return [
-        {
-            "effect": effect_name(one["effect"]),
-            "joints": join_words(one["joints"]) if len(one["joints"]) <= 3 else "the whole arm",
-            "limit": _limit(one),
-            "bound": TABLES["bounds"].get(one["bound_by"], one["bound_by"]),
-        }
-        for one in record.get("detectable", [])
-    ]
-
-
-def _limit(one: Mapping[str, Any]) -> str:
-    if one["limit"] is None:
-        return "shows nothing"
-    name, unit = parameter_name(one["figure"])
-    limit = f"{name} {one['named']} {significant(one['limit'])} {unit}".strip()
-    return f"{limit}: more than is plausible" if one["hidden"] else limit
+    rows = []
+    for one in record.get("detectable", []):
+        limit = "shows nothing"
+        if one["limit"] is not None:
+            name, unit = parameter_name(one["figure"])
+            limit = f"{name} {one['named']} {significant(one['limit'])} {unit}".strip()
+            limit += ": more than is plausible" if one["hidden"] else ""
+        joints = join_words(one["joints"]) if len(one["joints"]) <= 3 else "the whole arm"
+        bound = TABLES["bounds"].get(one["bound_by"], one["bound_by"])
+        rows.append({"effect": effect_name(one["effect"]), "joints": joints, "limit": limit, "bound": bound})
+    return rows
 
 
 MOST_MARKS = 60
@@ -112,12 +96,7 @@ MARK_FROM = 4.0
 
 
 def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
-    """Verdict, findings, and what could not be judged.
-
-    Args:
-        console: Where.
-        record: `ident.diagnosis/1`.
-    """
+    """Verdict, findings, and what could not be judged."""
     facts, verdict, findings = record["session"], record["verdict"], record["findings"]
     runs = int(facts["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
@@ -179,22 +158,17 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
             heights = power[rows].mean(axis=0)
             found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
     found.sort(key=lambda one: -one[0])
-    axes = session_axes(analysis.series)
-    return [_mark(analysis, axes, *one) for one in found[:MOST_MARKS]]
-
-
-def _mark(analysis: Analysis, axes: Mapping[str, Axis], height: float, k: int, j: int, rows: slice) -> Mark:
-    """One stretch in words: how high, and which of the joint's significant cells it lies in."""
-    item, name = analysis.series[k], analysis.diagnosis.joints[j]
-    significant = analysis.diagnosis.settings.gap.map.significant
-    cells = []
-    for place in analysis.diagnosis.where:
-        if place.joint == name and place.axis in axes and place.p_value <= significant:
-            middle = float(np.median(axes[place.axis](item, j)[rows]))
-            if place.low <= middle <= place.high:
-                cells.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
-    text = ", ".join([f"gap {np.sqrt(height):.1f} times the noise", *cells])
-    return Mark(item.index, rows.start * item.step, rows.stop * item.step, name, text)
+    axes, sure, marks = session_axes(analysis.series), analysis.diagnosis.settings.gap.map.significant, []
+    for height, k, j, rows in found[:MOST_MARKS]:
+        item, name = analysis.series[k], analysis.diagnosis.joints[j]
+        words = [f"gap {np.sqrt(height):.1f} times the noise"]
+        for place in analysis.diagnosis.where:
+            if place.joint == name and place.axis in axes and place.p_value <= sure:
+                middle = float(np.median(axes[place.axis](item, j)[rows]))
+                if place.low <= middle <= place.high:
+                    words.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
+        marks.append(Mark(item.index, rows.start * item.step, rows.stop * item.step, name, ", ".join(words)))
+    return marks
 
 
 def gap_curves(analysis: Analysis) -> list[list[Curve]]:

@@ -62,13 +62,7 @@ def write_diagnosis_report(
 def render_diagnosis_report(
     record: Mapping[str, Any], evaluation: ReportInput | None = None, pictures: Sequence[LawPicture | None] = ()
 ) -> str:
-    """The page of a diagnosis as text, the verdict first.
-
-    Args:
-        record: `ident.diagnosis/1`.
-        evaluation: A model's evaluation, shown below the diagnosis if given.
-        pictures: One of each finding's law, in their order; None where there is none.
-    """
+    """The page of a diagnosis as text, the verdict first."""
     sections = [
         verdict_section(record),
         findings_section(record, pictures),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,28 +23,17 @@ FOLLOWS, IN_PART = 0.25, 0.7
 UNTOLD = 0.9
 # From here on a joint is told to be worse: less is within the scatter of the runs.
 WORSE = 1.02
-SUBJECTS = {
-    "inertia": "fitting the inertias",
-    "loss": "friction",
-    "named": "named laws",
-    "net": "the net",
-}
+SUBJECTS = {"inertia": "fitting the inertias", "loss": "friction", "named": "named laws", "net": "the net"}
 MOST_NAMES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class ReportInput:
-    """Models and their scores on the same sessions.
+    """Models and their scores on the same sessions."""
 
-    Attributes:
-        models: Fitted models.
-        evaluations: The evaluation of each model, in the same order.
-        issues: What the telemetry check of the evaluated sessions found.
-    """
-
-    models: tuple[HybridModel, ...]
-    evaluations: tuple[Evaluation, ...]
-    issues: tuple[TelemetryIssue, ...] = ()
+    models: tuple[HybridModel, ...]  # fitted models
+    evaluations: tuple[Evaluation, ...]  # the evaluation of each model, in the same order
+    issues: tuple[TelemetryIssue, ...] = ()  # what the telemetry check of the evaluated sessions found
 
     def __post_init__(self) -> None:
         for name in ("models", "evaluations", "issues"):
@@ -111,12 +100,6 @@ def write_evaluation_report(
 ) -> Path:
     """Writes the page of an evaluation.
 
-    Args:
-        path: The file to be written.
-        models: Fitted models; the page speaks first of the one fitted on most samples.
-        evaluations: The evaluation of each.
-        issues: What the telemetry check of the evaluated sessions found.
-
     Raises:
         InputError: The folder can't be written to.
     """
@@ -131,70 +114,49 @@ def write_evaluation_report(
 def verdict_section(source: ReportInput) -> Section:
     """One sentence, the ladder at a glance, and the facts that a reader must know."""
     score = source.evaluation.pooled
-    facts = [
-        *_largest_rest(source, score),
-        *worse_joints(score),
-        *_payload_facts(source),
-        *_judged(source, score),
-        *_telemetry_facts(source),
-    ]
     values = {
         "headline": glue(headline(score)),
         "lead": glue(describe_steps(score)),
         "seen": source.seen_runs(),
         "runs": sum(len(one.runs) for one in source.evaluation.sessions),
-        "facts": [(kind, glue(text)) for kind, text in facts],
+        "facts": [(kind, glue(text)) for kind, text in describe_facts(source, score)],
         "score": score,
         "session": pool_name(score),
     }
     return Section("verdict", "Verdict", "verdict.html", values)
 
 
-def _largest_rest(source: ReportInput, score: SessionScore) -> list[tuple[str, str]]:
+def describe_facts(source: ReportInput, score: SessionScore) -> Iterator[tuple[str, str]]:
+    """Kind and words: the largest error left, joints that became worse, payloads, unseen runs, telemetry."""
     rest = score.rmse_mean[-1, :-1]
-    if np.all(np.isnan(rest)):
-        return []
-    worst = int(np.nanargmax(rest))
-    torque = np.concatenate([trace.motion.tau_filtered[:, worst] for trace in source.evaluation.traces])
-    size = np.sqrt(np.mean(torque**2))
-    share = f", {percent(rest[worst] / size)} of its rms torque" if size > 0 else ""
-    text = f"Largest torque error left: {score.joints[worst]}, {fixed(rest[worst], 2)} N m{share}."
-    r2 = score.r2[-1]
-    if np.any(np.isfinite(r2)):
-        low = int(np.nanargmin(r2))
-        text += f" Least explained: {score.joints[low]}, R² {fixed(r2[low], 3)}."
-    return [("", text)]
-
-
-def _payload_facts(source: ReportInput) -> list[tuple[str, str]]:
+    if not np.all(np.isnan(rest)):
+        worst = int(np.nanargmax(rest))
+        torque = np.concatenate([trace.motion.tau_filtered[:, worst] for trace in source.evaluation.traces])
+        size = np.sqrt(np.mean(torque**2))
+        share = f", {percent(rest[worst] / size)} of its rms torque" if size > 0 else ""
+        text = f"Largest torque error left: {score.joints[worst]}, {fixed(rest[worst], 2)} N m{share}."
+        if np.any(np.isfinite(score.r2[-1])):
+            low = int(np.nanargmin(score.r2[-1]))
+            text += f" Least explained: {score.joints[low]}, R² {fixed(score.r2[-1][low], 3)}."
+        yield "", text
+    yield from worse_joints(score)
     loaded = [one for one in source.evaluation.sessions if one.payload_kg > 0]
-    if not loaded or len(loaded) == len(source.evaluation.sessions):
-        return []
-    errors = np.array([one.rmse_mean[:, -1] for one in loaded])
-    ordered = bool(np.all(np.diff(errors, axis=1) < 0))
-    heaviest = max(one.payload_kg for one in loaded)
-    order = "every rung still helps" if ordered else "not every rung helps any more"
-    text = (
-        f"With up to {1000 * heaviest:.0f} g at the flange {order}; "
-        f"torque error at most {fixed(errors[:, -1].max(), 2)} N m."
-    )
-    return [("good" if ordered else "warning", text)]
-
-
-def _judged(source: ReportInput, score: SessionScore) -> list[tuple[str, str]]:
-    if source.seen_runs():
-        return []
-    known = bool(source.model.provenance.get("data"))
-    unseen = "that the fit never saw" if known else "(which runs the model was fitted on is not recorded)"
-    text = f"Judged on {pool_name(score)}: {plural(len(score.runs), 'run')} {unseen}."
-    return [("good" if known else "warning", text)]
-
-
-def _telemetry_facts(source: ReportInput) -> list[tuple[str, str]]:
+    if loaded and len(loaded) < len(source.evaluation.sessions):
+        errors = np.array([one.rmse_mean[:, -1] for one in loaded])
+        ordered = bool(np.all(np.diff(errors, axis=1) < 0))
+        order = "every rung still helps" if ordered else "not every rung helps any more"
+        heaviest, most = max(one.payload_kg for one in loaded), fixed(errors[:, -1].max(), 2)
+        text = f"With up to {1000 * heaviest:.0f} g at the flange {order}; torque error at most {most} N m."
+        yield "good" if ordered else "warning", text
+    if not source.seen_runs():
+        known = bool(source.model.provenance.get("data"))
+        unseen = "that the fit never saw" if known else "(which runs the model was fitted on is not recorded)"
+        text = f"Judged on {pool_name(score)}: {plural(len(score.runs), 'run')} {unseen}."
+        yield "good" if known else "warning", text
     for severity, noun in (("fatal", "fatal issue"), ("warning", "warning")):
         if count := sum(one.severity == severity for one in source.issues):
-            return [("warning", f"Telemetry: {plural(count, noun)}. See the table below.")]
-    return []
+            yield "warning", f"Telemetry: {plural(count, noun)}. See the table below."
+            return
 
 
 def headline(score: SessionScore) -> str:
@@ -260,15 +222,11 @@ def reductions(score: SessionScore) -> list[str]:
     energy, torque = np.abs(score.energy_mean[:, -1]), score.rmse_mean[:, -1]
     lines = []
     for k in range(1, len(score.rungs)):
-        told = [_change(word, of[k - 1], of[k]) for word, of in (("energy error", energy), ("torque error", torque))]
+        told = []
+        for word, before, after in (("energy", *energy[k - 1 : k + 1]), ("torque", *torque[k - 1 : k + 1])):
+            share = 1.0 - after / before if before > 0 else 0.0
+            sign = MINUS if share >= 0 else "+"
+            change = "as before" if not before > 0 else "unchanged" if abs(share) < 0.0005 else ""
+            told.append(f"{word} error {change or sign + percent(abs(share))}")
         lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(told)}"))
     return lines
-
-
-def _change(word: str, before: float, after: float) -> str:
-    if not before > 0:
-        return f"{word} as before"
-    share = 1.0 - after / before
-    if abs(share) < 0.0005:
-        return f"{word} unchanged"
-    return f"{word} {MINUS if share >= 0 else '+'}{percent(abs(share))}"

@@ -82,11 +82,7 @@ def restrict(score: SessionScore, joints: tuple[str, ...]) -> SessionScore:
 
 
 def draw_bars(
-    label: str,
-    sessions: list[str],
-    models: list[str],
-    mean: Float[Array, "m s"],
-    std: Float[Array, "m s"],
+    label: str, sessions: list[str], models: list[str], mean: Float[Array, "m s"], std: Float[Array, "m s"]
 ) -> dict[str, Any]:
     """Grouped bars: one group a session, one bar a model, black lines one standard deviation each way."""
     ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
@@ -110,21 +106,13 @@ def fits_section(source: ReportInput) -> Section:
     typical, worst = int(order[(len(order) - 1) // 2]), int(order[-1])
     chosen = [("A typical run", typical), ("The worst run", worst)] if typical != worst else [("The run", worst)]
     colours = rung_colours(evaluation.pooled.rungs)
+    rungs, keys = [(rung_name(rung), colour) for rung, colour in colours.items()], ("title", "name", "error", "panels")
+    runs = [
+        (title, run_name(evaluation, k), fixed(errors[k], 2), draw_fits(evaluation.traces[k])) for title, k in chosen
+    ]
     values = {
-        "legend": [
-            ("measured", MEASURED),
-            *((rung_name(rung), colour) for rung, colour in colours.items()),
-            ("at rest: not judged", REST),
-        ],
-        "runs": [
-            {
-                "title": title,
-                "name": run_name(evaluation, k),
-                "error": fixed(errors[k], 2),
-                "panels": draw_fits(evaluation.traces[k]),
-            }
-            for title, k in chosen
-        ],
+        "legend": [("measured", MEASURED), *rungs, ("at rest: not judged", REST)],
+        "runs": [dict(zip(keys, run, strict=True)) for run in runs],
     }
     return Section("fits", "Torque, measured and modelled", "fits.html", values)
 
@@ -172,7 +160,9 @@ def residuals_section(source: ReportInput) -> Section:
     traces, robot = source.evaluation.traces, source.model.robot
     sliding = dict(zip(robot.joint_names, robot.sliding_joints, strict=True))
     units = ["m" if sliding.get(joint, False) else "rad" for joint in traces[0].motion.joints]
-    rungs, close = tuple(traces[0].rungs), close_up(tuple(traces[0].rungs))
+    rungs = tuple(traces[0].rungs)
+    # Those that hold friction: beside the others nothing of theirs could be seen.
+    close = rungs[rungs.index("loss") :] if "loss" in rungs else rungs
     colours = rung_colours(rungs)
     values = {
         "legend": [(rung_name(rung), colours[rung]) for rung in rungs],
@@ -186,27 +176,29 @@ def residuals_section(source: ReportInput) -> Section:
     return Section("residuals", "What is left, and where", "residuals.html", values)
 
 
-def close_up(rungs: tuple[str, ...]) -> tuple[str, ...]:
-    """The rungs that hold friction: beside the others nothing of theirs could be seen."""
-    return rungs[rungs.index("loss") :] if "loss" in rungs else rungs
-
-
 def draw_against(
     axis: str, traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    """Residual of each joint over an axis, in bins of like counts.
+    """Residual of each joint over an axis: median of every rung's in bins of like counts, for the last 80 % of them.
 
     Over `speed` the shape of friction, no bin across zero; over `position` gravity, springs and wrong masses.
     """
     own = [trace.motion.dq if axis == "speed" else trace.motion.q for trace in traces]
     values = np.concatenate([one[trace.motion.coarse] for one, trace in zip(own, traces, strict=True)])
     moving = np.concatenate([trace.motion.moving for trace in traces])
-    panels = []
+    colours, panels = rung_colours(tuple(traces[0].rungs)), []
     for j, joint in enumerate(traces[0].motion.joints):
         x = np.where(moving[:, j], values[:, j], np.nan)
         parts = [_edges(x[x < 0]), _edges(x[x > 0])] if axis == "speed" else [_edges(x[np.isfinite(x)], 2 * BINS)]
-        label = f"{axis} [{units[j]}{'/s' if axis == 'speed' else ''}]"
-        panels.append(_draw(traces, rungs, j, x, parts, label, f"{joint}: residual against {axis}"))
+        figure, axes = make_panel(f"{axis} [{units[j]}{'/s' if axis == 'speed' else ''}]", "residual [N m]")
+        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        for rung in rungs:
+            y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
+            for rows in (binned(x, y, edges) for edges in parts):
+                if rung == rungs[-1]:
+                    axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
+                axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
+        panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual against {axis}")})
     return panels
 
 
@@ -226,40 +218,13 @@ def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]
             axes.axvline(start, color="#e3e3e3", linewidth=0.5)
         span = envelope(time, np.where(moving[:, j], stacked[:, j], np.nan))
         axes.fill_between(*span, color=colour, alpha=0.45, linewidth=0.3)
-        axes.hlines(_medians(traces, residuals, j), starts[:-1], starts[1:], color="#111111", linewidth=1.4)
+        own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
+        medians = [float(np.median(values)) if len(values) else np.nan for values in own]
+        axes.hlines(medians, starts[:-1], starts[1:], color="#111111", linewidth=1.4)
         axes.axhline(0.0, color="#333333", linewidth=0.5)
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
     return panels
-
-
-def _draw(
-    traces: Sequence[RunTrace],
-    rungs: tuple[str, ...],
-    j: int,
-    x: Float[Array, " t"],
-    groups: Sequence[Array],
-    label: str,
-    description: str,
-) -> dict[str, Any]:
-    """Median of every rung's residual in bins, and for the last rung the band of 80 % of the samples."""
-    colours = rung_colours(tuple(traces[0].rungs))
-    figure, axes = make_panel(label, "residual [N m]")
-    axes.axhline(0.0, color="#333333", linewidth=0.5)
-    for rung in rungs:
-        y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
-        for edges in groups:
-            rows = binned(x, y, edges)
-            if rung == rungs[-1]:
-                axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
-            axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
-    return {"title": traces[0].motion.joints[j], "svg": to_svg(figure, description)}
-
-
-def _medians(traces: Sequence[RunTrace], residuals: Sequence[Array], j: int) -> list[float]:
-    """Median residual of each run where the joint moves; not a number where it never does."""
-    own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
-    return [float(np.median(values)) if len(values) else np.nan for values in own]
 
 
 def _residual(trace: RunTrace, rung: str) -> Float[Array, "t n"]:

@@ -39,15 +39,7 @@ def without_formulas(figure: Figure) -> Figure:
 def make_panel(
     x_label: str, y_label: str, size: tuple[float, float] = PANEL, left: float = 0.6, bottom: float = 0.42
 ) -> tuple[Figure, Axes]:
-    """An empty panel with labelled axes and a light grid.
-
-    Args:
-        x_label: What and unit.
-        y_label: What and unit.
-        size: Width and height [inch].
-        left: Room for the y axis [inch].
-        bottom: Room for the x axis [inch].
-    """
+    """An empty panel with labelled axes and a light grid."""
     width, height = size
     figure = Figure(figsize=size)
     FigureCanvasSVG(figure)
@@ -67,12 +59,7 @@ def make_panel(
 
 
 def to_svg(figure: Figure, description: str) -> Markup:
-    """The figure as an inline SVG element that fills its column.
-
-    Args:
-        figure: The picture.
-        description: What it shows, for those who can't see it.
-    """
+    """The figure as an inline SVG element that fills its column."""
     buffer = io.StringIO()
     without_formulas(figure)
     with mpl.rc_context(SVG_SETTINGS):

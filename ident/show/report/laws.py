@@ -27,32 +27,20 @@ Axis = Callable[[RunResidual, int], Float[Array, " t"]]
 
 @dataclass(frozen=True, eq=False)
 class LawPicture:
-    """One finding's picture.
+    """One finding's picture."""
 
-    Attributes:
-        svg: The picture.
-        caption: What it shows, in words.
-    """
-
-    svg: Markup
-    caption: str
+    svg: Markup  # the picture
+    caption: str  # what it shows, in words
 
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """A finding's own torque, run by run, beside what is left without it.
+    """A finding's own torque, run by run, beside what is left without it."""
 
-    Attributes:
-        joint: The joint that is shown.
-        torque: Of the law, one array a run [N m].
-        left: What all other names leave [N m].
-        items: The runs.
-    """
-
-    joint: int
-    torque: list[Float[Array, " t"]]
-    left: list[Float[Array, " t"]]
-    items: Sequence[RunResidual]
+    joint: int  # the joint that is shown
+    torque: list[Float[Array, " t"]]  # of the law, one array a run [N m]
+    left: list[Float[Array, " t"]]  # what all other names leave [N m]
+    items: Sequence[RunResidual]  # the runs
 
     def where(self) -> list[Array]:
         return [item.counts[:, self.joint] for item in self.items]
@@ -62,40 +50,27 @@ class _Law:
         return np.concatenate([one[inside] for one, inside in zip(values, self.where(), strict=True)])
 
 
-def _speed(item: RunResidual, joint: int) -> Float[Array, " t"]:
-    return np.asarray(item.speed[:, joint])
-
-
-def _position(item: RunResidual, joint: int) -> Float[Array, " t"]:
-    return np.asarray(item.run.motion.q[item.run.motion.coarse][:, joint])
-
-
-def _load(item: RunResidual, joint: int) -> Float[Array, " t"]:
-    return np.asarray(item.run.link[item.run.motion.coarse][:, joint])
-
-
 # What a law is a curve over (`Effect.drawn_over`), with the unit of the axis ("" for the joint's own: rad or m).
 CURVES: Mapping[str, tuple[str, str, Axis]] = {
-    "speed": ("speed", "/s", _speed),
-    "angle": ("angle", "", _position),
-    "load": ("load", "N m", _load),
+    "speed": ("speed", "/s", lambda item, j: np.asarray(item.speed[:, j])),
+    "angle": ("angle", "", lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
+    "load": ("load", "N m", lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
     "reversal": ("time since it turned round", "s", reversal_age),
 }
 
 
 def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
     """One picture a finding, in the order of the findings; None where nothing can be drawn."""
-    return tuple(_draw(analysis, finding) for finding in analysis.diagnosis.findings)
-
-
-def _draw(analysis: Analysis, finding: Finding) -> LawPicture | None:
-    if not analysis.series:
-        return None
-    law = _torque_of(analysis, finding)
-    if not sum(int(inside.sum()) for inside in law.where()):
-        return None
-    effect = finding.estimate.group.effect
-    return _over_curve(analysis, law, effect) if effect.drawn_over in CURVES else _over_time(analysis, law)
+    pictures: list[LawPicture | None] = []
+    for finding in analysis.diagnosis.findings if analysis.series else ():
+        law, effect = _torque_of(analysis, finding), finding.estimate.group.effect
+        if not sum(int(inside.sum()) for inside in law.where()):
+            pictures.append(None)
+        elif effect.drawn_over in CURVES:
+            pictures.append(_over_curve(analysis, law, effect))
+        else:
+            pictures.append(_over_time(analysis, law))
+    return tuple(pictures) if analysis.series else (None,) * len(analysis.diagnosis.findings)
 
 
 def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
@@ -121,15 +96,25 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
     x = law.gathered([axis(item, j) for item in law.items])
     data, curve = law.gathered(law.left), law.gathered(law.torque)
     plain = np.zeros_like(data)
-    if effect.drawn == "whole":
-        plain = law.gathered([_tuned_friction(analysis, item, j) for item in law.items])
-    sign = np.sign(law.gathered([_speed(item, j) for item in law.items])) if effect.drawn == "odd" else np.ones_like(x)
-    edges = _edges(x)
+    if effect.drawn == "whole":  # Coulomb and viscous friction as tuned beside the names [N m]
+        assert analysis.diagnosis.details is not None, "an analysis has fitted something"
+        tuned, runs = analysis.diagnosis.details.baseline[joint], [item.run for item in law.items]
+        friction = [tuned.coulomb * run.direction[:, j] + tuned.viscous * run.motion.dq[:, j] for run in runs]
+        own = [np.asarray(run.motion.filtered(one)) for run, one in zip(runs, friction, strict=True)]
+        plain = law.gathered(own)
+    sign = np.ones_like(x)
+    if effect.drawn == "odd":
+        sign = np.sign(law.gathered([np.asarray(item.speed[:, j]) for item in law.items]))
+    # Bins of like counts, none across zero.
+    sides = [side for side in (x[x < 0.0], x[x > 0.0]) if len(side)]
+    counts = [max(2, round(BINS * len(side) / max(len(x), 1))) for side in sides]
+    ends = [np.quantile(side, np.linspace(0.0, 1.0, k + 1)) for side, k in zip(sides, counts, strict=True)]
+    edges = np.unique(np.concatenate(ends)) + 0.0
     found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
     if len(found[0]) < 2:
         return None
-    own = "m" if analysis.baseline.nominal.sliding_joints[j] else "rad"
-    unit = own if unit == "" else f"{own}/s" if unit == "/s" else unit
+    length = "m" if analysis.baseline.nominal.sliding_joints[j] else "rad"
+    unit = f"{length}{unit}" if unit in ("", "/s") else unit
     what = "friction" if effect.drawn else "torque without the law"
     figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [N m]", WIDE, left=0.65, bottom=0.45)
     for part in _unbroken(found[0]):
@@ -144,26 +129,6 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
         f"green: with the named law; dashed: {rest}."
     )
     return LawPicture(to_svg(figure, caption), caption)
-
-
-def _tuned_friction(analysis: Analysis, item: RunResidual, joint: int) -> Float[Array, " t"]:
-    """Coulomb and viscous friction as tuned beside the names [N m]."""
-    motion, name = item.run.motion, analysis.diagnosis.joints[joint]
-    assert analysis.diagnosis.details is not None, "an analysis has fitted something"
-    tuned = analysis.diagnosis.details.baseline[name]
-    friction = tuned.coulomb * item.run.direction[:, joint] + tuned.viscous * motion.dq[:, joint]
-    return np.asarray(motion.filtered(friction))
-
-
-def _edges(x: Float[Array, " T"]) -> Float[Array, " b"]:
-    """Bins of like counts, none across zero."""
-    sides = [x[x < 0.0], x[x > 0.0]]
-    edges = [np.quantile(side, np.linspace(0.0, 1.0, _bins(len(side), len(x)) + 1)) for side in sides if len(side)]
-    return np.unique(np.concatenate(edges)) + 0.0
-
-
-def _bins(count: int, total: int) -> int:
-    return max(2, round(BINS * count / max(total, 1)))
 
 
 def _unbroken(rows: Float[Array, "b 4"]) -> list[Float[Array, "b 4"]]:

@@ -21,29 +21,16 @@ COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "FLEXIBLE", "TUNED", "
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """One section of a page.
+    """One section of a page."""
 
-    Attributes:
-        anchor: Its address on the page.
-        title: Its heading.
-        template: File name of its template.
-        values: What the template gets.
-    """
-
-    anchor: str
-    title: str
-    template: str
-    values: Mapping[str, Any]
+    anchor: str  # its address on the page
+    title: str  # its heading
+    template: str  # file name of its template
+    values: Mapping[str, Any]  # what the template gets
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = "") -> Path:
     """Writes one self-contained HTML page, whole or not at all.
-
-    Args:
-        path: The file to be written.
-        title: Heading of the page.
-        sections: What it shows, in this order; None for one that has nothing to show.
-        subtitle: A line under the heading: robot, recordings.
 
     Raises:
         InputError: The folder can't be written to.

@@ -119,12 +119,7 @@ def parameter_name(name: str) -> tuple[str, str]:
 
 
 def parameter_cells(name: str, value: Any) -> dict[str, str]:
-    """A parameter's name, value, 95 % interval and unit as text; counts and states have no interval.
-
-    Args:
-        name: Its name in a record.
-        value: Its `value`, `low` and `high`; of a foreign record anything.
-    """
+    """A parameter's name, value, 95 % interval and unit as text; counts and states have no interval."""
     words, unit = parameter_name(name)
     if not isinstance(value, Mapping):
         return {"name": words, "unit": unit, "value": str(value), "interval": ""}

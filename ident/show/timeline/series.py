@@ -16,21 +16,13 @@ from ident.show.palette import MEASURED, rung_colours, rung_name
 
 @dataclass(frozen=True)
 class Mark:
-    """One stretch of one run.
+    """One stretch of one run."""
 
-    Attributes:
-        run: Index of the run among the motions.
-        start_s: Start, from the run's first sample [s].
-        end_s: End [s].
-        joint: The joint concerned.
-        text: What is there.
-    """
-
-    run: int
-    start_s: float
-    end_s: float
-    joint: str
-    text: str
+    run: int  # index of the run among the motions
+    start_s: float  # start, from the run's first sample [s]
+    end_s: float  # end [s]
+    joint: str  # the joint concerned
+    text: str  # what is there
 
 
 MARK_COLOUR = "#d00000"
@@ -38,21 +30,13 @@ MARK_COLOUR = "#d00000"
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve of one joint over a run's filtered samples.
+    """One curve of one joint over a run's filtered samples."""
 
-    Attributes:
-        joint: The joint.
-        path: Group (`torque`, `residual`, `power`, `energy`, `motion`) and name within it.
-        label: Its name in the legend.
-        colour: Its colour.
-        values: One value a filtered sample.
-    """
-
-    joint: str
-    path: tuple[str, str]
-    label: str
-    colour: str
-    values: Float[Array, " t"]
+    joint: str  # the joint
+    path: tuple[str, str]  # group (`torque`, `residual`, `power`, `energy`, `motion`) and name within it
+    label: str  # its name in the legend
+    colour: str  # its colour
+    values: Float[Array, " t"]  # one value a filtered sample
 
 
 def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:

@@ -7,8 +7,9 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -28,47 +29,29 @@ TIMELINE = "time"
 
 
 def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb.Blueprint:
-    """The layout.
-
-    Args:
-        joints: Joint names.
-        with_model: Whether there are rungs to compare.
-        reach: How far the arm reaches [m], for the camera's place; 0 where there are no boxes to show.
-    """
-    tabs = [_joint_tab(joint, with_model) for joint in joints]
+    """The layout; the camera stands as far off as the arm reaches [m], which is 0 where there are no boxes to show."""
+    groups = [("torque", "torque [N m]")]
+    if with_model:
+        groups += [("residual", "residual: measured − modelled [N m]"), ("energy", "energy since the run's start [J]")]
+    groups += [("power", "power [W]"), ("motion", "position and velocity")]
+    shares = [3] + [2] * (len(groups) - 1)
+    tabs = [rrb.Vertical(*[_series(one, *row) for row in groups], row_shares=shares, name=one) for one in joints]
     what = "residual" if with_model else "torque"
     overview = rrb.Grid(*[_series(joint, what, joint) for joint in joints], grid_columns=2, name=f"all joints: {what}")
     series = rrb.Tabs(overview, *tabs, active_tab=0)
-    log = rrb.TextLogView(origin="/log", name="runs, telemetry, marks")
-    left = rrb.Vertical(
-        *([_arm_view(reach)] if reach > 0 else []),
-        log,
-        row_shares=[3, 2] if reach > 0 else [1],
-    )
+    left: list[rrb.View] = [rrb.TextLogView(origin="/log", name="runs, telemetry, marks")]
+    if reach > 0:  # the arm from the side and a little above, whole in any posture
+        eye = rrb.EyeControls3D(
+            position=[1.5 * reach, -1.5 * reach, reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
+        )
+        left.insert(0, rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye))
     return rrb.Blueprint(
-        rrb.Horizontal(left, series, column_shares=[2, 5]),
+        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2][: len(left)]), series, column_shares=[2, 5]),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
     )
-
-
-def _arm_view(reach: float) -> rrb.Spatial3DView:
-    """The arm from the side and a little above, whole in any posture."""
-    eye = rrb.EyeControls3D(
-        position=[1.5 * reach, -1.5 * reach, 1.0 * reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
-    )
-    return rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye)
-
-
-def _joint_tab(joint: str, with_model: bool) -> rrb.Container:
-    rows = [("torque", "torque [N m]")]
-    if with_model:
-        rows += [("residual", "residual: measured − modelled [N m]"), ("energy", "energy since the run's start [J]")]
-    rows += [("power", "power [W]"), ("motion", "position and velocity")]
-    shares = [3] + [2] * (len(rows) - 1)
-    return rrb.Vertical(*[_series(joint, key, name) for key, name in rows], row_shares=shares, name=joint)
 
 
 def _series(joint: str, key: str, name: str) -> rrb.TimeSeriesView:
@@ -84,32 +67,15 @@ def entity(joint: str, *parts: str) -> str:
     return "/joints/" + "/".join(rr.escape_entity_path_part(part) for part in (joint, *parts))
 
 
-@dataclass(frozen=True, eq=False)
-class LinkBoxes:
-    """The boxes of one link, in its frame.
-
-    Attributes:
-        link: Name of the link.
-        centres: Centres [m].
-        half_sizes: Half edge lengths [m].
-        rotations: Orientations as quaternions (x, y, z, w).
-    """
-
-    link: str
-    centres: Float[np.ndarray, "b 3"]
-    half_sizes: Float[np.ndarray, "b 3"]
-    rotations: Float[np.ndarray, "b 4"]
-
-
-def link_boxes(arm: ArmModel) -> tuple[LinkBoxes, ...]:
-    """Bounding boxes of the collision geometry, link by link; none where its meshes are not there.
+def link_boxes(arm: ArmModel) -> dict[str, dict[str, Any]]:
+    """Bounding boxes of the collision geometry, by link and in its frame; none where its meshes are not there.
 
     Boxes are shown as they are; cylinders, spheres and meshes by the box around them.
     """
     try:
         objects = arm.geometry.geometryObjects
     except RobotError:
-        return ()
+        return {}
     found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for body in objects:
         frame = arm.model.frames[body.parentFrame]
@@ -119,23 +85,14 @@ def link_boxes(arm: ArmModel) -> tuple[LinkBoxes, ...]:
         pose = np.linalg.inv(frame.placement.homogeneous) @ body.placement.homogeneous
         pose[:3, 3] += pose[:3, :3] @ ((box.min_ + box.max_) / 2)
         found.setdefault(frame.name, []).append((pose, (box.max_ - box.min_) / 2))
-    return tuple(
-        LinkBoxes(
-            link,
-            np.array([pose[:3, 3] for pose, _ in boxes]),
-            np.array([half for _, half in boxes]),
-            Rotation.from_matrix(np.array([pose[:3, :3] for pose, _ in boxes])).as_quat(),
-        )
+    return {
+        link: {
+            "centers": np.array([pose[:3, 3] for pose, _ in boxes]),
+            "half_sizes": np.array([half for _, half in boxes]),
+            "quaternions": Rotation.from_matrix(np.array([pose[:3, :3] for pose, _ in boxes])).as_quat(),
+        }
         for link, boxes in found.items()
-    )
-
-
-def link_poses(
-    arm: ArmModel, q: Float[np.ndarray, "T n"], links: tuple[str, ...]
-) -> dict[str, tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]]:
-    """Position [m] and quaternion (x, y, z, w) of links in the base frame over time."""
-    poses = arm.link_poses(q, links)
-    return {link: (place, Rotation.from_matrix(turn).as_quat()) for link, (turn, place) in poses.items()}
+    }
 
 
 def arm_reach(arm: ArmModel) -> float:
@@ -143,9 +100,6 @@ def arm_reach(arm: ArmModel) -> float:
     poses = list(arm.forward_kinematics(arm.neutral).values())
     places = np.array([pose[:3, 3] for pose in poses])
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-
-# Writes the timeline as a Rerun recording, or opens it in the viewer.
 
 
 # Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in two places.
@@ -181,24 +135,30 @@ def write_timeline(
     """
     target = Path(path)
     with atomic_write(target) as part:
-        recording = rr.RecordingStream(
-            "armgap", recording_id=f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
-        )
+        name = f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
+        recording = rr.RecordingStream("armgap", recording_id=name)
         joints = motions[0].joints
         layout = make_blueprint(joints, model is not None or bool(further), arm_reach(arm) if link_boxes(arm) else 0.0)
         recording.save(part, default_blueprint=layout)
-        _log(recording, arm, motions, model, issues, marks, further)
+        starts = run_starts(motions)
+        rows: Rows = defaultdict(list)
+        for k, (motion, start) in enumerate(zip(motions, starts, strict=True)):
+            time = motion.time[motion.coarse] - motion.time[0]
+            curves = [*run_curves(motion, model), *(further[k] if further else ())]
+            curves += _marked_curves(curves, time, [mark for mark in marks if mark.run == k])
+            for curve in curves:
+                rows[curve.joint, curve.path].append((time + start, curve))
+        for (joint, path_of), pieces in rows.items():
+            _send_curve(recording, entity(joint, *path_of), pieces)
+        _send_arm(recording, arm, motions, starts)
+        _send_log(recording, motions, starts, issues, marks)
         recording.flush()
         recording.disconnect()
     return target
 
 
 def show_timeline(
-    arm: ArmModel,
-    motions: Sequence[Motion],
-    model: HybridModel | None = None,
-    issues: Sequence[TelemetryIssue] = (),
-    marks: Sequence[Mark] = (),
+    arm: ArmModel, motions: Sequence[Motion], model: HybridModel | None = None, issues: Sequence[TelemetryIssue] = ()
 ) -> None:
     """Opens the timeline in Rerun's viewer, and returns when its window is closed.
 
@@ -208,7 +168,7 @@ def show_timeline(
         InputError: The viewer can't be opened, for lack of a screen, say.
     """
     with tempfile.TemporaryDirectory() as folder:
-        file = write_timeline(Path(folder) / "timeline.rrd", arm, motions, model, issues, marks)
+        file = write_timeline(Path(folder) / "timeline.rrd", arm, motions, model, issues)
         command = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", str(file)]
         if subprocess.run(command, check=False).returncode != 0:
             raise InputError("viewer", "Rerun's window can't be opened", "save the timeline with --rrd FILE instead")
@@ -218,29 +178,6 @@ def run_starts(motions: Sequence[Motion]) -> list[float]:
     """Start of each run on the timeline [s]."""
     lengths = [motion.time[-1] - motion.time[0] + PAUSE for motion in motions]
     return [0.0, *np.cumsum(lengths)[:-1].tolist()]
-
-
-def _log(
-    recording: rr.RecordingStream,
-    arm: ArmModel,
-    motions: Sequence[Motion],
-    model: HybridModel | None,
-    issues: Sequence[TelemetryIssue],
-    marks: Sequence[Mark],
-    further: Sequence[Sequence[Curve]],
-) -> None:
-    starts = run_starts(motions)
-    rows: Rows = defaultdict(list)
-    for k, (motion, start) in enumerate(zip(motions, starts, strict=True)):
-        time = motion.time[motion.coarse] - motion.time[0]
-        curves = [*run_curves(motion, model), *(further[k] if further else ())]
-        curves += _marked_curves(curves, time, [mark for mark in marks if mark.run == k])
-        for curve in curves:
-            rows[curve.joint, curve.path].append((time + start, curve))
-    for (joint, path), pieces in rows.items():
-        _send_curve(recording, entity(joint, *path), pieces)
-    _send_arm(recording, arm, motions, starts)
-    _send_log(recording, motions, starts, issues, marks)
 
 
 def _marked_curves(curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]) -> list[Curve]:
@@ -284,21 +221,15 @@ def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Mo
         step = slice(None, None, max(1, round(motion.lowpass.rate / ARM_RATE)))
         times.append(motion.time[step] - motion.time[0] + start)
         positions.append(motion.select(arm.joint_names).q[step])
-    poses = link_poses(arm, np.concatenate(positions), tuple(box.link for box in boxes))
+    poses = arm.link_poses(np.concatenate(positions), tuple(boxes))
     index = rr.TimeColumn(TIMELINE, duration=np.concatenate(times))
-    for k, box in enumerate(boxes):
-        path = f"/arm/{rr.escape_entity_path_part(box.link)}"
+    for k, (link, box) in enumerate(boxes.items()):
+        path = f"/arm/{rr.escape_entity_path_part(link)}"
         shade = 90 + 110 * k // len(boxes)
-        shape = rr.Boxes3D(
-            centers=box.centres,
-            half_sizes=box.half_sizes,
-            quaternions=box.rotations,
-            colors=[shade, shade + 20, 235],
-            fill_mode="solid",
-        )
+        shape = rr.Boxes3D(**box, colors=[shade, shade + 20, 235], fill_mode="solid")
         recording.log(path, shape, static=True)
-        translation, quaternion = poses[box.link]
-        columns = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
+        turn, place = poses[link]
+        columns = rr.Transform3D.columns(translation=place, quaternion=Rotation.from_matrix(turn).as_quat())
         recording.send_columns(path, [index], columns)
 
 
@@ -310,9 +241,13 @@ def _send_log(
     marks: Sequence[Mark],
 ) -> None:
     """Runs at their starts, telemetry issues at the beginning, marks at their moments."""
+    runs = []
+    for motion, start in zip(motions, starts, strict=True):
+        payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
+        runs.append((start, f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}", "INFO"))
     entries = {
         "telemetry": [(0.0, f"{i.issue}: {i.evidence}; {i.remedy}", LEVELS[i.severity]) for i in issues],
-        "runs": [(start, _describe(motion), "INFO") for motion, start in zip(motions, starts, strict=True)],
+        "runs": runs,
         "marks": [
             (starts[m.run] + m.start_s, f"{m.joint}, {m.end_s - m.start_s:.2f} s: {m.text}", "WARN") for m in marks
         ],
@@ -322,8 +257,3 @@ def _send_log(
             times, texts, levels = zip(*lines, strict=True)
             index = rr.TimeColumn(TIMELINE, duration=np.array(times))
             recording.send_columns(f"/log/{name}", [index], rr.TextLog.columns(text=texts, level=levels))
-
-
-def _describe(motion: Motion) -> str:
-    payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
-    return f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}"

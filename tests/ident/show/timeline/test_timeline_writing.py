@@ -116,7 +116,7 @@ def test_runs_lie_end_to_end(saved: Saved, motions: list[Motion]) -> None:
 
 def test_boxes_move_with_the_arm(saved: Saved, arm: ArmModel, motions: list[Motion]) -> None:
     """Every link's pose over time is forward kinematics', and its boxes are those of the URDF."""
-    boxes = {box.link: box for box in link_boxes(arm)}
+    boxes = link_boxes(arm)
     assert len(boxes) == 7
     for link, box in boxes.items():
         table = saved.columns[f"/arm/{link}"]
@@ -124,19 +124,19 @@ def test_boxes_move_with_the_arm(saved: Saved, arm: ArmModel, motions: list[Moti
         np.testing.assert_allclose(table["Transform3D:translation"][0][0], first[:3, 3], atol=1e-6)
         turned = Rotation.from_quat(table["Transform3D:quaternion"][0][0]).as_matrix()
         np.testing.assert_allclose(turned, first[:3, :3], atol=1e-6)
-        np.testing.assert_allclose(saved.static[f"/arm/{link}"]["Boxes3D:half_sizes"][0], box.half_sizes, atol=1e-7)
+        np.testing.assert_allclose(saved.static[f"/arm/{link}"]["Boxes3D:half_sizes"][0], box["half_sizes"], atol=1e-7)
 
 
 def test_boxes_lie_where_the_collision_geometry_does(arm: ArmModel) -> None:
     """Link pose times box pose is where Pinocchio puts the collision object, in any posture."""
     q = np.array([0.4, -0.7, 1.1])
     poses = arm.forward_kinematics(q)
-    for box, body in zip(link_boxes(arm), arm.geometry.geometryObjects, strict=True):
+    for (link, box), body in zip(link_boxes(arm).items(), arm.geometry.geometryObjects, strict=True):
         frame = arm.model.frames[body.parentFrame]
-        of_joint = poses[box.link] @ np.linalg.inv(frame.placement.homogeneous)
+        of_joint = poses[link] @ np.linalg.inv(frame.placement.homogeneous)
         corner = of_joint @ body.placement.homogeneous @ np.array([*body.geometry.halfSide, 1.0])
-        shown = Rotation.from_quat(box.rotations[0]).apply(box.half_sizes[0]) + box.centres[0]
-        np.testing.assert_allclose((poses[box.link] @ [*shown, 1.0])[:3], corner[:3], atol=1e-9)
+        shown = Rotation.from_quat(box["quaternions"][0]).apply(box["half_sizes"][0]) + box["centers"][0]
+        np.testing.assert_allclose((poses[link] @ [*shown, 1.0])[:3], corner[:3], atol=1e-9)
 
 
 def test_reach_bounds_every_posture(arm: ArmModel, motions: list[Motion]) -> None:
@@ -218,8 +218,8 @@ def test_model_of_fewer_joints(arm: ArmModel, motions: list[Motion], tmp_path: P
 def test_meshes_are_shown_by_the_boxes_around_them() -> None:
     """The Panda's meshes become boxes of an arm's size."""
     boxes = link_boxes(ArmModel.load("panda"))
-    assert {"panda_link0", "panda_link7"} <= {box.link for box in boxes}
-    largest = max(float(box.half_sizes.max()) for box in boxes)
+    assert {"panda_link0", "panda_link7"} <= boxes.keys()
+    largest = max(float(box["half_sizes"].max()) for box in boxes.values())
     assert 0.05 < largest < 0.4
 
 
