@@ -68,34 +68,25 @@ def oracle_accuracy(simulation: Simulation, seed: int = 0) -> float | None:
         level = float((shown.rms / floor).max())
         if level > LEAST_SHOWN:
             signatures.append(shown.torque / level)
-    stack = np.stack(signatures, axis=2)
-    gram = np.zeros((stack.shape[2], stack.shape[2]))
-    for number in np.unique(first.run):
-        rows = first.run == number
+    stack, own = np.stack(signatures, axis=2), simulation.hardware.friction
+    k, change = stack.shape[2], np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
+    gram = np.zeros((k, k))
+    # Products of each run and joint; what the run's own friction may explain is taken out as far as it varies.
+    for rows in (first.run == number for number in np.unique(first.run)):
+        count = int(rows.sum())
+        frequencies = np.fft.rfftfreq(count, STRIDE_S)
+        variance = noise_density(simulation.hardware, world, frequencies) * 0.5 / STRIDE_S
+        weight = np.where((frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count), 1.0, 2.0)
         for j in range(stack.shape[1]):
-            gram += _whitened(stack[rows, j], first.speed[rows, j], simulation, j)
+            speed = first.speed[rows, j]
+            friction = np.column_stack([np.sign(speed) * own.coulomb[j], speed * own.viscous[j]])
+            scale = np.sqrt(weight / variance[:, j] / count)[:, None]
+            spectra = np.fft.rfft(np.column_stack([stack[rows, j], change * friction]), axis=0) * scale
+            both = (spectra.conj().T @ spectra).real
+            cross, inner = both[:k, k:], both[k:, k:] + np.eye(2)
+            gram += both[:k, :k] - cross @ np.linalg.solve(inner, cross.T)
     gram /= first.share
     return name_by_evidence(gram, np.random.default_rng([seed, 7])) if gram[0, 0] > 0.0 else 0.0
-
-
-def _whitened(
-    torque: Float[Array, "T K"], speed: Float[Array, " T"], simulation: Simulation, j: int
-) -> Float[Array, "K K"]:
-    """Products of one run and joint; what the run's own friction may explain is taken out as far as it varies."""
-    world, hardware = simulation.options.world, simulation.hardware
-    assert world is not None
-    count = len(torque)
-    frequencies = np.fft.rfftfreq(count, STRIDE_S)
-    variance = noise_density(hardware, world, frequencies)[:, j] * 0.5 / STRIDE_S
-    weight = np.where((frequencies == 0.0) | (2 * np.arange(len(frequencies)) == count), 1.0, 2.0)
-    scale = np.sqrt(weight / variance / count)[:, None]
-    change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
-    own = np.column_stack([np.sign(speed) * hardware.friction.coulomb[j], speed * hardware.friction.viscous[j]])
-    spectra = np.fft.rfft(np.column_stack([torque, change * own]), axis=0) * scale
-    both = (spectra.conj().T @ spectra).real
-    k = torque.shape[1]
-    cross, inner = both[:k, k:], both[k:, k:] + np.eye(2)
-    return np.asarray(both[:k, :k] - cross @ np.linalg.solve(inner, cross.T))
 
 
 def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> float:
@@ -228,9 +219,16 @@ def draw_case(
     """
     fixed = np.random.default_rng([seed, 1, number, max(attempt - OTHER_EFFECTS_FROM + 1, 0)])
     rng = np.random.default_rng([seed, 2, number, attempt])
+    if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
+        wanted = [(slot.effect, slot.amplitude)]
+    else:
+        family, ids = OUTSIDE if slot.kind == "outside" else CATALOGUE, [""]
+        while ids == [""] or any(twin in ids for one in ids for twin in TWINS.get(one, ())):
+            ids = [str(one) for one in fixed.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)]
+        wanted = [(one, slot.amplitude if slot.kind == "single" else float(fixed.choice(VISIBLE))) for one in ids]
     effects = tuple(
         EffectRequest(effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size)
-        for effect, size in _draw_effects(slot, attempt, fixed)
+        for effect, size in wanted
     )
     options = replace(
         base,
@@ -247,19 +245,6 @@ def draw_case(
         options = options.in_world(base.world)
     first = effects[0].effect if slot.kind == "excluded" else ""
     return options, (first, *TWINS.get(first, ())) if first else ()
-
-
-def _draw_effects(slot: Slot, attempt: int, rng: np.random.Generator) -> list[tuple[str, float]]:
-    """Ids and visible amplitudes."""
-    if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
-        return [(slot.effect, slot.amplitude)]
-    family = OUTSIDE if slot.kind == "outside" else CATALOGUE
-    while True:
-        ids = [str(one) for one in rng.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)]
-        if not any(twin in ids for one in ids for twin in TWINS.get(one, ())):
-            break
-    sizes = [slot.amplitude] if slot.kind == "single" else [float(rng.choice(VISIBLE)) for _ in ids]
-    return list(zip(ids, sizes, strict=True))
 
 
 MOST_ATTEMPTS = 12

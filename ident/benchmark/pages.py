@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ident.benchmark.scoring import Outcome
 from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, TEXT, WORDS, BlindReport
 from ident.errors import plural
 from ident.show.panels import draw_bars
@@ -27,24 +26,22 @@ OF_WORLDS = ("strict", "class_aware", "joint", "companion", "false_alarm", "told
 
 
 def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, Any] | None], out: Path) -> Path:
-    """Writes the page, and below it the diagnoses of the cases that were confidently wrong.
-
-    Args:
-        report: The check.
-        diagnoses: The record of `ident.diagnosis/1` of each case, None where it failed.
-        out: Folder.
-
-    Returns:
-        Path of the page.
-    """
+    """Writes the page, and below it the diagnoses of cases that were confidently wrong."""
     for one in report.confidently_wrong:
         if (diagnosed := diagnoses.get(one.name)) is not None:
             write_diagnosis_report(out / WRONG_FOLDER / f"{one.name}.html", diagnosed)
     record = report.to_dict()
     subtitle = f"{report.robot} · {plural(record['cases'], 'case')} · seed {report.seed}"
+    rows = []  # cases with a confident name that is not true, each with a link to its diagnosis
+    for one in report.confidently_wrong:
+        named = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
+        true = [f"{effect_name(e)} at {j}" if j else effect_name(e) for e, j in one.truth]
+        size = f"{one.amplitude:g}x, {'rich' if one.rich else 'poor'}" if one.truth else one.kind
+        link = (f"{WRONG_FOLDER}/{one.name}.html", one.name)
+        rows.append([link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(named)])
     sections = [
         *_tables(record),
-        _wrong(report.confidently_wrong),
+        _table("wrong", "Wrong, and sure of it", "case|#kind|#true|#told", rows),
         Section("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
         facts_section(report.run),
     ]
@@ -61,15 +58,9 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
     )
     failed = record["failed"]
     alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
-    whole = {
-        name: {
-            "value": value,
-            **dict(zip(("low", "high"), record["intervals"][name], strict=True)),
-            "count": counts[name],
-        }
-        for name, value in scores.items()
-        if name in counts
-    }
+    ends, known = record["intervals"], [name for name in scores if name in counts]
+    keys = ("value", "low", "high", "count")
+    whole = {name: dict(zip(keys, (scores[name], *ends[name], counts[name]), strict=True)) for name in known}
     rows = [_cells(text, whole[name]) for name, text in TEXT["shares"].items()]
     rows += [_cells(text, whole[name], fixed) for name, text in TEXT["means"].items()]
     yield _table("scores", "Scores", "score|value|interval|of", rows, headline, alarm)
@@ -86,11 +77,13 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
     if worst := record["worst_stratum"]:
         axis, _, place = worst["world"].partition(" ")
         alarm = f"Worst: {axes[axis]} {place}, {percent(worst['strict'])} named."
-    rows = [
-        [axes[axis], _place(one), one["cases"], *(percent(one[name]) for name in OF_WORLDS)]
-        for axis, strata in record["worlds"].items()
-        for one in strata
-    ]
+    rows = []
+    for axis, one in ((axis, one) for axis, strata in record["worlds"].items() for one in strata):
+        place = one.get("value")  # a stratum's word, or its bounds
+        if place is None:
+            low, high = (f"{end:.0f}" if end >= 100.0 else f"{end:.2g}" for end in (one["low"], one["high"]))
+            place = low if low == high else f"{low} to {high}"
+        rows.append([axes[axis], str(place), one["cases"], *(percent(one[name]) for name in OF_WORLDS)])
     columns = "property|from, to|cases|named|classed|joint|false beside|false alarms|told a gap"
     yield _table("worlds", "In which worlds does it hold?", columns, rows, alarm=alarm)
 
@@ -119,28 +112,12 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
     yield _table("edits", "Take the cause out again: is the arm left?", columns, rows)
 
 
-def _wrong(cases: Sequence[Outcome]) -> Section | None:
-    """Cases with a confident name that is not true, each with a link to its diagnosis."""
-    rows = []
-    for one in cases:
-        named = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
-        true = [f"{effect_name(e)} at {j}" if j else effect_name(e) for e, j in one.truth]
-        size = f"{one.amplitude:g}x, {'rich' if one.rich else 'poor'}" if one.truth else one.kind
-        link = (f"{WRONG_FOLDER}/{one.name}.html", one.name)
-        rows.append([link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(named)])
-    return _table("wrong", "Wrong, and sure of it", "case|#kind|#true|#told", rows)
-
-
 def _table(
     anchor: str, title: str, columns: str, rows: Sequence[Sequence[Any]], headline: str = "", alarm: str = ""
 ) -> Section | None:
     """Words and a table of a check; left out where there is no row.
 
-    Args:
-        anchor, title: Its address and heading.
-        columns: Headings of the table; one that begins with "#" is over text.
-        rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
-        headline, alarm: Written before the rest.
+    A heading that begins with "#" is over text; a row's first cell is its heading, a pair of it a link and its words.
     """
     names, lead = columns.split("|"), TEXT["leads"].get(anchor, "").format(edit_within=f"{EDIT_WITHIN:g}")
     values: dict[str, Any] = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
@@ -152,14 +129,6 @@ def _cells(text: str, score: Mapping[str, Any], written: Callable[[float | None]
     """A row of a score: its words, value, interval and number of cases."""
     span = DASH if score["low"] is None else f"{written(score['low'])} to {written(score['high'])}"
     return [text, written(score["value"]), span, str(score["count"])]
-
-
-def _place(stratum: Mapping[str, Any]) -> str:
-    """A stratum's word, or its bounds."""
-    if "value" in stratum:
-        return str(stratum["value"])
-    low, high = (f"{end:.0f}" if end >= 100.0 else f"{end:.2g}" for end in (stratum["low"], stratum["high"]))
-    return low if low == high else f"{low} to {high}"
 
 
 def write(console: Console, report: BlindReport) -> None:

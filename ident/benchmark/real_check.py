@@ -62,7 +62,28 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
             for joint in joints
         ]
         owned = [*control, *measured]
-        planted = [{**base, **_effect_row(effect, findings, control)} for effect in answer["effects"]]
+        planted = []
+        for effect in answer["effects"]:
+            found = [one for one in findings if holds(one, effect)]
+            strict = [one for one in found if one["effect"] == effect["effect"]]
+            already = any(holds(one, effect) for one in control)
+            covered = {}  # whether the intervals of a name hold what was planted
+            for key, true in effect["parameters"].items() if strict and not already else ():
+                one = strict[0].get("parameters", {}).get(key)
+                told = isinstance(one, dict) and one.get("low") is not None
+                if told and key != "order" and not isinstance(true, str):
+                    low, high = float(one["low"]), float(one["high"])
+                    covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
+            row = {
+                **{key: effect[key] for key in ("effect", "asked", "in_catalogue")},
+                "joint": effect["joints"][0] if effect["joints"] else "",
+                "already": already,
+                "named": max(map(_probability, found), default=0.0) >= CONFIDENT,
+                "named_at_all": bool(found),
+                "strict": max(map(_probability, strict), default=0.0) >= CONFIDENT,
+                "covered": covered,
+            }
+            planted.append({**base, **row})
         new = []
         for one in findings if answer["kind"] != "control" else ():
             true = any(holds(one, effect) for effect in answer["effects"])
@@ -127,29 +148,6 @@ def holds(finding: Finding, effect: Row) -> bool:
     return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
 
 
-def _effect_row(effect: Row, findings: Sequence[Finding], control: Sequence[Finding]) -> Row:
-    found = [one for one in findings if holds(one, effect)]
-    strict = [one for one in found if one["effect"] == effect["effect"]]
-    already = any(holds(one, effect) for one in control)
-    covered = {}  # whether the intervals of a name hold what was planted
-    for key, true in effect["parameters"].items() if strict and not already else ():
-        one = strict[0].get("parameters", {}).get(key)
-        if not isinstance(true, str) and isinstance(one, dict) and one.get("low") is not None and key != "order":
-            low, high = float(one["low"]), float(one["high"])
-            covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
-    return {
-        "effect": effect["effect"],
-        "asked": effect["asked"],
-        "in_catalogue": effect["in_catalogue"],
-        "joint": effect["joints"][0] if effect["joints"] else "",
-        "already": already,
-        "named": max(map(_probability, found), default=0.0) >= CONFIDENT,
-        "named_at_all": bool(found),
-        "strict": max(map(_probability, strict), default=0.0) >= CONFIDENT,
-        "covered": covered,
-    }
-
-
 # Tables
 
 
@@ -178,7 +176,9 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
     yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
     yield "  missed: " + _count(key for key, hit in inside if not hit)
-    once = [one for one in fresh if not _is_of_the_arm(one, names)]
+    # A name that was not planted and is given to another case of the arm, too, may be the arm's own.
+    wrong = Counter((one["arm"], one["name"]) for one in names if not one["right"])
+    once = [one for one in fresh if one["right"] or wrong[one["arm"], one["name"]] < 2]
     for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
         yield f"calibration (probability, right){title}:"
         for one in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
@@ -186,12 +186,6 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
     spent = [one["seconds"] for one in cases if one["seconds"] is not None]
     yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
-
-
-def _is_of_the_arm(name: Row, names: Sequence[Row]) -> bool:
-    """Whether a name that was not planted is given to another case of the arm, too: then it may be the arm's own."""
-    mates = (one for one in names if one["arm"] == name["arm"] and one["case"] != name["case"])
-    return not name["right"] and any(one["name"] == name["name"] and not one["right"] for one in mates)
 
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
@@ -214,7 +208,6 @@ def _count(words: Iterable[str]) -> str:
     return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common()) or "none"
 
 
-# Semi-real cases as a check: made, sealed, diagnosed or compared, scored.
 #    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
 #    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
 #    python -m ident.benchmark.real_check score OUT [--results DIR]
@@ -255,12 +248,6 @@ def check_on_real(
     folder: Path, options: BlindOptions, say: Callable[[str], None], progress: Callable[[str, int, int], None]
 ) -> RealReport:
     """Plants effects onto the real recordings below a folder, diagnoses and scores; goes on where it was stopped.
-
-    Args:
-        folder: Real recordings.
-        options: Number of cases, seed, folder for everything, workers.
-        say: Told the seals, line by line, before any diagnosis.
-        progress: Told what is being done, how many cases are done, and of how many.
 
     Raises:
         InputError: No recordings there, or another check in the folder.

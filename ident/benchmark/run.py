@@ -171,12 +171,7 @@ class BlindOptions(CheckOptions):
 def run_blind(
     options: BlindOptions, say: Say = lambda line: None, progress: Progress = lambda step, done, total: None
 ) -> BlindReport:
-    """Runs the check.
-
-    Args:
-        options: What to check.
-        say: Told the seals, line by line, before any diagnosis.
-        progress: Told what is being done, how many cases are done, and of how many.
+    """Runs the check; seals are said before any diagnosis, progress is a step's name and how many of all cases.
 
     Raises:
         InputError: Options that make no sense, or another check in the folder.

@@ -169,11 +169,6 @@ class Outcome:
     joints: tuple[str, ...] = ()
 
     @property
-    def urdf_wrong(self) -> bool:
-        """Whether links of its world's arm weigh something else than any tolerance allows."""
-        return urdf_is_wrong(self.world)
-
-    @property
     def judged(self) -> list[tuple[str, float, bool]]:
         """Effect, probability and truth of each name that is true or false."""
         excused = self.excused or (False,) * len(self.right)
@@ -207,14 +202,7 @@ class Outcome:
 
 
 def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Sequence[float] = ()) -> Outcome:
-    """Scores a case.
-
-    Args:
-        slot: Its place in the check.
-        answer: From its opened envelope.
-        result: What the diagnosing process wrote.
-        starts: Session time at which each run starts [s].
-    """
+    """Scores a case by its opened answer; `starts` are the session times at which its runs start [s]."""
     # Visible amplitude [noise floors]: of single effects as it was asked for, of others as measured.
     seen = [float(f"{max(_shares(one, answer).values(), default=0.0):.2g}") for one in answer.effects]
     case = Outcome(
@@ -241,15 +229,25 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
         case = replace(case, class_size=len(first["class"]))
         if only:
             strict, classed = first["effect"] == only.effect, only.effect in first["class"]
-            case = replace(case, strict=strict, class_aware=classed, joint=_is_at(only, first, answer))
+            case = replace(case, strict=strict, class_aware=classed, joint=_is_at(only, first["joints"], answer))
+    covers = []  # parameters that both report by the same name
+    for true, finding in zip(matches, findings, strict=True):
+        for name, value in comparable(true, starts).items() if true else ():
+            ends = [finding["parameters"].get(name, {}).get(key) for key in ("value", "low", "high")]
+            if true and None not in ends:
+                covers.append(Coverage(true.effect, name, value, *map(float, ends)))
+    # Harmonic mean of precision and recall; a cause that is named at both of its joints is found once.
+    hits, found = sum(match is not None for match in matches), len({id(one) for one in matches if one is not None})
+    precision, recall = hits / max(len(counted), 1), found / max(len(answer.effects), 1)
+    f1 = 2.0 * precision * recall / (precision + recall) if counted and found else 0.0
     return replace(
         case,
         verdict=record["verdict"],
         named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
-        refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
-        set_f1=_f1(len(counted), matches, len(answer.effects)) if answer.effects else None,
+        refused=record["verdict"] in REFUSING and bool(only and _is_at(only, joints_told(record), answer)),
+        set_f1=f1 if answer.effects else None,
         shrink_share=_shrink_share(case.truth, result.get("heldout"), record["joints"], answer),
-        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
+        coverage=tuple(covers),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
         seconds=result.get("seconds"),
@@ -278,15 +276,6 @@ def _joint_of(effect: TrueEffect) -> str:
     return "" if whole or not effect.joints else effect.joints[0]
 
 
-def _may_stand_at(effect: TrueEffect, answer: Answer) -> list[str]:
-    """Joints at which a name for an effect may stand: its own, or those where it shows; either of a coupled pair."""
-    joint = _joint_of(effect)
-    if not joint:
-        return shown_joints(effect, answer)
-    other = effect.parameters.get(KNOWN[effect.effect].partner if effect.effect in KNOWN else "")
-    return [joint, str(other)] if other else [joint]
-
-
 def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     """Joints at which an effect is visible."""
     seen = _shares(effect, answer)
@@ -296,15 +285,20 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
 
 def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
     """Whether a name is that of a true effect, at a joint where it may stand."""
-    return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
+    same = bool(true.effect == finding["effect"])
+    return same and (not _joint_of(true) or _is_at(true, finding["joints"], answer))
 
 
-def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
-    return any(joint in finding["joints"] for joint in _may_stand_at(true, answer))
+def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
+    """Whether a name for an effect may stand there: at its own joint, or where it shows; either of a coupled pair."""
+    own = _joint_of(true)
+    other = true.parameters.get(KNOWN[true.effect].partner if true.effect in KNOWN else "") if own else None
+    allowed = [own, str(other or own)] if own else shown_joints(true, answer)
+    return any(joint in joints for joint in allowed)
 
 
-def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
-    """Whether the joint of the largest gap, or that of the first name, is a true one.
+def joints_told(record: Mapping[str, Any]) -> list[str]:
+    """The joint of the largest gap, and those of the first name.
 
     Of a gap that was tuned away the size is what had to be tuned; where no joint's error lies above its noise, the
     candidate that came nearest to a name says where.
@@ -317,16 +311,7 @@ def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> b
         where += record["findings"][0]["joints"]
     elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
         where = record["nearest"]["joints"]
-    return _is_at(true, {"joints": where}, answer)
-
-
-def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:
-    """Harmonic mean of precision and recall; a cause that is named at both of its joints is found once."""
-    found = len({id(match) for match in matches if match is not None})
-    if not named or not found:
-        return 0.0
-    precision, recall = sum(match is not None for match in matches) / named, found / true
-    return 2.0 * precision * recall / (precision + recall)
+    return where
 
 
 def _shrink_share(
@@ -340,16 +325,6 @@ def _shrink_share(
     before, oracle, ours = (np.square(np.array(rms) / floor) for rms in (view["none"], alone["rms"], view["named"]))
     most = float(np.sum(before - oracle))
     return float(np.clip(np.sum(before - ours) / most, 0.0, 1.0)) if most > 0.0 else None
-
-
-def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
-    """Parameters that both report by the same name."""
-    given = {name: [one[key] for key in ("value", "low", "high")] for name, one in finding["parameters"].items()}
-    return [
-        Coverage(true.effect, name, value, *map(float, given[name]))
-        for name, value in comparable(true, starts).items()
-        if name in given and None not in given[name]
-    ]
 
 
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from scipy.stats import t as student
@@ -21,6 +20,7 @@ from ident.arrays import Array, Float
 from ident.effects.hysteresis_thermal import warm_up
 from ident.export.loaded import LawModel, SimulatorModel, log_error
 from ident.motion.motion import Motion
+from ident.trajectories.reference import TICK_S
 
 # A gap within so much of the noise counts as closed.
 MARGIN = 1.10
@@ -35,17 +35,11 @@ LEAST_HEAT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class GapFloors:
-    """A model's torque gap in noise floors.
+    """A model's torque gap in noise floors."""
 
-    Attributes:
-        joints: RMS of what is left at each joint over its noise floor, by its name.
-        together: Root mean square over the joints.
-        upper: The same at the upper end of its one-sided interval, by how the runs differ.
-    """
-
-    joints: Mapping[str, float]
-    together: float
-    upper: float
+    joints: Mapping[str, float]  # RMS of what is left at each joint over its noise floor, by its name
+    together: float  # root mean square over the joints
+    upper: float  # the same at the upper end of its one-sided interval, by how the runs differ
 
     @property
     def small(self) -> bool:
@@ -61,13 +55,7 @@ class GapFloors:
 def measure_floors(
     models: Sequence[SimulatorModel], motions: Sequence[Motion], floors: Float[Array, " n"]
 ) -> GapFloors:
-    """Compares a model with the log, both through the run's own filter, where a joint slides.
-
-    Args:
-        models: The model for each run, see `follow_warmth`.
-        motions: Runs.
-        floors: Noise of each joint [N m].
-    """
+    """Compares a model with the log, both through the run's own filter, where a joint slides."""
     errors = [log_error(model, run) / floors for model, run in zip(models, motions, strict=True)]
     squares = np.array([np.sum(error**2, axis=0) for error in errors])
     counts = np.array([run.settled.sum(axis=0) for run in motions], dtype=float)
@@ -97,17 +85,16 @@ def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"], joints:
     return GapFloors(by_joint, float(np.sqrt(together)), float(np.sqrt(upper)))
 
 
-class TimedRun(Protocol):
-    """A run on a clock."""
+@dataclass(frozen=True, eq=False)
+class PlannedRun:
+    """A planned motion on a clock."""
 
-    @property
-    def time(self) -> Float[Array, " T"]: ...
+    time: Float[Array, " T"]
+    dq: Float[Array, "T n"]
+    interval: float = TICK_S
 
-    @property
-    def interval(self) -> float: ...
 
-    @property
-    def dq(self) -> Float[Array, "T n"]: ...
+TimedRun = Motion | PlannedRun
 
 
 def follow_warmth(

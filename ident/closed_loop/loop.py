@@ -99,7 +99,6 @@ def open_kinds(record: Mapping[str, Any], most: int = 3) -> tuple[str, ...]:
     return tuple((found + usual)[:most])
 
 
-# The loop: record, check the last model on what it never saw, diagnose all that was recorded, and again.
 # Every round's recordings first test the model of the round before, and only then teach the next one: the gap that
 # ends the loop is always one on runs that the model never saw. `ident` owns the loop, because a user who has an arm
 # and no planner closes the gap too; who moves the arm and who chooses the motion are given from outside.
@@ -116,40 +115,25 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Round(Record):
-    """One round.
+    """One round."""
 
-    Attributes:
-        minutes: Of motion, in this round.
-        gap_floors: Gap of the model of the round before, on this round's recordings, by joint; None in the first.
-        gap_upper: The upper end of its interval over all joints.
-        verdict: Of the diagnosis of all recordings so far; empty where none was needed.
-        named: Effects that it identified, each `effect joint`.
-    """
-
-    minutes: float
+    minutes: float  # of motion, in this round
+    # Gap of the model of the round before, on this round's recordings, by joint; None in the first.
     gap_floors: Mapping[str, float] | None
-    gap_upper: float | None
-    verdict: str = ""
-    named: tuple[str, ...] = ()
+    gap_upper: float | None  # the upper end of its interval over all joints
+    verdict: str = ""  # of the diagnosis of all recordings so far; empty where none was needed
+    named: tuple[str, ...] = ()  # effects that it identified, each `effect joint`
 
 
 @dataclass(eq=False)
 class Taught:
-    """A model, what it comes from, and the runs since, which it never saw.
+    """A model, what it comes from, and the runs since, which it never saw."""
 
-    Attributes:
-        record: The diagnosis.
-        model: The arm as that has it: tuned links and losses, and all identified effects that have a law.
-        learned: Motions that it was made from.
-        unseen: Motions since.
-        looks: How often it was checked.
-    """
-
-    record: dict[str, Any]
-    model: LawModel
-    learned: tuple[Motion, ...]
-    unseen: list[Motion] = field(default_factory=list)
-    looks: int = 0
+    record: dict[str, Any]  # the diagnosis
+    model: LawModel  # the arm as that has it: tuned links and losses, and all identified effects that have a law
+    learned: tuple[Motion, ...]  # motions that it was made from
+    unseen: list[Motion] = field(default_factory=list)  # motions since
+    looks: int = 0  # how often it was checked
 
     @classmethod
     def by(cls, sessions: Sequence[Session], arm: ArmModel) -> Taught:
@@ -182,21 +166,13 @@ class Taught:
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """How the loop ended.
+    """How the loop ended."""
 
-    Attributes:
-        reason: Why it ended.
-        rounds: All rounds.
-        before: Gap of the URDF as it is, on the last round's recordings.
-        after: Gap of the last model that was checked there.
-        last: That model, and what it comes from.
-    """
-
-    reason: str
-    rounds: tuple[Round, ...]
-    before: GapFloors
-    after: GapFloors
-    last: Taught
+    reason: str  # why it ended
+    rounds: tuple[Round, ...]  # all rounds
+    before: GapFloors  # gap of the URDF as it is, on the last round's recordings
+    after: GapFloors  # gap of the last model that was checked there
+    last: Taught  # that model, and what it comes from
 
     @property
     def closed(self) -> bool:

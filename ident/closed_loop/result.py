@@ -17,9 +17,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks import inspect_sessions
-from ident.closed_loop.gap import follow_warmth, measure_floors
+from ident.closed_loop.gap import PlannedRun, follow_warmth, measure_floors
 from ident.closed_loop.loop import MOST_ROUNDS, Closed, KindsExciter, Say, Taught, close_gap
-from ident.closed_loop.recorder import REST_S, SimulatedArm
+from ident.closed_loop.recorder import REST_S, SimulatedArm, draw_effects
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, SimulatorModel
@@ -34,6 +34,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
 from ident.simulation.hardware import Hardware
 from ident.simulation.record import no_progress
+from ident.simulation.simulate import SimulationOptions
 from ident.simulation.simulator import Simulator
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -117,15 +118,6 @@ def train_net(arm: ArmModel, motions: Sequence[Motion], seed: int) -> NetModel:
     return NetModel(arm, fit_residual_net(states, left, [run.moving for run in motions], options, interval=interval))
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedRun:
-    """A planned motion on a clock."""
-
-    time: Float[Array, " T"]
-    dq: Float[Array, "T n"]
-    interval: float = TICK_S
-
-
 def put_on_a_clock(motions: Sequence[ReferenceMotion], pause: float) -> tuple[PlannedRun, ...]:
     """Planned motions one after the other, each after the same pause [s]."""
     found, clock = [], 0.0
@@ -136,24 +128,17 @@ def put_on_a_clock(motions: Sequence[ReferenceMotion], pause: float) -> tuple[Pl
     return tuple(found)
 
 
+Models = Mapping[str, SimulatorModel]
+
+
 def track(
-    hardware: Hardware,
-    models: Mapping[str, SimulatorModel],
-    motions: Sequence[ReferenceMotion],
-    seed: int,
-    learned: Sequence[Motion],
+    hardware: Hardware, models: Models, motions: Sequence[ReferenceMotion], seed: int, learned: Sequence[Motion]
 ) -> dict[str, float]:
-    """Runs one controller on the true arm, its feed-forward designed with each model in turn.
+    """Runs one controller on the true arm, cold at first, its feed-forward designed with each model in turn.
 
     Computed torque of the reference, and the same soft feedback for all: proportional and derivative, for a bandwidth
-    of 20 rad/s at the arm's inertia. Noise and friction's changes are the same for all.
-
-    Args:
-        hardware: The true arm, cold at first.
-        models: Models by their names.
-        motions: What it has to follow.
-        seed: Of noise.
-        learned: Runs that the models' laws were learnt from.
+    of 20 rad/s at the arm's inertia. Noise and friction's changes are the same for all; warmth that a model follows is
+    that of the runs that it was learnt from.
 
     Returns:
         Root mean square over joints and motions of what the encoders miss the reference by [rad].
@@ -171,9 +156,6 @@ def track(
     return found
 
 
-# The loop on one arm, simulated or real, and what `ident close` reports of each.
-
-
 # Effects of a simulated arm.
 EFFECTS = 3
 # Tracking errors of the models, and their keys in the record.
@@ -188,15 +170,11 @@ TRACKED = {
 
 @dataclass(frozen=True, eq=False)
 class Closing(Result):
-    """All arms.
-
-    Attributes:
-        arms: The record of each (`ident.close/1`).
-    """
+    """All arms."""
 
     SCHEMA = "ident.close/1"
 
-    arms: tuple[dict[str, Any], ...]
+    arms: tuple[dict[str, Any], ...]  # the record of each (`ident.close/1`)
 
     def summary(self) -> str:
         """One line an arm, and the medians where there are several."""
@@ -229,21 +207,9 @@ def close_simulated(
 ) -> dict[str, Any]:
     """One simulated arm: the loop, then the rivals on motions that served nothing else.
 
-    Args:
-        robot: URDF path or name.
-        seed: Of the arm, its effects, motions and noise.
-        folder: For diagnosis and patch.
-        most: Most rounds.
-        effects: What is wrong with it, each ID:JOINT:SIZE; three at random if None.
-        compared: Whether rivals are made from the same recordings, and a controller is tried with each.
-        say: Called with a line for each round.
-
     Returns:
         Its record, without what is only known of simulated arms where nothing was compared.
     """
-    from ident.closed_loop.recorder import SimulatedArm, draw_effects
-    from ident.simulation.simulate import SimulationOptions
-
     arm = ArmModel.load(robot)
     drawn = effects if effects is not None else draw_effects(arm.joint_names, EFFECTS, np.random.default_rng([seed, 3]))
     hidden = SimulatedArm(SimulationOptions(robot=robot, seed=seed, effects=tuple(drawn)))

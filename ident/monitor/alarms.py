@@ -118,23 +118,16 @@ LEAST_OTHERS = 4
 
 @dataclass(frozen=True)
 class Outlier(Record):
-    """An estimate that one session alone has.
+    """An estimate that one session alone has."""
 
-    Attributes:
-        arm, joint, figure, session: What.
-        value: The estimate there.
-        usual, spread: Mean and standard deviation of the other sessions.
-        p_value: Of a value so far off, before it is shared.
-    """
-
-    arm: str
+    arm: str  # what
     joint: str
     figure: str
     session: str
-    value: float
-    usual: float
+    value: float  # the estimate there
+    usual: float  # mean and standard deviation of the other sessions
     spread: float
-    p_value: float
+    p_value: float  # of a value so far off, before it is shared
 
 
 def find_outliers(
@@ -203,33 +196,21 @@ class Point(ParameterEstimate):
 
 @dataclass(frozen=True)
 class Alarm(Record):
-    """A parameter of an arm that has changed.
+    """A parameter of an arm that has changed."""
 
-    Attributes:
-        arm, joint, figure: What.
-        session: After which session that was found.
-        since: The first session after the change, as far as that can be known.
-        evidence: Of this parameter: how many times better a change explains its values than none.
-        probability: That something of the arm changed, where a change was as likely as none before.
-        before, after: Mean of its estimates.
-        low, high: 95 % interval of the change.
-        spread: Day-to-day standard deviation before the change.
-        scale, scale_low, scale_high: Factor by which all parameters of the joint changed alike, if they did.
-    """
-
-    arm: str
+    arm: str  # what
     joint: str
     figure: str
-    session: str
-    since: str
-    evidence: float
-    probability: float
-    before: float
+    session: str  # after which session that was found
+    since: str  # the first session after the change, as far as that can be known
+    evidence: float  # of this parameter: how many times better a change explains its values than none
+    probability: float  # that something of the arm changed, where a change was as likely as none before
+    before: float  # mean of its estimates
     after: float
-    low: float
+    low: float  # 95 % interval of the change
     high: float
-    spread: float
-    scale: float | None = None
+    spread: float  # day-to-day standard deviation before the change
+    scale: float | None = None  # factor by which all parameters of the joint changed alike, if they did
     scale_low: float | None = None
     scale_high: float | None = None
 
@@ -340,11 +321,7 @@ def _describe(
 def gain_change(
     before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
 ) -> tuple[float, float, float] | None:
-    """The factor on a joint's torque with its 95 % interval; None where its parameters did not change alike.
-
-    Args:
-        before, after: Parameter -> its estimates in the sessions before and after a change.
-    """
+    """The factor on a joint's torque with its 95 % interval; None where its parameters did not change alike."""
     ratios, variances = [], []
     for name in SCALED:
         early, late = (np.array(values.get(name, ())) for values in (before, after))

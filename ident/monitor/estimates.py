@@ -59,12 +59,7 @@ Estimates = Mapping[tuple[str, str], ParameterEstimate]
 
 
 def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tuple[str, str], ParameterEstimate]:
-    """All parameters that a session's motions give an estimate of.
-
-    Args:
-        motions: Its runs; known payloads are part of the model.
-        reference: The arm with the motions' joints.
-    """
+    """All parameters that a session's motions give an estimate of."""
     rigid, gravity = [], []
     for motion in motions:
         arm = reference.with_payload(motion.payload)
@@ -80,45 +75,39 @@ def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tup
 
 
 def _of_joint(motions: Sequence[Motion], rigid: Sequence[Array], j: int, heavy: bool) -> dict[str, ParameterEstimate]:
-    x, y, piece = _rows(motions, rigid, j)
+    """By least squares over the samples that count; errors by their pieces, as if those were independent."""
+    settled = sum(int(motion.settled[:, j].sum()) for motion in motions)
+    moving = sum(int(motion.moving[:, j].sum()) for motion in motions)
+    tables, torques, pieces, first = [], [], [], 0
+    for motion, torque in zip(motions, rigid, strict=True):
+        rows = (motion.moving if settled < LEAST_SETTLED * moving else motion.settled)[:, j]
+        tables.append(term_columns(motion, torque, j)[rows])
+        torques.append(motion.tau_filtered[rows, j])
+        number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
+        pieces.append(first + number[rows])
+        first += int(number[-1]) + 1
+    x, y, piece = np.concatenate(tables), np.concatenate(torques), np.concatenate(pieces)
     if not heavy:
         y, x = y - x[:, 0], x[:, 1:]
-    names = TERMS if heavy else TERMS[1:]
-    pieces = len(np.unique(piece))
-    if len(y) < LEAST_ROWS or pieces < LEAST_PIECES:
+    names, count = TERMS if heavy else TERMS[1:], len(np.unique(piece))
+    if len(y) < LEAST_ROWS or count < LEAST_PIECES:
         return {}
-    size = np.linalg.norm(x, axis=0)
+    size, free = np.linalg.norm(x, axis=0), max(1, count - len(names))
     scaled = x / np.where(size > 0.0, size, 1.0)
     beta = np.linalg.lstsq(scaled, y, rcond=1e-9)[0]
     left = y - scaled @ beta
     bread = np.linalg.pinv(scaled.T @ scaled, rcond=1e-9, hermitian=True)
     scores = np.zeros((piece.max() + 1, scaled.shape[1]))
     np.add.at(scores, piece, scaled * left[:, None])
-    covariance = bread @ (scores.T @ scores) @ bread * pieces / max(1, pieces - len(names))
+    covariance = bread @ (scores.T @ scores) @ bread * count / free
     std = np.sqrt(np.diag(covariance))
-    reach = float(stdtrit(max(1, pieces - len(names)), 0.975))
+    reach = float(stdtrit(free, 0.975))
     found = {}
     for name, value, error, norm in zip(names, beta, std, size, strict=True):
         if norm > 0.0:
             middle, own = float(value / norm), float(error / norm)
             found[name] = ParameterEstimate(middle, middle - reach * own, middle + reach * own, own)
     return {**found, "gap": _gap(left, piece, reach)}
-
-
-def _rows(motions: Sequence[Motion], rigid: Sequence[Array], j: int) -> tuple[Array, Array, Int[Array, " t"]]:
-    """Columns, torque and number of the piece of every sample that counts."""
-    settled = sum(int(motion.settled[:, j].sum()) for motion in motions)
-    moving = sum(int(motion.moving[:, j].sum()) for motion in motions)
-    few = settled < LEAST_SETTLED * moving
-    tables, torques, pieces, first = [], [], [], 0
-    for motion, torque in zip(motions, rigid, strict=True):
-        rows = (motion.moving if few else motion.settled)[:, j]
-        tables.append(term_columns(motion, torque, j)[rows])
-        torques.append(motion.tau_filtered[rows, j])
-        number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
-        pieces.append(first + number[rows])
-        first += int(number[-1]) + 1
-    return np.concatenate(tables), np.concatenate(torques), np.concatenate(pieces)
 
 
 def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Array, "t 5"]:

@@ -48,12 +48,7 @@ WIDEST = 1.0
 
 
 def write_pages(store: Path, found: Watch) -> None:
-    """Writes all pages into the store.
-
-    Args:
-        store: Its folder.
-        found: All that is in it.
-    """
+    """Writes all pages into the store."""
     kept = Store(store)
     facts = facts_section(found.provenance.to_dict())
     for arm in found.arms:
@@ -63,12 +58,8 @@ def write_pages(store: Path, found: Watch) -> None:
         write_report(kept.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
     count = sum(len(arm.sessions) for arm in found.arms)
     sections = [fleet_verdict(found), fleet_table(found, kept), fleet_effects(found, kept), facts]
-    write_report(
-        store / "index.html",
-        "Arms through time",
-        sections,
-        f"{plural(len(found.arms), 'arm')}, {plural(count, 'session')}",
-    )
+    subtitle = f"{plural(len(found.arms), 'arm')}, {plural(count, 'session')}"
+    write_report(store / "index.html", "Arms through time", sections, subtitle)
 
 
 def alarm_card(alarm: Alarm) -> dict[str, str]:

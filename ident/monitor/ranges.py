@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ident.arrays import Array, Float
-from ident.monitor.estimates import TERMS, UNITS, Estimates, ParameterEstimate, estimate_session, term_columns, unit_of
+from ident.monitor.estimates import TERMS, UNITS, Estimates, estimate_session, term_columns, unit_of
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -32,39 +32,25 @@ LEAST_DAYS = 3
 
 @dataclass(frozen=True)
 class ParameterRange:
-    """The range of one parameter.
+    """The range of one parameter."""
 
-    Attributes:
-        value: Its middle: the mean over the days.
-        low, high: The range.
-        source: What makes it as wide as it is: `interval` or `days`.
-    """
-
-    value: float
-    low: float
+    value: float  # its middle: the mean over the days
+    low: float  # the range
     high: float
-    source: str
+    source: str  # what makes it as wide as it is: `interval` or `days`
 
 
 @dataclass(frozen=True, eq=False)
 class Ranges(Result):
-    """Ranges of an arm.
+    """Ranges of an arm."""
 
-    Attributes:
-        robot: Its name.
-        days: Names of the sessions.
-        ranges: By joint and parameter.
-        noise: Standard deviation of what the estimates leave at each joint [N m].
-        inside: Share of held-out torque in the randomised box, by joint; empty where there are too few days.
-        narrower: How many times narrower the box is there than the habit's, noise aside; NaN likewise.
-    """
-
-    robot: str
-    days: tuple[str, ...]
-    ranges: Mapping[tuple[str, str], ParameterRange]
-    noise: Mapping[str, float]
+    robot: str  # its name
+    days: tuple[str, ...]  # names of the sessions
+    ranges: Mapping[tuple[str, str], ParameterRange]  # by joint and parameter
+    noise: Mapping[str, float]  # standard deviation of what the estimates leave at each joint [N m]
+    # Share of held-out torque in the randomised box, by joint; empty where there are too few days.
     inside: Mapping[str, float]
-    narrower: float
+    narrower: float  # how many times narrower the box is there than the habit's, noise aside; NaN likewise
 
     def to_dict(self) -> dict[str, Any]:
         narrower = None if np.isnan(self.narrower) else self.narrower
@@ -99,12 +85,7 @@ class Ranges(Result):
 
 
 def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ranges:
-    """Ranges of an arm from its days, and how they do on days left out.
-
-    Args:
-        days: Runs of each session.
-        reference: The arm with the motions' joints; its rigid torque is what `gain` multiplies.
-    """
+    """Ranges of an arm from its days, and how they do on days left out."""
     found = {name: estimate_session(motions, reference) for name, motions in days.items()}
     inside: dict[str, float] = {}
     narrower = float("nan")
@@ -121,28 +102,26 @@ def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ra
 
 
 def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange]:
-    """The range of each parameter that every day has an estimate of."""
-    keys = [key for key in days[0] if key[1] in TERMS and all(key in day for day in days)]
-    return {key: _range([day[key] for day in days], key[1] in SCALED) for key in keys}
+    """The range of each parameter that every day has an estimate of.
 
-
-def _range(found: Sequence[ParameterEstimate], scaled: bool) -> ParameterRange:
-    """The wider of the interval in a usual session, and where another day's estimate will lie.
+    The wider of the interval in a usual session, and where another day's estimate will lie.
 
     Source: the prediction interval of a normal draw, Student's t with D − 1 degrees of freedom.
     """
-    values = np.array([one.value for one in found])
-    middle, count = float(values.mean()), len(values)
-    own = float(np.mean([0.5 * (one.high - one.low) for one in found]))
-    spread = 0.0
-    if count > 1:
-        reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
-        spread = reach * float(values.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / count))
-    half = max(own, spread)
-    low = middle - half
-    if scaled and middle > 0.0:
-        low = max(low, 0.0)  # nothing rubs backwards
-    return ParameterRange(middle, low, middle + half, "days" if spread > own else "interval")
+    found = {}
+    for key in (key for key in days[0] if key[1] in TERMS and all(key in day for day in days)):
+        values = np.array([day[key].value for day in days])
+        middle, count, spread = float(values.mean()), len(values), 0.0
+        own = float(np.mean([0.5 * (day[key].high - day[key].low) for day in days]))
+        if count > 1:
+            reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
+            spread = reach * float(values.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / count))
+        half = max(own, spread)
+        low = middle - half
+        if key[1] in SCALED and middle > 0.0:
+            low = max(low, 0.0)  # nothing rubs backwards
+        found[key] = ParameterRange(middle, low, middle + half, "days" if spread > own else "interval")
+    return found
 
 
 def noise_of(days: Sequence[Estimates]) -> dict[str, float]:
@@ -165,8 +144,14 @@ def _check(
     The box of independent ranges at a state: its middle is the torque of the middles, its half width the sum of the
     half widths times what each parameter multiplies.
     """
-    joints = motions[0].joints
-    boxes = [_box(joint, ranges) for joint in joints]
+    joints, boxes = motions[0].joints, np.zeros((len(motions[0].joints), 3, len(TERMS)))
+    # Middle and half width of each term's range, and half width of the habit's; a gain without a range is one.
+    boxes[:, :, TERMS.index("gain")] = 1.0, 0.0, HABIT
+    for (joint, name), one in ranges.items():
+        if joint in joints and name in TERMS:
+            usual = HABIT * abs(one.value) if name in SCALED else 0.0
+            row = 0.5 * (one.low + one.high), 0.5 * (one.high - one.low), usual
+            boxes[joints.index(joint), :, TERMS.index(name)] = row
     inside, total, own, habit = np.zeros((4, len(joints)))
     reach = float(ndtri(0.5 + 0.5 * LEVEL))
     for motion in motions:
@@ -183,14 +168,3 @@ def _check(
             habit[j] += np.sum(np.abs(columns) @ usual)
     shares = np.where(total > 0, inside / np.maximum(total, 1.0), np.nan)
     return shares, float(np.nanmedian(np.where(own > 0.0, habit / np.maximum(own, 1e-300), np.nan)))
-
-
-def _box(joint: str, ranges: Mapping[tuple[str, str], ParameterRange]) -> Float[Array, "3 5"]:
-    """Middle and half width of each term's range, and half width of the habit's; a gain without a range is one."""
-    found = {name: ranges[joint, name] for name in TERMS if (joint, name) in ranges}
-    box = np.zeros((3, len(TERMS)))
-    box[:, TERMS.index("gain")] = 1.0, 0.0, HABIT
-    for name, one in found.items():
-        usual = HABIT * abs(one.value) if name in SCALED else 0.0
-        box[:, TERMS.index(name)] = 0.5 * (one.low + one.high), 0.5 * (one.high - one.low), usual
-    return box

@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -38,23 +38,14 @@ class NoSession(InputError):
 
 @dataclass(frozen=True)
 class FoundSession:
-    """A session that lies there.
+    """A session that lies there."""
 
-    Attributes:
-        arm: Name of the arm: of the folder that holds the sessions.
-        name: Name of the session.
-        path: Its folder.
-        settings: The session.toml that holds for it: its own, its arm's, or the whole folder's.
-        stamp: Of its files' names, sizes and times: another one means that it has changed.
-        newest: When its newest file was written [s since 1970].
-    """
-
-    arm: str
-    name: str
-    path: Path
-    settings: Path | None
-    stamp: str
-    newest: float
+    arm: str  # name of the arm: of the folder that holds the sessions
+    name: str  # name of the session
+    path: Path  # its folder
+    settings: Path | None  # the session.toml that holds for it: its own, its arm's, or the whole folder's
+    stamp: str  # of its files' names, sizes and times: another one means that it has changed
+    newest: float  # when its newest file was written [s since 1970]
 
     @property
     def key(self) -> str:
@@ -75,22 +66,17 @@ def find_sessions(folder: Path) -> list[FoundSession]:
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "give a folder of sessions, or of arms with sessions")
-    found = list(_in_folder(folder))
+    found = []
+    for child in _folders(folder):
+        if _is_session(child):
+            found.append(_look_at(as_text(folder.resolve().name), child, folder))
+        else:
+            found += [_look_at(as_text(child.name), one, folder) for one in _folders(child) if _is_session(one)]
     if not found:
         # Whoever goes on looking may wait for the first one.
         what = "holds no session" + (", but runs" if _is_session(folder) else "")
         raise NoSession(folder, what, "give each session a folder: FOLDER/SESSION or FOLDER/ARM/SESSION")
     return sorted(found, key=lambda one: one.key)
-
-
-def _in_folder(folder: Path) -> Iterator[FoundSession]:
-    for child in _folders(folder):
-        if _is_session(child):
-            yield _look_at(as_text(folder.resolve().name), child, folder)
-            continue
-        for session in _folders(child):
-            if _is_session(session):
-                yield _look_at(as_text(child.name), session, folder)
 
 
 def _folders(folder: Path) -> list[Path]:
@@ -115,12 +101,7 @@ def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:
 
 
 def date_of(session: FoundSession, first: float | None) -> str:
-    """When a session was recorded, ISO: as session.toml's `date` says, its name, its stamps, or its newest file.
-
-    Args:
-        session: The session.
-        first: Its first stamp [s].
-    """
+    """When a session was recorded, ISO: as session.toml's `date` says, its name, its stamps, or its newest file."""
     own = session.path / NAME
     written = load_session_file(own).metadata.get("date") if own.is_file() else None
     if written is not None:
@@ -148,28 +129,27 @@ def date_of(session: FoundSession, first: float | None) -> str:
 # 'STORE/figures/*/*.parquet'`.
 
 
-TEXT, NUMBER = pa.string(), pa.float64()
-SCHEMAS: dict[str, dict[str, pa.DataType]] = {
-    "figures": {
-        **dict.fromkeys(("arm", "session", "date", "joint", "figure", "unit"), TEXT),
-        **dict.fromkeys(("value", "low", "high", "std"), NUMBER),
-    },
-    "effects": {
-        **dict.fromkeys(("arm", "session", "date", "effect", "joints"), TEXT),
-        **dict.fromkeys(("probability", "shrink"), NUMBER),
-        "action": TEXT,
-    },
-    "sessions": {
-        **dict.fromkeys(("arm", "session", "date", "status", "verdict", "reason"), TEXT),
-        "samples": pa.int64(),
-        "duration_s": NUMBER,
-        **dict.fromkeys(("stamp", "path", "robot"), TEXT),
-    },
-    "alarms": {
-        **dict.fromkeys(("arm", "joint", "figure", "session", "since"), TEXT),
-        **dict.fromkeys(("evidence", "probability", "before", "after", "low", "high", "spread"), NUMBER),
-        **dict.fromkeys(("scale", "scale_low", "scale_high"), NUMBER),
-    },
+# Columns of each kind of table, in groups of one type.
+SCHEMAS = {
+    kind: pa.schema([(name, pa.type_for_alias(alias)) for names, alias in groups for name in names.split()])
+    for kind, groups in {
+        "figures": [("arm session date joint figure unit", "string"), ("value low high std", "float64")],
+        "effects": [
+            ("arm session date effect joints", "string"),
+            ("probability shrink", "float64"),
+            ("action", "string"),
+        ],
+        "sessions": [
+            ("arm session date status verdict reason", "string"),
+            ("samples", "int64"),
+            ("duration_s", "float64"),
+            ("stamp path robot", "string"),
+        ],
+        "alarms": [
+            ("arm joint figure session since", "string"),
+            ("evidence probability before after low high spread scale scale_low scale_high", "float64"),
+        ],
+    }.items()
 }
 DONE = "sessions"
 # Names of files have 255 bytes at the most; an ending and a temporary name's beginning need some.
@@ -180,13 +160,9 @@ NEEDED = ("arm", "session", "date", "joint", "figure", "status", "effect", "valu
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results.
+    """A folder of results."""
 
-    Attributes:
-        folder: Where it is.
-    """
-
-    folder: Path
+    folder: Path  # where it is
 
     def place(self, kind: str, arm: str, session: str, suffix: str = ".parquet") -> Path:
         """The file of a session; names that no file can have are quoted."""
@@ -210,7 +186,7 @@ class Store:
             try:
                 size, file = require_regular(path, "a watch writes it again"), pq.ParquetFile(path)
                 require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
-                rows = file.read().to_pylist() if file.schema_arrow.equals(pa.schema(SCHEMAS[kind])) else []
+                rows = file.read().to_pylist() if file.schema_arrow.equals(SCHEMAS[kind]) else []
             except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
             for row in rows:
@@ -226,8 +202,7 @@ class Store:
 
 def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:
     """Writes a table of a kind, whole or not at all."""
-    columns = SCHEMAS[kind]
-    table = pa.Table.from_pylist([{name: row.get(name) for name in columns} for row in rows], schema=pa.schema(columns))
+    table = pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMAS[kind])
     with atomic_write(path) as part:
         pq.write_table(table, part, compression="zstd")
 

@@ -26,6 +26,8 @@ from ident.results import Result
 from ident.sessions import Given, inspect_sources
 from ident.workers import run_tasks
 
+Rows = Iterable[dict[str, Any]]
+
 
 def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
     """Looks at one session and writes what is found; a session that is unfit is noted as such.
@@ -81,47 +83,24 @@ def _examine(
         record, row["verdict"] = diagnosis.to_dict(), diagnosis.verdict
         with atomic_write(store.place("diagnoses", found.arm, found.name, ".json")) as part:
             part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-        effects = [
-            {
-                "effect": one["effect"],
-                "joints": ", ".join(one["joints"]),
-                "probability": one["probability"],
-                "shrink": one["heldout"]["shrink"],
-                "action": one.get("action"),
-            }
-            for one in record["findings"]
-        ]
+        for one in record["findings"]:
+            own = {"joints": ", ".join(one["joints"]), "shrink": one["heldout"]["shrink"], "action": one.get("action")}
+            effects.append({"effect": one["effect"], "probability": one["probability"], **own})
     row |= {"samples": session.samples, "duration_s": session.duration}
     return {"figures": rows, "effects": effects}
 
 
-# One look at a watched folder: new sessions are examined once, then alarms and pages follow from the whole store.
-
-
-SCHEMA = "ident.watch/1"
-
-
 @dataclass(frozen=True, eq=False)
 class ArmHistory:
-    """All that is known of an arm.
+    """All that is known of an arm."""
 
-    Attributes:
-        arm: Its name.
-        sessions: Rows of its sessions, in order of time.
-        figures: (joint, parameter) -> its points, in order of time.
-        effects: Rows of the effects that diagnoses named.
-        alarms: What has changed.
-        odd: Sessions that stand out.
-        hint: What may be changing, without evidence enough for an alarm.
-    """
-
-    arm: str
-    sessions: tuple[dict[str, Any], ...]
-    figures: dict[tuple[str, str], list[Point]]
-    effects: tuple[dict[str, Any], ...] = ()
-    alarms: tuple[Alarm, ...] = ()
-    odd: tuple[Outlier, ...] = ()
-    hint: Alarm | None = None
+    arm: str  # its name
+    sessions: tuple[dict[str, Any], ...]  # rows of its sessions, in order of time
+    figures: dict[tuple[str, str], list[Point]]  # (joint, parameter) -> its points, in order of time
+    effects: tuple[dict[str, Any], ...] = ()  # rows of the effects that diagnoses named
+    alarms: tuple[Alarm, ...] = ()  # what has changed
+    odd: tuple[Outlier, ...] = ()  # sessions that stand out
+    hint: Alarm | None = None  # what may be changing, without evidence enough for an alarm
 
     def record(self) -> dict[str, Any]:
         """For JSON; alarms and outliers stand beside the arms."""
@@ -149,19 +128,12 @@ class ArmHistory:
 
 @dataclass(frozen=True, eq=False)
 class Watch(Result):
-    """What a look at a folder gave.
+    """What a look at a folder gave."""
 
-    Attributes:
-        arms: Every arm in the store.
-        fresh: Sessions that were examined this time.
-        waiting: Sessions that are still being written.
-        level: Chance of any false alarm in an arm's life.
-    """
-
-    arms: tuple[ArmHistory, ...]
-    fresh: tuple[str, ...] = ()
-    waiting: tuple[str, ...] = ()
-    level: float = LEVEL
+    arms: tuple[ArmHistory, ...]  # every arm in the store
+    fresh: tuple[str, ...] = ()  # sessions that were examined this time
+    waiting: tuple[str, ...] = ()  # sessions that are still being written
+    level: float = LEVEL  # chance of any false alarm in an arm's life
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -171,7 +143,7 @@ class Watch(Result):
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "schema": SCHEMA,
+            "schema": "ident.watch/1",
             "level": self.level,
             "fresh": list(self.fresh),
             "waiting": list(self.waiting),
@@ -218,10 +190,7 @@ def outlier_line(one: Outlier) -> str:
 
 
 def look(
-    folder: Path,
-    store: Path,
-    options: WatchOptions,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    folder: Path, store: Path, options: WatchOptions, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Watch:
     """Examines what is new in a folder and reads the whole store.
 
@@ -262,22 +231,16 @@ def look(
 
 def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]:
     """Every arm's history and alarms, from the store alone."""
-    tables: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    tables: list[dict[str, list[dict[str, Any]]]] = []
     for kind in ("sessions", "figures", "effects"):
-        tables[kind] = defaultdict(list)
+        tables.append(defaultdict(list))
         for row in store.read(kind):
-            tables[kind][row["arm"]].append(row)
-    sessions, figures, effects = tables.values()
+            tables[-1][row["arm"]].append(row)
+    sessions, figures, effects = tables
     return tuple(make_history(arm, sessions[arm], figures[arm], effects[arm], level) for arm in sorted(sessions))
 
 
-def make_history(
-    arm: str,
-    sessions: Iterable[dict[str, Any]],
-    figures: Iterable[dict[str, Any]],
-    effects: Iterable[dict[str, Any]] = (),
-    level: float = LEVEL,
-) -> ArmHistory:
+def make_history(arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LEVEL) -> ArmHistory:
     """An arm's history from the rows of the store."""
     ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))
     order = [row["session"] for row in ordered if row["status"] == "done"]

@@ -11,8 +11,8 @@ import pytest
 
 from ident.arrays import Array
 from ident.closed_loop import loop
-from ident.closed_loop.gap import follow_warmth, heat_along
-from ident.closed_loop.result import PlannedRun, put_on_a_clock
+from ident.closed_loop.gap import PlannedRun, follow_warmth, heat_along
+from ident.closed_loop.result import put_on_a_clock
 from ident.effects.catalogue import find_effect
 from ident.export.loaded import LawModel
 from ident.export.python import describe_arm
