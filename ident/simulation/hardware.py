@@ -22,7 +22,6 @@ from ident.simulation.laws import (
     make_law,
     no_contact,
     plain_friction,
-    rigid_drive,
     scale_friction,
 )
 from ident.simulation.sensing import ReadOnly, Sensing
@@ -86,8 +85,14 @@ def build_model(
     spec = _as_chain(mujoco.MjSpec.from_string(without_geometry(urdf)).compile(), joints, bodies)
     for body in bodies.added:
         _add_body(spec.body(joints[links.index(body.link)]), body)
-    if bodies.slosh is not None:
-        _add_slosh(spec, joints[-1], bodies.slosh)
+    if (slosh := bodies.slosh) is not None:
+        pulse, liquid = 2.0 * np.pi * slosh.frequency, spec.body(joints[-1]).add_body(name="slosh", pos=slosh.place)
+        spring, damper = slosh.mass * pulse**2, 2.0 * slosh.damping_ratio * slosh.mass * pulse
+        for axis in np.eye(3):
+            more = {"stiffness": [spring, 0.0, 0.0], "damping": [damper, 0.0, 0.0]}
+            liquid.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, **more)
+        liquid.mass, liquid.ipos, liquid.inertia = slosh.mass, np.zeros(3), np.full(3, 4e-4 * slosh.mass)
+        liquid.explicitinertial = True
     for joint, other, ratio, inertia in bodies.tied:
         tendon = spec.add_tendon(name=f"{joint}+{other}")
         tendon.wrap_joint(joint, 1.0)
@@ -164,21 +169,6 @@ def _add_body(body: Any, added: AddedBody) -> None:
     body.iquat, body.inertia = quaternion, values
 
 
-def _add_slosh(spec: Any, link: str, slosh: Slosh) -> None:
-    pulse = 2.0 * np.pi * slosh.frequency
-    liquid = spec.body(link).add_body(name="slosh", pos=slosh.place)
-    for axis in np.eye(3):
-        liquid.add_joint(
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
-            axis=axis,
-            stiffness=[slosh.mass * pulse**2, 0.0, 0.0],
-            damping=[2.0 * slosh.damping_ratio * slosh.mass * pulse, 0.0, 0.0],
-        )
-    liquid.mass, liquid.ipos = slosh.mass, np.zeros(3)
-    liquid.inertia = np.full(3, 4e-4 * slosh.mass)
-    liquid.explicitinertial = True
-
-
 @dataclass(frozen=True, eq=False)
 class Hardware:
     """One individual arm with all that the URDF does not say: inertias, friction, drives and sensors."""
@@ -207,13 +197,7 @@ class Hardware:
         return replace(self, **changes)
 
     def with_laws(self, part: str, joint: int | None = None, **values: Any) -> Hardware:
-        """A copy with entries of one law changed: at one joint, or as a whole where joint is None.
-
-        Args:
-            part: `friction`, `drive`, `heat` or `outside`.
-            joint: Index of the joint.
-            **values: New values by the law's column.
-        """
+        """A copy with columns of one of its laws changed: at one joint, or as a whole where joint is None."""
         return self.replace(**{part: change_law(getattr(self, part), joint, **values)})
 
 
@@ -242,7 +226,7 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
     # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have.
     ratio = np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
-    drive = change_law(rigid_drive(rotor, scale), ripple_order=2.0 * ratio)
+    drive = make_law("drive", n, rotor_inertia=rotor, effort_limit=scale, ripple_order=2.0 * ratio)
     return Hardware(
         arm=arm,
         bodies=bodies,
@@ -272,11 +256,9 @@ def add_decoy(hardware: Hardware, name: str, rng: np.random.Generator) -> Hardwa
     """
     n, bodies = hardware.n, hardware.bodies
     if name == "inertia":
-        scales = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
-        bodies = bodies.replace(
-            mass_scale=bodies.mass_scale * scales[0], inertia_scale=bodies.inertia_scale * scales[1]
-        )
-        return hardware.replace(bodies=bodies)
+        mass, inertia = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
+        own = {"mass_scale": bodies.mass_scale * mass, "inertia_scale": bodies.inertia_scale * inertia}
+        return hardware.replace(bodies=bodies.replace(**own))
     if name == "geometry":
         shift = bodies.geometry_shift + rng.uniform(-1e-3, 1e-3, (n, 3))
         return hardware.replace(bodies=bodies.replace(geometry_shift=shift))

@@ -41,13 +41,7 @@ COLUMNS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="
 
 
 def make_law(law: str, n: int, **values: Any) -> Law:
-    """A law of n joints.
-
-    Args:
-        law: Its name in `laws.toml`.
-        n: Number of joints.
-        **values: Columns of shape (n,), or a value for all joints, in place of the usual.
-    """
+    """A law of n joints of `laws.toml`; columns of shape (n,), or one value for all joints, in place of the usual."""
     columns = COLUMNS[law]
     kinds = np.dtype([(name, type(value)) for name, value in columns.items()], align=True)
     records = np.zeros(n, dtype=kinds).view(np.recarray)
@@ -69,33 +63,20 @@ STIFF_PRESLIDING = 5e-5
 
 
 def plain_friction(coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]) -> Law:
-    """Friction of a healthy joint: Coulomb that sticks, and viscous drag; none of either where they are zero.
+    """Friction of a healthy joint: Coulomb that sticks [N m], and viscous drag [N m s/rad]; of either none where zero.
 
-    Args:
-        coulomb: Sliding friction [N m].
-        viscous: Viscous drag [N m s/rad].
-        inertia: Least inertia that moves with the joint [kg m²]; sets the bristles' damping.
+    The least inertia that moves with the joint [kg m²] sets the bristles' damping.
     """
     stiffness = coulomb / STIFF_PRESLIDING
-    return make_law(
-        "friction",
-        len(coulomb),
-        coulomb=coulomb,
-        viscous=viscous,
-        bristle_stiffness=stiffness,
-        bristle_damping=0.6 * np.sqrt(stiffness * inertia),
-        load_floor=0.02 * coulomb + 1e-6,
-    )
+    own = {"bristle_stiffness": stiffness, "bristle_damping": 0.6 * np.sqrt(stiffness * inertia)}
+    floor = 0.02 * coulomb + 1e-6
+    return make_law("friction", len(coulomb), coulomb=coulomb, viscous=viscous, load_floor=floor, **own)
 
 
 def scale_friction(law: Law, coulomb: Array | float, viscous: Array | float) -> Law:
     """The same joints, rubbing more or less: dry friction with its bristles, and drag, times factors."""
-    return change_law(
-        law,
-        coulomb=law.coulomb * coulomb,
-        bristle_stiffness=law.bristle_stiffness * coulomb,
-        viscous=law.viscous * viscous,
-    )
+    dry = {"coulomb": law.coulomb * coulomb, "bristle_stiffness": law.bristle_stiffness * coulomb}
+    return change_law(law, **dry, viscous=law.viscous * viscous)
 
 
 @njit(cache=True)
@@ -157,12 +138,9 @@ AMBIENT_DEGC = 24.0
 
 
 def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> Law:
-    """A network whose lubricant settles at a rise above ambient under a rated loss.
+    """A network whose lubricant settles at a rise above ambient [K] under a rated loss, friction's in steady work [W].
 
-    Args:
-        rated_loss: Friction power of steady work [W].
-        rise: Lubricant's final temperature above ambient [K].
-        time_constant: Of the lubricant against the housing [s]; the housing's own is ten times as long.
+    The time constant is the lubricant's against the housing [s]; the housing's own is ten times as long.
     """
     inner = rated_loss / (0.75 * rise)
     outer = rated_loss / (0.25 * rise)
@@ -190,20 +168,9 @@ def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array,
     return cooled
 
 
-def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " n"]) -> Law:
-    """A healthy drive: rigid, without play, ripple or dress pack."""
-    return make_law("drive", len(rotor_inertia), rotor_inertia=rotor_inertia, effort_limit=effort_limit)
-
-
 @njit(cache=True)
 def spring_torque(joint: Any, twist: float, rate: float) -> float:
-    """Torque that the spring carries from motor to link [N m].
-
-    Args:
-        joint: The drive, a record of the law.
-        twist: Motor angle less link angle [rad].
-        rate: Its rate [rad/s].
-    """
+    """Torque that the spring carries from motor to link [N m]; twist is motor less link angle [rad]."""
     half = 0.5 * joint.gap
     if half <= 0.0:
         return joint.stiffness * twist + joint.damping * rate

@@ -79,13 +79,28 @@ def record_runs(
 def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator) -> Recording:
     """One run as the log shows it."""
     ticks, sensing, log = trace.times, hardware.sensing, trace.log
-    times = _instants(float(ticks[-1]), channels, rng)
+    end = float(ticks[-1])
+    times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
+    if channels.jitter > 0.0:
+        away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
+        times = np.clip(times + away, 0.0, end)
+    if channels.lost > 0.0:
+        kept = rng.random(len(times)) >= channels.lost
+        kept[[0, -1]] = True  # the first and the last sample are never missing
+        times = times[kept]
     angle = log.link_angle if sensing.link_side else log.angle
     position = read_encoder(sensing, ticks, angle, times, rng)
     effort = read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng)
     logged: dict[str, Array] = {"position": position, "effort": effort}
-    if channels.velocity:
-        logged["velocity"] = _velocity(channels, trace, times, position)
+    if channels.velocity and channels.velocity_kind == "differenced":
+        steps = np.diff(position, axis=0) / np.diff(times)[:, None]
+        logged["velocity"] = np.concatenate([steps[:1], steps])
+    elif channels.velocity:
+        speed = log.speed if channels.velocity_kind == "true" else log.speed_estimate
+        if channels.velocity_kind == "filtered":
+            keep = np.exp(-TICK_S / channels.velocity_delay)
+            speed, _ = lfilter([1.0 - keep], [1.0, -keep], speed, axis=0, zi=keep * speed[:1])
+        logged["velocity"] = sample(ticks, speed, times)
     if channels.commands:
         logged["position_command"] = sample(ticks, trace.motion.q, times)
         logged["velocity_command"] = sample(ticks, trace.motion.dq, times)
@@ -95,42 +110,5 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
     return Recording(name, hardware.arm.joint_names, np.round(trace.start + times, 6), **rounded)
 
 
-def _instants(end: float, channels: Channels, rng: np.random.Generator) -> Float[Array, " T"]:
-    """Times of the samples in the run [s]; the first and the last are never missing."""
-    times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
-    if channels.jitter > 0.0:
-        away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
-        times = np.clip(times + away, 0.0, end)
-    if channels.lost > 0.0:
-        kept = rng.random(len(times)) >= channels.lost
-        kept[[0, -1]] = True
-        times = times[kept]
-    return times
-
-
-def _velocity(
-    channels: Channels, trace: Trace, times: Float[Array, " T"], position: Float[Array, "T n"]
-) -> Float[Array, "T n"]:
-    """The velocity channel [rad/s]."""
-    log = trace.log
-    if channels.velocity_kind == "true":
-        return sample(trace.times, log.speed, times)
-    if channels.velocity_kind == "differenced":
-        steps = np.diff(position, axis=0) / np.diff(times)[:, None]
-        return np.concatenate([steps[:1], steps])
-    estimate = log.speed_estimate
-    if channels.velocity_kind == "filtered":
-        keep = np.exp(-TICK_S / channels.velocity_delay)
-        estimate, _ = lfilter([1.0 - keep], [1.0, -keep], estimate, axis=0, zi=keep * estimate[:1])
-    return sample(trace.times, estimate, times)
-
-
 # A log's resolution: far below the sensors' own, so that files stay small.
-_DECIMALS = {
-    "position": 7,
-    "effort": 4,
-    "velocity": 6,
-    "position_command": 7,
-    "velocity_command": 6,
-    "temperature": 1,
-}
+_DECIMALS = dict(position=7, effort=4, velocity=6, position_command=7, velocity_command=6, temperature=1)  # noqa: C408

@@ -103,16 +103,9 @@ def read_torque(
     clock: float,
     rng: np.random.Generator,
 ) -> Float[Array, "T n"]:
-    """The drives' torque readings.
+    """The drives' torque readings at times in a run, from the motors' torque [N m] and speed [rad/s] at its ticks.
 
-    Args:
-        sensing: The sensors.
-        ticks: Times of the controller's ticks in the run [s].
-        torque: Motor torque at the ticks [N m].
-        speed: Motor speed at the ticks [rad/s].
-        times: Times of the samples in the run [s].
-        clock: Session time at the start of the run [s].
-        rng: Source of the noise.
+    `clock` is the session time at the start of the run [s].
     """
     true = sample(ticks, torque, times - sensing.delay)
     reading = true * sensing.gain
@@ -139,11 +132,7 @@ def torque_noise(sensing: Sensing, samples: int, interval: float, rng: np.random
 
 
 def read_encoder(
-    sensing: Sensing,
-    ticks: Float[Array, " K"],
-    angle: Float[Array, "K n"],
-    times: Float[Array, " T"],
-    rng: np.random.Generator,
+    sensing: Sensing, ticks: Array, angle: Float[Array, "K n"], times: Array, rng: np.random.Generator
 ) -> Float[Array, "T n"]:
     """Encoder readings at the joint [rad]: whole counts of the motor's angle."""
     counts = (sample(ticks, angle, times) + sensing.encoder_offset) / sensing.count
@@ -151,11 +140,7 @@ def read_encoder(
 
 
 def read_temperature(
-    ticks: Float[Array, " K"],
-    rise: Float[Array, "K n"],
-    times: Float[Array, " T"],
-    ambient: float,
-    rng: np.random.Generator,
+    ticks: Array, rise: Float[Array, "K n"], times: Array, ambient: float, rng: np.random.Generator
 ) -> Float[Array, "T n"]:
     """Housing temperatures [degC] with a tenth of a degree of noise and resolution."""
     true = ambient + sample(ticks, rise, times)

@@ -6,14 +6,17 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import InputError, plural
 from ident.files import atomic_folder, write_record
 from ident.outputs import SESSION_KIND, require_own_folder
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import fill_session
+from ident.records import as_record
+from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import CATALOGUE, Circumstances
 from ident.simulation.hardware import AddedBody, Hardware, add_decoy, draw_hardware
@@ -71,9 +74,8 @@ class SimulationOptions:
         ]
         for key, value, low, high, unit in bounds:
             if not low <= value <= high:
-                raise InputError(
-                    key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip()
-                )
+                remedy = f"choose between {low:g} and {high:g} {unit}".strip()
+                raise InputError(key, f"{value:g} {unit}".strip(), remedy)
         if not 0.0 <= self.pause[0] <= self.pause[1]:
             raise InputError("pause", f"{self.pause[0]:g} to {self.pause[1]:g} s", "give bounds in order, from 0 s")
 
@@ -105,19 +107,13 @@ class Simulation:
     seeds: tuple[int, ...]  # of the other parameters of each effect
 
 
-def simulate(
-    options: SimulationOptions,
-    name: str = "session",
-    progress: Progress = no_progress,
-    motions: Sequence[ReferenceMotion] | None = None,
-) -> Simulation:
-    """Simulates a session.
+Motions = Sequence[ReferenceMotion]
 
-    Args:
-        options: What is wanted.
-        name: Of the session.
-        progress: Called after each run.
-        motions: Motions to be run instead of planned ones.
+
+def simulate(
+    options: SimulationOptions, name: str = "session", progress: Progress = no_progress, motions: Motions | None = None
+) -> Simulation:
+    """Simulates a session: of planned motions, or of those that are given; `progress` is called after each run.
 
     Raises:
         InputError: Unknown effect, joint, motion or decoy, or a size outside physics.
@@ -183,12 +179,7 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
 
 
 def _add_effect(
-    request: EffectRequest,
-    joint: int,
-    hardware: Hardware,
-    meter: VisibilityMeter,
-    seed: int,
-    measure: bool,
+    request: EffectRequest, joint: int, hardware: Hardware, meter: VisibilityMeter, seed: int, measure: bool
 ) -> tuple[Hardware, TrueEffect]:
     """The hardware with one more effect, and the truth about it."""
     cause, names = request.cause, hardware.arm.joint_names
@@ -211,8 +202,8 @@ def _add_effect(
     )
 
 
-@dataclass(frozen=True)
-class WrittenSession:
+@dataclass(frozen=True, eq=False)
+class WrittenSession(Result):
     """What was written."""
 
     folder: Path
@@ -224,22 +215,25 @@ class WrittenSession:
     sha256: str = ""  # of the envelope; empty without one
     key: str = ""  # hexadecimal key that opens the envelope; kept nowhere else
 
+    def to_dict(self) -> dict[str, Any]:
+        own = {name: as_record(value) for name, value in vars(self).items() if name != "provenance"}
+        arm = {"schema": "ident.simulation/1", "robot": self.robot, "joints": list(self.joints)}
+        return {**arm, "sessions": [own], "provenance": self.provenance.to_dict()}
+
+    def summary(self) -> str:
+        """How much was written, and how it is sealed."""
+        lines = [f"{self.folder}: {plural(self.runs, 'run')}, {self.samples} samples, {self.duration_s:.0f} s"]
+        if self.sha256:
+            lines.append(f"sealed: sha256 {self.sha256}" + (f", key {self.key}" if self.key else ""))
+        return "\n".join(lines)
+
 
 def write_simulation(
-    simulation: Simulation,
-    folder: str | Path,
-    answer: bool = False,
-    sealed: bool = False,
-    key: bytes | None = None,
+    simulation: Simulation, folder: str | Path, answer: bool = False, sealed: bool = False, key: bytes | None = None
 ) -> WrittenSession:
-    """Writes the session's folder, whole or not at all.
+    """Writes the session's folder, whole or not at all; the answer in plain text beside the runs, or sealed with a key.
 
-    Args:
-        simulation: What to write.
-        folder: Where; an earlier session there is replaced.
-        answer: Whether the answer is written beside the runs in plain text.
-        sealed: Whether it is written as a sealed envelope.
-        key: Of the envelope; drawn from the system's source of secrets if None.
+    A key is drawn from the system's source of secrets if none is given.
 
     Raises:
         InputError: Both an open and a sealed answer were asked for, or the folder holds something else.

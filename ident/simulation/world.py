@@ -91,7 +91,7 @@ class WorldRange:
     def draw(self, rng: np.random.Generator) -> World:
         """Draws a world. The same generator draws the same place of every range, whatever the others."""
         places = {field.name: float(rng.random()) for field in fields(World)}
-        drawn = {key: _drawn(key, options, places[key]) for key, options in self.values.items()}
+        drawn = {key: draw_value(key, options, places[key]) for key, options in self.values.items()}
         return World(**{**drawn, "name": self.name})
 
     def with_values(self, name: str, values: Mapping[str, Any], where: str | Path) -> WorldRange:
@@ -100,10 +100,26 @@ class WorldRange:
         Raises:
             InputError: An unknown field, or a value outside the bounds of all worlds.
         """
-        for key in values.keys() - {"robot", *FULL}:
-            known = ", ".join(["preset", "robot", *FULL])
-            raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
-        checked = {key: _checked(key, value, where) for key, value in values.items()}
+        checked: dict[str, tuple[Any, ...]] = {}
+        for key, value in values.items():
+            if key not in ("robot", *FULL):
+                known = ", ".join(["preset", "robot", *FULL])
+                raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
+            options, allowed, remedy = tuple(value) if isinstance(value, list) else (value,), FULL.get(key), ""
+            if _is_choice(key):
+                if not options or any(one not in allowed if allowed else not isinstance(one, str) for one in options):
+                    remedy = f"choose from: {', '.join(map(str, allowed)) if allowed else 'names of robots'}"
+            else:
+                low, high = FULL[key]
+                options = options if isinstance(value, list) else options * 2
+                numeric = all(isinstance(one, int | float) and not isinstance(one, bool) for one in options)
+                if len(options) != 2 or not numeric or not options[0] <= options[1]:
+                    remedy = "give a number, or two in order: [low, high]"
+                elif options[0] < low or options[1] > high:
+                    remedy = f"choose between {low:g} and {high:g}"
+            if remedy:
+                raise InputError(where, f"{key} = {value!r}", remedy)
+            checked[key] = options
         return replace(self, name=name, about=f"from {Path(str(where)).name}", values={**self.values, **checked})
 
 
@@ -111,7 +127,7 @@ def _is_choice(name: str) -> bool:
     return name == "robot" or isinstance(FULL[name][0], str | bool)
 
 
-def _drawn(name: str, options: tuple[Any, ...], place: float) -> Any:
+def draw_value(name: str, options: tuple[Any, ...], place: float) -> Any:
     """What stands at a place between 0 and 1 of some choices, or between two bounds."""
     if _is_choice(name):
         return options[min(int(place * len(options)), len(options) - 1)]
@@ -126,32 +142,11 @@ def _drawn(name: str, options: tuple[Any, ...], place: float) -> Any:
     return float(f"{value:.4g}")
 
 
-def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
-    """Bounds or choices of a field from what a file says of it."""
-    options = tuple(value) if isinstance(value, list) else (value,)
-    if _is_choice(key):
-        allowed = FULL.get(key)
-        if not options or any(one not in allowed if allowed else not isinstance(one, str) for one in options):
-            listed = ", ".join(map(str, allowed)) if allowed else "names of robots"
-            raise InputError(where, f"{key} = {value!r}", f"choose from: {listed}")
-        return options
-    low, high = FULL[key]
-    pair = options if isinstance(value, list) else options * 2
-    numeric = len(pair) == 2 and all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in pair)
-    if not numeric or not pair[0] <= pair[1]:
-        raise InputError(where, f"{key} = {value!r}", "give a number, or two in order: [low, high]")
-    if pair[0] < low or pair[1] > high:
-        raise InputError(where, f"{key} = {value!r}", f"choose between {low:g} and {high:g}")
-    return pair
-
-
-def _preset(name: str, about: str, sound: bool = False, **own: list[Any]) -> WorldRange:
-    """A row of the presets; it changes what it starts from."""
-    values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
-    return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
-
-
-PRESETS: dict[str, WorldRange] = {name: _preset(name, **own) for name, own in _TABLES["presets"].items()}
+PRESETS: dict[str, WorldRange] = {}
+for _name, _row in _TABLES["presets"].items():  # a row changes what it starts from
+    _own = {key: value for key, value in _row.items() if key not in ("about", "sound")}
+    _from = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if _row.get("sound") else {}), **_own}
+    PRESETS[_name] = WorldRange(_name, _row["about"], {key: tuple(one) for key, one in _from.items()})
 """Ranges by name: what goes together in real cells, and `any`, where nothing does."""
 GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
 """Lists by name; a check takes the worlds of a list in turn."""
@@ -195,25 +190,20 @@ def find_worlds(text: str) -> tuple[WorldRange, ...]:
     return tuple(chosen)
 
 
-def settle(
-    worlds: WorldRange,
-    seed: int,
-    robot: str | None = None,
-    runs: int | None = None,
-    run_duration: float | None = None,
-    rate: float | None = None,
-    velocity: bool | None = None,
-) -> World:
-    """Draws the world of one session; what the user asks for beside it holds: the robot, the number of runs, their
-    rough duration [s], the log rate [Hz], and whether there is a velocity channel.
+def settle(worlds: WorldRange, seed: int, **asked: Any) -> World:
+    """Draws the world of one session; what the user asks for beside it holds: the `robot`, the number of `runs`, their
+    rough `duration` [s], the log `rate` [Hz], and whether there is a `velocity` channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
-    given: dict[str, Any] = {"robot": robot, "runs": runs, "rate_hz": rate}
-    if run_duration is not None:
-        given["duration_s"] = run_duration * (world.runs if runs is None else runs)
-    if velocity is not None and velocity != (world.velocity != "none"):
-        given["velocity"] = "true" if velocity else "none"
-    return replace(world, **{key: value for key, value in given.items() if value is not None})
+    asked = {key: value for key, value in asked.items() if value is not None}
+    given = {
+        key: asked[own] for key, own in (("robot", "robot"), ("runs", "runs"), ("rate_hz", "rate")) if own in asked
+    }
+    if "duration" in asked:
+        given["duration_s"] = asked["duration"] * asked.get("runs", world.runs)
+    if "velocity" in asked and asked["velocity"] != (world.velocity != "none"):
+        given["velocity"] = "true" if asked["velocity"] else "none"
+    return replace(world, **given)
 
 
 # Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
@@ -237,7 +227,20 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
         mass[link] *= masses[link - 1] / max(masses[link], 1e-3)
     coulomb, viscous = world.friction_scale * own.coulomb, world.friction_scale * own.viscous
     rotor = world.rotor_scale * usual.drive.rotor_inertia
-    ratio = world.gear_scale * usual.drive.ripple_order / 2.0
+    ratio, rated = world.gear_scale * usual.drive.ripple_order / 2.0, usual.sensing.rated
+    lever = np.where(arm.sliding_joints, SLIDE_LEVER_M, 1.0)
+    turns = ratio if world.encoder_at == "motor" else np.ones_like(ratio)
+    count = 2.0 * np.pi * lever / (2.0**world.encoder_bits * turns)
+    noise = world.torque_noise * rated
+    sensing = Sensing.typical(rated, ratio).replace(
+        white=noise * np.sqrt(1.0 - world.coloured_share),
+        coloured=noise * np.sqrt(world.coloured_share),
+        corner_hz=world.corner_hz,
+        load_growth=world.load_growth,
+        count=count,
+        count_noise=world.encoder_noise_rad * lever / count,
+        link_side=world.encoder_at == "link",
+    )
     return usual.replace(
         bodies=bodies.replace(
             mass_scale=np.clip(mass, LEAST_MASS, GREATEST_MASS),
@@ -247,28 +250,11 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
         friction=plain_friction(coulomb, viscous, rotor),
         drive=change_law(usual.drive, rotor_inertia=rotor, ripple_order=2.0 * ratio),
         heat=heat_law(coulomb * 0.6 + viscous * 0.6**2),
-        sensing=_sensing(arm, usual.sensing.rated, ratio, world),
+        sensing=sensing,
         bandwidth=2.0 * np.pi * world.bandwidth_hz,
         friction_spread=0.0,
         feed_forward=world.feed_forward,
         loop_noise=LOOP_NOISE,
-    )
-
-
-def _sensing(arm: ArmModel, rated: Float[Array, " n"], ratio: Float[Array, " n"], world: World) -> Sensing:
-    """A world's sensors on gears of some ratios."""
-    lever = np.where(arm.sliding_joints, SLIDE_LEVER_M, 1.0)
-    turns = ratio if world.encoder_at == "motor" else np.ones_like(ratio)
-    count = 2.0 * np.pi * lever / (2.0**world.encoder_bits * turns)
-    noise = world.torque_noise * rated
-    return Sensing.typical(rated, ratio).replace(
-        white=noise * np.sqrt(1.0 - world.coloured_share),
-        coloured=noise * np.sqrt(world.coloured_share),
-        corner_hz=world.corner_hz,
-        load_growth=world.load_growth,
-        count=count,
-        count_noise=world.encoder_noise_rad * lever / count,
-        link_side=world.encoder_at == "link",
     )
 
 

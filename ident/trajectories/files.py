@@ -35,10 +35,6 @@ LARGEST_STEP_S = 0.05
 def read_commands(path: str | Path, arm: ArmModel) -> tuple[ReferenceMotion, ...]:
     """Reads a command file, or a folder of them in the order of their names, one a run.
 
-    Args:
-        path: File or folder.
-        arm: The arm that is to follow them.
-
     Raises:
         RecordingError: No such file, a joint or the time is missing, or the values make no motion within limits.
     """
@@ -68,57 +64,44 @@ def write_commands(motions: Sequence[ReferenceMotion], joints: Sequence[str], fo
 
 
 def _read_one(path: Path, arm: ArmModel) -> ReferenceMotion:
-    table = _table(path)
-    try:
-        names = set(table.column_names)
-    except UnicodeDecodeError:
-        raise RecordingError(path, "a column's name is not UTF-8", "write the file as UTF-8 text") from None
-    wanted = ["time", *(f"{name}/position_command" for name in arm.joint_names)]
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        raise RecordingError(path, f"no column {missing[0]!r}", f"give the columns {', '.join(wanted)}")
-    try:
-        columns = [np.asarray(table[name], dtype=float) for name in wanted]
-    except (ValueError, TypeError):
-        raise RecordingError(path, "holds cells that are no numbers", "write every time and position out") from None
-    time, q = columns[0], np.stack(columns[1:], axis=1)
-    _check(path, time, q, arm)
-    curve = make_interp_spline(time - time[0], q, k=3, bc_type="clamped")
-    motion = sampled(
-        path.stem.lstrip("0123456789_") or path.stem,
-        curve(ticks(np.floor(float(time[-1] - time[0]) / TICK_S + 1e-6) * TICK_S)),
-    )
-    return motion
-
-
-def _table(path: Path) -> pa.Table:
     require_readable_size(path)
+    wanted = ["time", *(f"{name}/position_command" for name in arm.joint_names)]
     try:
-        return open_parquet(path).read() if path.suffix == ".parquet" else pacsv.read_csv(path)
+        table = open_parquet(path).read() if path.suffix == ".parquet" else pacsv.read_csv(path)
     except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8 is a ValueError
         what = f"can't be read ({first_line(error)})"
         raise RecordingError(path, what, "give a .csv or .parquet file of commands") from None
+    try:
+        missing = [name for name in wanted if name not in set(table.column_names)]
+    except UnicodeDecodeError:
+        raise RecordingError(path, "a column's name is not UTF-8", "write the file as UTF-8 text") from None
+    if missing:
+        raise RecordingError(path, f"no column {missing[0]!r}", f"give the columns {', '.join(wanted)}")
+    try:
+        time, *columns = (np.asarray(table[name], dtype=float) for name in wanted)
+    except (ValueError, TypeError):
+        raise RecordingError(path, "holds cells that are no numbers", "write every time and position out") from None
+    q = np.stack(columns, axis=1)
+    _check(path, time, q, arm)
+    curve = make_interp_spline(time - time[0], q, k=3, bc_type="clamped")
+    whole = np.floor(float(time[-1] - time[0]) / TICK_S + 1e-6) * TICK_S
+    return sampled(path.stem.lstrip("0123456789_") or path.stem, curve(ticks(whole)))
 
 
 def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: ArmModel) -> None:
+    """Refuses commands that are no motion within limits."""
     if len(time) < 5 or not np.isfinite(time).all() or not np.isfinite(q).all():
         raise RecordingError(path, "too few rows, or values that are not finite", "write every time and position out")
     steps = np.diff(time)
     if steps.min() <= 0.0 or steps.max() > LARGEST_STEP_S:
         worst = int(np.argmin(steps) if steps.min() <= 0.0 else np.argmax(steps))
-        raise RecordingError(
-            path,
-            f"line {worst + 3}: time goes on by {steps[worst]:.4g} s",
-            f"let time rise by at most {LARGEST_STEP_S:g} s from row to row",
-        )
+        what, remedy = f"time goes on by {steps[worst]:.4g} s", f"let time rise by at most {LARGEST_STEP_S:g} s"
+        raise RecordingError(path, f"line {worst + 3}: {what}", f"{remedy} from row to row")
     outside = np.argwhere((q < arm.lower) | (q > arm.upper))
     if len(outside):
         row, j = outside[0]
-        raise RecordingError(
-            path,
-            f"line {row + 2}: {arm.joint_names[j]} at {q[row, j]:.3f} rad is out of its limits",
-            f"stay within {arm.lower[j]:.2f} to {arm.upper[j]:.2f} rad",
-        )
+        what = f"line {row + 2}: {arm.joint_names[j]} at {q[row, j]:.3f} rad is out of its limits"
+        raise RecordingError(path, what, f"stay within {arm.lower[j]:.2f} to {arm.upper[j]:.2f} rad")
 
 
 SCHEMA = "plan.result/1"
@@ -130,10 +113,6 @@ PLAN_REST_S = 0.3
 
 def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     """The motion of a plan at the controller's ticks, with standstill before and after.
-
-    Args:
-        path: JSON file of `plan solve --json`.
-        arm: The arm that is to follow it.
 
     Raises:
         RecordingError: No such file, no plan, or one without a motion.

@@ -59,12 +59,7 @@ def random_path(
 ) -> Float[Array, "m n"]:
     """Start, via points and goal of a path that touches nothing [rad].
 
-    Args:
-        limits: Of the arm.
-        vias: Number of via points.
-        rng: Source of chance.
-        span: Share of the joints' spans that the path covers.
-        roam: Share of the spans by which its middle strays.
+    It covers a share of the joints' spans, and its middle strays (`roam`) by another.
     """
     for attempt in range(ATTEMPTS):
         share = 0.97**attempt
@@ -192,35 +187,30 @@ def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) 
 
 
 def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
-    """Poses approached from below and from above, with standstill at each arrival."""
-    poses = max(int(duration / 4.0), 1)
+    """Poses approached from below and from above, with standstill at each arrival.
+
+    Moves of four phases a pose, each phase on the clock of all joints; what time is left is standstill.
+    """
+    poses, n = max(int(duration / 4.0), 1), limits.arm.n
+    slots = np.array([0.3, 0.25, 0.2, 0.25]) * (duration / poses)
 
     def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
-        n = limits.arm.n
         stops = centre + share * 0.6 * limits.span * rng.uniform(-1.0, 1.0, (poses, n))
         aside = np.minimum(0.15, 0.2 * limits.span)
         paths = []
         for at, here, away in zip(centre, stops.T, aside, strict=True):
             moves = [m for p in here for m in ((p - away, 0.8), (p, 0.2), (p + away, 0.4), (p, 0.2))]
-            paths.append(_with_dwells(at, moves, duration / poses, 6.0 * share))
+            pieces = []
+            for (goal, speed), slot in zip(moves, cycle(slots)):
+                length = len(ticks(slot))
+                # Arrive early enough to stand still for half of the slot.
+                path = ramps(at, [(goal, max(speed, 2.5 * abs(goal - at) / slot))], 6.0 * share, 0.01)[:length]
+                pieces.append(np.concatenate([path, np.full(length - len(path), path[-1])]))
+                at = float(path[-1])
+            paths.append(np.concatenate(pieces))
         return together("hold", paths)
 
     return [_shrink(limits, rng, make)]
-
-
-def _with_dwells(start: float, moves: Sequence[tuple[float, float]], period: float, push: float) -> Float[Array, " K"]:
-    """Moves of four phases a pose, each phase on the clock of all joints; what time is left is standstill."""
-    slots = np.array([0.3, 0.25, 0.2, 0.25]) * period
-    pieces, at = [], start
-    for i, (goal, speed) in enumerate(moves):
-        length = len(ticks(slots[i % 4]))
-        distance = abs(goal - at)
-        # Arrive early enough to stand still for half of the slot.
-        speed = max(speed, 2.5 * distance / slots[i % 4])
-        path = ramps(at, [(goal, speed)], push, 0.01)[:length]
-        pieces.append(np.concatenate([path, np.full(length - len(path), path[-1])]))
-        at = float(path[-1])
-    return np.concatenate(pieces)
 
 
 KINDS: dict[str, Callable[[MotionLimits, float, np.random.Generator], list[ReferenceMotion]]] = {

@@ -79,12 +79,7 @@ def sampled(name: str, q: Float[Array, "K n"]) -> ReferenceMotion:
 
 
 def fourier(
-    name: str,
-    centre: Float[Array, " n"],
-    sines: Float[Array, "m n"],
-    cosines: Float[Array, "m n"],
-    base_hz: float,
-    duration: float,
+    name: str, centre: Array, sines: Float[Array, "m n"], cosines: Array, base_hz: float, duration: float
 ) -> ReferenceMotion:
     """Finite Fourier series about a pose, faded in and out over 15 % of the duration."""
     t = ticks(duration)
@@ -94,22 +89,11 @@ def fourier(
 
 
 def chirp(
-    name: str,
-    centre: Float[Array, " n"],
-    amplitude: Float[Array, " n"],
-    band_hz: tuple[float, float],
-    phase: Float[Array, " n"],
-    duration: float,
+    name: str, centre: Array, amplitude: Array, band_hz: tuple[float, float], phase: Array, duration: float
 ) -> ReferenceMotion:
-    """Logarithmic sweep of frequency about a pose; the swing falls as the frequency rises, so that speed falls slowly.
+    """Logarithmic sweep of frequency about a pose [rad]; the swing falls as it rises, so that speed falls slowly.
 
-    Args:
-        name: Of the motion.
-        centre: Pose [rad].
-        amplitude: Swing at the lowest frequency [rad].
-        band_hz: First and last frequency.
-        phase: Start of each joint's wave [rad].
-        duration: [s].
+    The amplitude is that at the lowest frequency [rad], the phase the start of each joint's wave, of shape (n,).
     """
     t = ticks(duration)
     low, high = band_hz
@@ -130,27 +114,21 @@ def ramps(start: float, moves: Sequence[tuple[float, float]], acceleration: floa
     """
     pieces = [np.full(max(round(0.1 / TICK_S), 1), start)]
     at = start
-    for goal, speed in moves:
-        pieces.append(_ramp(at, goal, speed, acceleration))
-        pieces.append(np.full(max(round(dwell / TICK_S), 1), goal))
+    for goal, speed in moves:  # speed rises by a smooth step, stays, and falls
+        distance, path = abs(goal - at), np.full(1, goal)
+        if distance >= 1e-9:
+            corner = speed / acceleration
+            if speed * corner > distance:  # too short to reach the speed
+                speed, corner = np.sqrt(distance * acceleration), np.sqrt(distance / acceleration)
+            total = distance / speed + corner
+            t = ticks(total)
+            s = np.clip(np.minimum(t, total - t) / corner, 0.0, 1.0)
+            profile = speed * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+            way = np.concatenate([[0.0], np.cumsum(0.5 * (profile[1:] + profile[:-1]) * TICK_S)])
+            path = at + np.sign(goal - at) * way * (distance / way[-1])
+        pieces += [path, np.full(max(round(dwell / TICK_S), 1), goal)]
         at = goal
     return np.concatenate(pieces)
-
-
-def _ramp(start: float, goal: float, speed: float, acceleration: float) -> Float[Array, " K"]:
-    """One move: speed rises by a smooth step, stays, and falls."""
-    distance = abs(goal - start)
-    if distance < 1e-9:
-        return np.full(1, goal)
-    corner = speed / acceleration
-    if speed * corner > distance:  # too short to reach the speed
-        speed, corner = np.sqrt(distance * acceleration), np.sqrt(distance / acceleration)
-    total = distance / speed + corner
-    t = ticks(total)
-    s = np.clip(np.minimum(t, total - t) / corner, 0.0, 1.0)
-    profile = speed * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    path = np.concatenate([[0.0], np.cumsum(0.5 * (profile[1:] + profile[:-1]) * TICK_S)])
-    return start + np.sign(goal - start) * path * (distance / path[-1])
 
 
 def together(name: str, joints: Sequence[Float[Array, " K"]]) -> ReferenceMotion:
@@ -167,12 +145,7 @@ AVERAGES = {"acceleration": 1, "jerk": 2}
 
 
 def stepped(motion: ReferenceMotion, shape: str) -> ReferenceMotion:
-    """The motion as such a controller would follow it.
-
-    Args:
-        motion: A smooth motion that rests at both ends for longer than the averages last.
-        shape: `smooth` for the motion as it is, `jerk` or `acceleration` for what is to step.
-    """
+    """A motion that rests at both ends as such a controller follows it, with steps of `jerk` or `acceleration`."""
     if shape not in AVERAGES:
         return motion
     period = round((FAST_PERIOD_S if motion.name in FAST else PERIOD_S) / TICK_S)

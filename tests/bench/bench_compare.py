@@ -93,7 +93,7 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
     """One pair, simulated and compared."""
     rng = np.random.default_rng([seed, 77])
     preset = list(PRESETS.values())[int(rng.integers(len(PRESETS)))]
-    world = settle(preset, seed, runs=runs, run_duration=seconds)
+    world = settle(preset, seed, runs=runs, duration=seconds)
     kind = "nothing" if seed % 3 == 0 else KINDS[int(rng.integers(len(KINDS)))]
     arm = ArmModel.load(world.robot)
     joint = int(rng.integers(arm.n))

@@ -19,18 +19,14 @@ from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Recording
 from ident.recordings.session_toml import NAME, SessionFile, load_session_file
 from ident.robot.arm import ArmModel
+from ident.robot.urdf import MOMENTS, read_vector, rpy_to_matrix
 from ident.simulation.hardware import without_geometry
 
 
 def with_body(urdf: str, joint: str, mass: float, place: Float[Array, " 3"], radius: float) -> str:
-    """The URDF's text with a ball on the link that a joint moves.
+    """The URDF's text with a ball on the link that a joint moves; a negative mass [kg] takes it away.
 
-    Args:
-        urdf: Text of the URDF.
-        joint: The joint before the link.
-        mass: Of the ball; negative takes it away [kg].
-        place: Its centre in the link's frame [m].
-        radius: Of gyration [m].
+    Its centre is given in the link's frame [m], as is its radius of gyration [m].
     """
     root = ET.fromstring(urdf)
     child = next(one for one in root.findall("joint") if one.get("name") == joint).find("child")
@@ -47,31 +43,16 @@ def _shifted(mass: float, by: Array) -> Array:
     return mass * (by @ by * np.eye(3) - np.outer(by, by))
 
 
-def _numbers(element: ET.Element | None, key: str) -> Array:
-    return np.array([float(x) for x in (element.get(key, "0 0 0") if element is not None else "0 0 0").split()])
-
-
 def _read(link: ET.Element) -> tuple[float, Array, Array]:
     """Mass, centre, and inertia about it in the link's axes; zeros of a link without."""
     inertial = link.find("inertial")
     if inertial is None:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     origin, mass, inertia = (inertial.find(name) for name in ("origin", "mass", "inertia"))
-    roll, pitch, yaw = _numbers(origin, "rpy")
-    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
-    turn = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(f"i{k}", 0.0)) for k in _KEYS)
+    turn = rpy_to_matrix(read_vector(origin, "rpy"))
+    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(key, 0.0)) for key in MOMENTS)
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return 0.0 if mass is None else float(mass.get("value", 0.0)), _numbers(origin, "xyz"), turn @ own @ turn.T
-
-
-_KEYS = ("xx", "xy", "xz", "yy", "yz", "zz")
+    return 0.0 if mass is None else float(mass.get("value", 0.0)), read_vector(origin, "xyz"), turn @ own @ turn.T
 
 
 def _write(link: ET.Element, mass: float, centre: Array, about: Array) -> None:
@@ -80,8 +61,8 @@ def _write(link: ET.Element, mass: float, centre: Array, about: Array) -> None:
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=" ".join(f"{x:.12g}" for x in centre), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=f"{mass:.12g}")
-    values = (about[0, 0], about[0, 1], about[0, 2], about[1, 1], about[1, 2], about[2, 2])
-    ET.SubElement(inertial, "inertia", {f"i{k}": f"{x:.12g}" for k, x in zip(_KEYS, values, strict=True)})
+    values = about[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    ET.SubElement(inertial, "inertia", {key: f"{x:.12g}" for key, x in zip(MOMENTS, values, strict=True)})
 
 
 # Recordings of real arms as sessions in the native form: those of `arms.toml`, and any folder that names its robot.

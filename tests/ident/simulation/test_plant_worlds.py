@@ -104,7 +104,7 @@ def test_unknown_worlds_are_told(tmp_path) -> None:
 
 
 def test_what_the_user_asks_for_beside_a_world_holds() -> None:
-    world = settle(PRESETS["any"], 3, robot="ur5", runs=2, run_duration=6.0, rate=80.0, velocity=False)
+    world = settle(PRESETS["any"], 3, robot="ur5", runs=2, duration=6.0, rate=80.0, velocity=False)
     assert (world.robot, world.runs, world.run_duration_s, world.rate_hz) == ("ur5", 2, 6.0, 80.0)
     assert world.velocity == "none"
 
