@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from ident.api.fitting import evaluate as evaluate
     from ident.api.fitting import fit as fit
     from ident.api.fitting import fit_hybrid as fit_hybrid
+    from ident.api.fitting import view as view
     from ident.api.inspecting import inspect as inspect
     from ident.api.simulating import blind as blind
     from ident.api.simulating import close as close
     from ident.api.simulating import plant as plant
     from ident.api.simulating import simulate as simulate
-    from ident.api.viewing import view as view
     from ident.diagnosis.result import Diagnosis as Diagnosis
     from ident.diagnosis.settings import DiagnosisSettings as DiagnosisSettings
     from ident.effects.base import Effect as Effect

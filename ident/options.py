@@ -18,9 +18,10 @@ Net = Literal["default", "paper", "none"]
 FULL_ARM, LUMPED = 6, 3
 # Seeds of the arms that follow the first fit below the simulator's own bound.
 LARGEST_SEED = 2**62
+READ = "read"
 
 
-def option(default: Any, text: str, *names: str, typed: Any = None, **bounds: float) -> Any:
+def option(default: Any, text: str, *names: str, typed: Any = None, place: str = "", **bounds: float) -> Any:
     """A field of options.
 
     Args:
@@ -28,9 +29,12 @@ def option(default: Any, text: str, *names: str, typed: Any = None, **bounds: fl
         text: Its help.
         names: Its names on the command line, if they are not its own.
         typed: Its type on the command line, where Python takes more.
+        place: `read` of what the command reads, else the kind of a folder that it writes.
         bounds: `min` and `max`.
     """
-    return field(default=default, metadata={"help": text, "names": names, "typed": typed, "bounds": bounds})
+    told = {"help": text, "names": names, "typed": typed, "bounds": bounds}
+    reads = place == READ
+    return field(default=default, metadata={**told, "reads": reads, "writes": "" if reads else place})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +60,7 @@ class ReadOptions(Options):
     """How recordings are read."""
 
     topic: str = option("/joint_states", "Topic of the joint states, for ROS 2 bags.")
-    session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.")
+    session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.", place=READ)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,24 +75,23 @@ class CatalogueOptions(ReadOptions):
     """Recordings, and effects beside the catalogue's: a Python file, or in Python objects."""
 
     catalogue: Any = option(
-        None, "A Python file with further effects. It is run: give none that you don't trust.", typed=Path | None
+        None,
+        "A Python file with further effects. It is run: give none that you don't trust.",
+        typed=Path | None,
+        place=READ,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions(CatalogueOptions, FilterOptions):
-    """How recordings are diagnosed.
+    """How recordings are diagnosed."""
 
-    Attributes:
-        settings: The numbers by which it is decided, an `ident.DiagnosisSettings`; as shipped if None.
-    """
-
-    model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None)
+    model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None, place=READ)
     seed: int = option(0, "Seed of the sign-flip tests.", min=0)
     accept: tuple[str, ...] = option(
         (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
     )
-    settings: Any = None
+    settings: Any = None  # the numbers by which it is decided, an `ident.DiagnosisSettings`; as shipped if None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,9 +106,12 @@ class WriteOptions(ReadOptions):
     """On which recordings written files are measured, and what else gets what was identified."""
 
     on: Any = option(
-        None, "Sessions to measure the files on: the best of their candidates is written.", typed=list[Path] | None
+        None,
+        "Sessions to measure the files on: the best of their candidates is written.",
+        typed=list[Path] | None,
+        place=READ,
     )
-    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.")
+    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.", place=READ)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,8 +143,10 @@ class VerifyOptions(FilterOptions):
 class RangesOptions(FilterOptions):
     """How ranges for domain randomisation are found."""
 
-    model: Any = option(None, "Fitted model whose inertias all days refer to.", typed=Path | None)
-    out: Path | None = option(None, "Folder for randomisation files of Isaac Lab and MuJoCo Playground.")
+    model: Any = option(None, "Fitted model whose inertias all days refer to.", typed=Path | None, place=READ)
+    out: Path | None = option(
+        None, "Folder for randomisation files of Isaac Lab and MuJoCo Playground.", place="ranges"
+    )
 
 
 @dataclass(frozen=True)
@@ -180,10 +188,11 @@ class WatchOptions(Options):
     """How a folder is watched; the robot is a URDF path or a name."""
 
     robot: str | None = option(
-        None,
-        "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).",
+        None, "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).", place=READ
     )
-    model: str | Path | None = option(None, "Fitted model whose inertias all figures refer to.", typed=Path | None)
+    model: str | Path | None = option(
+        None, "Fitted model whose inertias all figures refer to.", typed=Path | None, place=READ
+    )
     diagnosed: bool = option(True, "Diagnose each session too (ten times the work).", "--diagnose/--no-diagnose")
     level: float = option(0.05, "Chance of any false alarm in an arm's life.")
     settle: float = option(10.0, "Leave a session alone that was written to within so many s.")
@@ -237,7 +246,35 @@ class CheckOptions(Options):
     out: Path = option(Path("out/blind"), "Folder of the check; one that was stopped there goes on.")
     workers: int = option(1, "Processes on this machine.")
     scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
-    robot: str = option("tm5-900", "URDF path or name.")
+    robot: str = option("tm5-900", "URDF path or name.", place=READ)
     worlds: str = option("", "Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without).")
     oracle: bool = option(True, "Work out what an oracle would name (in worlds; takes time).")
     edit: bool = option(False, "Take named causes out of the patched model; judge it on the arm without them.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(Options):
+    """A session of the simulated arm; what is not given is as usual, or as the world has it."""
+
+    effect: tuple[str, ...] = option((), "ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.", typed=list[str] | None)
+    robot: str | None = option(None, "URDF path or name; tm5-900 if not given.", place=READ)
+    world: str | None = option(
+        None, "Another arm and sensors: a preset's name, or a TOML file. Other options hold.", place=READ
+    )
+    seed: int = option(0, "Of everything: arm, motions, noise.", min=0)
+    motion: tuple[str, ...] = option((), "Kinds of motion, in turn.", typed=list[str] | None)
+    commands: Path | None = option(
+        None, "Run the motions of these command files instead (as of plan excite --out).", place=READ
+    )
+    plan: Path | None = option(
+        None, "Run this plan instead (as of plan solve --json), so many times as --runs says.", place=READ
+    )
+    runs: int | None = option(None, "Number of runs; 10 if not given.")
+    duration: float | None = option(None, "Rough duration of a run [s]; 8 if not given.")
+    rate: float | None = option(None, "Log rate [Hz]; 250 if not given.")
+    velocity: bool | None = option(None, "Log the velocity channel; yes if not given.")
+    temperature: bool = option(False, "Log joint temperatures.")
+    payload: str | None = option(None, "Known body at the flange: MASS or MASS@X,Y,Z.")
+    decoy: tuple[str, ...] = option((), "inertia, geometry, friction, controller.", typed=list[str] | None)
+    answer: bool = option(False, "Write what was wrong beside the session.")
+    sealed: bool = option(False, "Write it encrypted; its SHA-256 and key are printed.")

@@ -12,7 +12,7 @@ from typing import Any
 from ident.api.fitting import load_model
 from ident.checks.inspection import inspect_sessions
 from ident.errors import InputError, RecordingError
-from ident.export.controllers import RANGES_KIND, write_ranges
+from ident.export.controllers import write_ranges
 from ident.files import atomic_folder
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.monitor.pages import write_pages
@@ -46,35 +46,25 @@ def new(
     path = Path(session)
     if tables:
         with atomic_folder(path, SESSION_KIND) as folder:
-            for table in tables:
-                _copy(Path(table), folder)
+            for table in map(Path, tables):
+                if not table.is_file():
+                    raise RecordingError(table, "no such file", "give tables that are files")
+                if (folder / table.name).exists():
+                    raise RecordingError(table, "two tables have this name", "rename one")
+                shutil.copy2(table, folder / table.name)
             try:
                 found = _guess(folder, robot, path.name)
-            except InputError as error:
-                raise _of_the_users(error, folder, tables) from None
+            except InputError as error:  # told of the table that was copied: the copy is gone by then
+                copies = {str(folder / Path(table).name): str(table) for table in tables}
+                copy = next((copy for copy in copies if error.where.startswith(copy)), "")
+                where = copies.get(copy, "") + error.where.removeprefix(copy)
+                raise type(error)(where, error.what, error.remedy) from None
             (folder / NAME).write_text(found.text, encoding="utf-8")
         return replace(found, file=path / NAME)
     require_own_guess(place_of(path))
     found = _guess(path, robot)
     found.write()
     return found
-
-
-def _of_the_users(error: InputError, folder: Path, tables: Sequence[str | Path]) -> InputError:
-    """An error about a copy that is gone by now, told of the table that was copied."""
-    for table in map(Path, tables):
-        copy = str(folder / table.name)
-        if error.where.startswith(copy):
-            return type(error)(f"{table}{error.where.removeprefix(copy)}", error.what, error.remedy)
-    return error
-
-
-def _copy(table: Path, folder: Path) -> None:
-    if not table.is_file():
-        raise RecordingError(table, "no such file", "give tables that are files")
-    if (folder / table.name).exists():
-        raise RecordingError(table, "two tables have this name", "rename one")
-    shutil.copy2(table, folder / table.name)
 
 
 def _guess(path: Path, robot: str | Path | ArmModel | None, name: str = "") -> NewSession:
@@ -93,18 +83,10 @@ def _guess(path: Path, robot: str | Path | ArmModel | None, name: str = "") -> N
     return replace(found, report=report, provenance=origin)
 
 
-# Position-only arms: what `ident servo` does.
-
-
 Goals = str | Path | Session
 
 
-def servo(
-    sessions: Goals | Sequence[Goals],
-    robot: Robot | None = None,
-    *,
-    cutoff: float | None = None,
-) -> ServoArm:
+def servo(sessions: Goals | Sequence[Goals], robot: Robot | None = None, *, cutoff: float | None = None) -> ServoArm:
     """Lag, delay, dead band, droop and gain of servos, from goal and position alone; and what these can't tell.
 
     Args:
@@ -132,9 +114,6 @@ def servo(
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
     return ServoArm(name, found).with_provenance(origin)
-
-
-# Follows arms through time: what `ident watch` does.
 
 
 def watch(
@@ -170,12 +149,6 @@ def watch(
     write_pages(Path(store), found)
     found.save(Path(store) / "watch.json")
     return found
-
-
-# Ranges for domain randomisation: what `ident ranges` does.
-
-
-__all__ = ["RANGES_KIND", "ranges"]
 
 
 def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ranges:

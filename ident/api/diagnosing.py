@@ -31,19 +31,12 @@ Catalogue = str | Path | Sequence[Effect]
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """A diagnosis and what it was made from, for pages and timelines.
+    """A diagnosis and what it was made from, for pages and timelines."""
 
-    Attributes:
-        diagnosis: The diagnosis.
-        analysis: All that was computed on the way; None where nothing was.
-        motions: The runs.
-        model: The user's own model, if one was given.
-    """
-
-    diagnosis: Diagnosis
-    analysis: Analysis | None
-    motions: Sequence[Motion]
-    model: HybridModel | None
+    diagnosis: Diagnosis  # the diagnosis
+    analysis: Analysis | None  # all that was computed on the way; None where nothing was
+    motions: Sequence[Motion]  # the runs
+    model: HybridModel | None  # the user's own model, if one was given
 
 
 def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Diagnosis:

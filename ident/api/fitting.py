@@ -1,4 +1,4 @@
-"""Fits and scores hybrid models: what `ident fit` and `ident evaluate` do."""
+"""Fits, scores and shows hybrid models: what `ident fit`, `ident evaluate` and `ident view` do."""
 
 from __future__ import annotations
 
@@ -86,13 +86,9 @@ def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None,
 
 @dataclass(frozen=True, eq=False)
 class Evaluations(Result):
-    """Scores of several models on the same recordings.
+    """Scores of several models on the same recordings."""
 
-    Attributes:
-        models: Of each.
-    """
-
-    models: tuple[Evaluation, ...]
+    models: tuple[Evaluation, ...]  # of each
 
     def to_dict(self) -> dict[str, Any]:
         first = self.models[0]
@@ -116,3 +112,50 @@ def load_model(model: Model) -> HybridModel:
     if not isinstance(model, str | Path):
         raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
     return HybridModel.load(Path(model))
+
+
+@dataclass(frozen=True, eq=False)
+class View(Result):
+    """What was shown."""
+
+    SCHEMA = "ident.view/1"
+
+    robot: str  # name of the robot
+    joints: tuple[str, ...]  # joint names
+    runs: tuple[str, ...]  # names of the runs
+
+
+def view(
+    source: Sources,
+    robot: Robot | None = None,
+    *,
+    model: Model | None = None,
+    rrd: str | Path | None = None,
+    **reading: Any,
+) -> View:
+    """Measured torque against every rung of a model, residuals, energy, and the moving arm.
+
+    Args:
+        source: Folders or files of runs, sessions, or tables in memory.
+        robot: URDF path, name or arm; that of the model or of session.toml if None.
+        model: Model whose rungs are compared, or its folder; measured curves only if None.
+        rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it is closed.
+        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+
+    Raises:
+        InputError: Recordings, robot or model can't be used, or there is no screen.
+    """
+    from ident.show import timeline
+
+    if rrd is None:
+        timeline.require_screen()
+    read, loaded = FilterOptions.of("view", reading), None if model is None else load_model(model)
+    opened = open_sessions(source, loaded or robot, **vars(read), learning=False)
+    if rrd is None:
+        timeline.show_timeline(opened.arm, opened.motions, loaded, opened.issues)
+    else:
+        timeline.write_timeline(rrd, opened.arm, opened.motions, loaded, opened.issues)
+    named = str(model) if isinstance(model, str | Path) else None if loaded is None else loaded.robot.name
+    origin = Provenance("ident view", settings={"model": named}, sessions=opened.stamps)
+    runs = tuple(motion.name for motion in opened.motions)
+    return View(opened.arm.name, opened.arm.joint_names, runs, provenance=origin)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.api.diagnosing import diagnose
-from ident.arrays import Array, Float
 from ident.benchmark.run import BlindOptions, Progress, Say, run_blind
 from ident.benchmark.summary import BlindReport
 from ident.closed_loop.loop import Exciter, KindsExciter, close_gap
@@ -23,14 +23,19 @@ from ident.diagnosis.result import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.options import CloseOptions
+from ident.options import CloseOptions, SimulateOptions
 from ident.outputs import begin_folder
+from ident.progress import stage, step
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.results import Provenance
+from ident.robot.arm import ArmModel
 from ident.sessions import Given, Robot, Sources, inspect_sources, load_robot
-from ident.simulation.simulate import SimulationOptions, simulate_to
+from ident.simulation.request import parse_effect, parse_payload
+from ident.simulation.simulate import RICH, SimulationOptions, WrittenSession, simulate_to
 from ident.simulation.simulate import simulate as run
+from ident.simulation.world import find_world, settle
+from ident.trajectories.files import read_commands, read_plan
 
 
 def blind(
@@ -95,8 +100,6 @@ def close(
     else:
         if not isinstance(robot, str | Path):
             raise InputError("robot", "an arm in memory can't be simulated", "give its URDF's path, or its name")
-        from ident.simulation.request import parse_effect
-
         for one in chosen.effects or ():
             parse_effect(one)  # before anything is simulated
         found = [
@@ -114,21 +117,13 @@ def close(
 
 @dataclass(frozen=True, eq=False)
 class PlantedEffect:
-    """An effect that was planted, and what became of it.
+    """An effect that was planted, and what became of it."""
 
-    Attributes:
-        effect: Its id.
-        joint: Where; "" for an effect of the whole arm.
-        rms: Root mean square of its torque at the joint where it acts most [N m].
-        session: The recordings with it.
-        diagnosis: What they were found to be.
-    """
-
-    effect: str
-    joint: str
-    rms: float
-    session: Session
-    diagnosis: Diagnosis
+    effect: str  # its id
+    joint: str  # where; "" for an effect of the whole arm
+    rms: float  # root mean square of its torque at the joint where it acts most [N m]
+    session: Session  # the recordings with it
+    diagnosis: Diagnosis  # what they were found to be
 
     @property
     def found(self) -> bool:
@@ -168,9 +163,8 @@ def plant(
         InputError: No such joint, recordings that can't show the effect, or no size to plant it with.
     """
     if not isinstance(effect, Effect):
-        raise InputError(
-            "effect", f"a {type(effect).__name__} is no effect", "give an object of a class of ident.Effect"
-        )
+        what = f"a {type(effect).__name__} is no effect"
+        raise InputError("effect", what, "give an object of a class of ident.Effect")
     given = [simulate(robot=str(robot), runs=10)] if source is None else source
     read = inspect_sources(Given(given, robot))
     session, names = next(iter(read.reports)).session, read.arm.joint_names
@@ -186,30 +180,24 @@ def plant(
     scale = effect.prior_scale(context, j, variant) if coefficients is None else 2.0 * np.asarray(coefficients)
     if scale is None:
         raise InputError(effect.id, "its prior_scale says nothing of its size", "give coefficients")
-    torques = [_everywhere(one @ (0.5 * scale), j, context.n) for one in effect.columns(context, j, variant)]
+    torques = []  # of all joints [N m]
+    for columns in effect.columns(context, j, variant):
+        own = columns @ (0.5 * scale)
+        whole = own if own.ndim == 2 else np.zeros((len(own), context.n))
+        if own.ndim == 1:
+            whole[:, j] = own
+        torques.append(whole)
     added = {motion.name: (motion.time, torque) for motion, torque in zip(motions, torques, strict=True)}
-    runs = [
-        run.replace(effort=run.effort + _at(run.time, *added[run.name])) for run in session.runs if run.name in added
-    ]
+    runs = []
+    for one in (one for one in session.runs if one.name in added):
+        time, torque = added[one.name]
+        more = np.stack([np.interp(one.time, time, column) for column in torque.T], axis=1)
+        runs.append(one.replace(effort=one.effort + more))
     spoilt = session.replace(runs=runs)
-    own = [] if effect.id in {known.id for known in CATALOGUE} else [effect]
+    further = [] if effect.id in {known.id for known in CATALOGUE} else [effect]
     rms = float(np.sqrt(np.mean(np.concatenate(torques) ** 2, axis=0)).max())
     where = names[j] if effect.scope == "joint" else ""
-    return PlantedEffect(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=own))
-
-
-def _everywhere(torque: Array, joint: int, n: int) -> Float[Array, "T n"]:
-    """Torque of one joint, or of all, as that of all [N m]."""
-    if torque.ndim == 2:
-        return torque
-    whole = np.zeros((len(torque), n))
-    whole[:, joint] = torque
-    return whole
-
-
-def _at(time: Float[Array, " t"], known: Float[Array, " T"], torque: Float[Array, "T n"]) -> Float[Array, "t n"]:
-    """A torque at other times than those at which it is known [N m]."""
-    return np.stack([np.interp(time, known, column) for column in torque.T], axis=1)
+    return PlantedEffect(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=further))
 
 
 # Sessions of the simulated arm: what `ident simulate` does.
@@ -239,3 +227,39 @@ def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Se
         return run(chosen).session
     simulate_to(out, chosen)
     return load_session(out)
+
+
+def simulate_into(out: Path, given: SimulateOptions) -> WrittenSession:
+    """A session of the simulated arm in a folder, as the command asks for it.
+
+    Raises:
+        InputError: An unknown effect, joint, world, motion or decoy, or options that exclude each other.
+    """
+    if given.plan is not None and given.commands is not None:
+        raise InputError("--plan", "given beside --commands", "give one of them")
+    asked = {name: getattr(given, name) for name in ("robot", "runs", "duration", "rate", "velocity")}
+    drawn = None if given.world is None else settle(find_world(given.world), given.seed, **asked)
+    robot = drawn.robot if drawn else given.robot or "tm5-900"
+    runs = drawn.runs if drawn else 10 if given.runs is None else given.runs
+    motions = None if given.commands is None else read_commands(given.commands, ArmModel.load(robot))
+    if given.plan is not None:
+        motions = (read_plan(given.plan, ArmModel.load(robot)),) * runs
+    finished, total = count(1), runs if motions is None else len(motions)
+    stage("running the arm")
+    options = SimulationOptions(
+        robot=robot,
+        effects=given.effect,
+        seed=given.seed,
+        motions=given.motion or RICH,
+        runs=runs,
+        duration=8.0 if given.duration is None else given.duration,
+        rate=250.0 if given.rate is None else given.rate,
+        velocity=given.velocity is not False,
+        temperature=given.temperature,
+        payload=parse_payload(given.payload) if given.payload else None,
+        decoys=given.decoy,
+    )
+    options = options if drawn is None else options.in_world(drawn)
+    written = simulate_to(out, options, given.answer, given.sealed, lambda: step(next(finished), total), motions)
+    settings = {"effects": list(given.effect), "robot": robot, "world": given.world, "seed": given.seed}
+    return written.with_provenance(Provenance("ident simulate", settings=settings))

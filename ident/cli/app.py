@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Html, JsonFile, Model, Robot, Sessions, app, console, hand_over, takes
+from ident.cli.shared import READS, Html, JsonFile, Model, Robot, Sessions, Writes, app, command, console, hand_over
 from ident.errors import InputError
 from ident.files import write_record
 from ident.options import (
@@ -25,10 +25,11 @@ from ident.options import (
 )
 from ident.outputs import SESSION_KIND, absolute, check_outputs
 from ident.process import NOT_PASSED, run_command
+from ident.results import Result
 from ident.show.console import print_issues, progress_line
 
 
-@app.command()
+@command
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the model, the report and the timeline.")] = Path("out/demo"),
     logs: Annotated[Path | None, typer.Option(help="Recordings other than the shipped ones.")] = None,
@@ -41,8 +42,7 @@ def demo(
     write_record(json_file, run_demo(out, logs, console))
 
 
-@app.command()
-@takes
+@command
 def inspect(
     sessions: Sessions,
     options: ReadOptions,
@@ -53,7 +53,15 @@ def inspect(
     """Checks the telemetry before anything is fitted."""
     from ident.api.inspecting import inspect as check
 
-    places = mended_places(sessions, mend)
+    # Each mended session goes into the folder itself, or into one below it for each of several.
+    names = [absolute(path).name if path.is_dir() else path.stem for path in sessions]
+    places = {}
+    if mend is not None:
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"--mend {mend}", f"two sessions are called {twice!r}", "mend them one after the other")
+        several = {f"--mend {mend / name}:": (mend / name, SESSION_KIND) for name in names}
+        places = several if len(names) > 1 else {"--mend": (mend, SESSION_KIND)}
     check_outputs([*sessions, options.session_file, robot], {"--json": json_file}, places)
     found = check(sessions, robot, **vars(options))
 
@@ -64,43 +72,25 @@ def inspect(
     hand_over(found, json_file, write_mended)
 
 
-def mended_places(sessions: list[Path], mend: Path | None) -> dict[str, tuple[Path, str]]:
-    """Where each mended session goes: the folder itself, or one below it for each of several.
-
-    Raises:
-        InputError: Two sessions of one name.
-    """
-    if mend is None:
-        return {}
-    if len(sessions) == 1:
-        return {"--mend": (mend, SESSION_KIND)}
-    names = [absolute(path).name if path.is_dir() else path.stem for path in sessions]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"--mend {mend}", f"two sessions are called {twice!r}", "mend them one after the other")
-    return {f"--mend {mend / name}:": (mend / name, SESSION_KIND) for name in names}
-
-
-@app.command()
-@takes
+@command
 def fit(
     sessions: Sessions,
-    out: Annotated[Path, typer.Option(help="Folder of the fitted model.")],
+    out: Annotated[Path, typer.Option(help="Folder of the fitted model."), Writes("model")],
     options: FitOptions,
     reading: FilterOptions,
     robot: Robot = None,
     named: Annotated[
-        Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
+        Path | None,
+        typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net."),
+        READS,
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
-    from ident.model.hybrid import MODEL_KIND
     from ident.model.net_options import remove_checkpoint
     from ident.sessions import open_sessions
 
-    check_outputs([*sessions, reading.session_file, robot, named], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
     opened = open_sessions(sessions, robot, **vars(reading), accept=options.accept, motion=options.motion)
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
@@ -110,11 +100,10 @@ def fit(
     remove_checkpoint(checkpoint)
 
 
-@app.command()
-@takes
+@command
 def evaluate(
     sessions: Sessions,
-    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
+    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them."), READS],
     options: FilterOptions,
     html: Html = None,
     json_file: JsonFile = None,
@@ -125,7 +114,6 @@ def evaluate(
     from ident.model.hybrid import HybridModel
     from ident.sessions import open_sessions
 
-    check_outputs([*sessions, *model, options.session_file], {"--html": html, "--json": json_file})
     models = [(path.name, HybridModel.load(path)) for path in model]
     opened = [open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models]
     pairs = zip(models, opened, strict=True)
@@ -140,14 +128,15 @@ def evaluate(
     hand_over(results, json_file, write_page, places={"report": html})
 
 
-@app.command()
-@takes
+@command
 def diagnose(
     sessions: Sessions,
     options: DiagnoseOptions,
     robot: Robot = None,
     html: Html = None,
-    rrd: Annotated[Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file.")] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file."), Writes()
+    ] = None,
     until: Annotated[
         float | None,
         typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
@@ -158,8 +147,6 @@ def diagnose(
     from ident.api.diagnosing import examine, examine_until
     from ident.api.fitting import evaluate as score
 
-    read = [*sessions, robot, options.model, options.catalogue, options.session_file]
-    check_outputs(read, {"--html": html, "--rrd": rrd, "--json": json_file})
     with progress_line(console, "diagnose"):
         if until is None:
             examined = examine(sessions, robot, options)
@@ -192,38 +179,33 @@ def diagnose(
     hand_over(examined.diagnosis, json_file, write_page, write_rrd, places=places)
 
 
-@app.command()
-@takes
+@command
 def patch(
-    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)],
-    robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name.")],
-    out: Annotated[Path, typer.Option(help="Folder of the patch.")],
+    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False), READS],
+    robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS],
+    out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: PatchOptions,
-    json_file: JsonFile = None,
-) -> None:
+) -> Result:
     """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
     from ident.api.exporting import patch as write
-    from ident.export.write import PATCH_KIND
 
-    read = [diagnosis, robot, options.catalogue, *(options.on or ()), options.session_file, options.into]
-    check_outputs(read, {"--json": json_file}, {"--out": (out, PATCH_KIND)})
-    hand_over(write(diagnosis, robot, out, **vars(options)), json_file)
+    return write(diagnosis, robot, out, **vars(options))
 
 
-@app.command()
-@takes
+@command
 def view(
     sessions: Sessions,
     options: FilterOptions,
-    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model."), READS] = None,
     robot: Robot = None,
-    rrd: Annotated[Path | None, typer.Option(help="Save the timeline to this file instead of opening it.")] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Save the timeline to this file instead of opening it."), Writes()
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The Rerun timeline: measured torque against every rung, residuals, energy, the moving arm."""
-    from ident.api.viewing import view as show
+    from ident.api.fitting import view as show
 
-    check_outputs([*sessions, model, robot, options.session_file], {"--rrd": rrd, "--json": json_file})
     hand_over(show(sessions, robot, model=model, rrd=rrd, **vars(options)), json_file, places={"timeline": rrd})
 
 
@@ -237,17 +219,21 @@ def schema(
     print(json.dumps(make_schema(name), indent=1))
 
 
-@app.command()
-@takes
+@command
 def compare(
     before: Annotated[
         list[Path],
         typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
+        READS,
     ],
     options: ComparisonOptions,
-    after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
+    after: Annotated[
+        list[Path] | None, typer.Option(help="Sessions after, where either set has several."), READS
+    ] = None,
     robot: Robot = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the result file and the page.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the result file and the page."), Writes("comparison")
+    ] = None,
     html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -261,8 +247,6 @@ def compare(
         what = f"{len(before)} sessions and no --after: it is open which of them are the later ones"
         raise InputError("compare", what, "give two sessions, or BEFORE … --after AFTER --after …")
     earlier, later = (before, after) if after else (before[:1], before[1:])
-    read = [*earlier, *later, robot, options.session_file]
-    check_outputs(read, {"--html": html, "--json": json_file}, {"--out": (out, "comparison")})
     with progress_line(console, "compare"):
         found = compare_sets(earlier, later, robot, **vars(options))
     page = "" if html is None and out is None else render_comparison_report(found.to_dict())
@@ -280,48 +264,39 @@ def compare(
     hand_over(found, json_file, write_page, write_folder, places={"page": html, "result and page": out})
 
 
-@app.command()
-@takes
+@command
 def export(
     model: Model,
-    out: Annotated[Path, typer.Option(help="Folder of the export.")],
+    out: Annotated[Path, typer.Option(help="Folder of the export."), Writes("export")],
     options: ExportOptions,
-    json_file: JsonFile = None,
-) -> None:
+) -> Result:
     """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control."""
     from ident.api.exporting import export as write
-    from ident.export.write import EXPORT_KIND
 
-    read = [model, *(options.on or ()), options.session_file, options.into]
-    check_outputs(read, {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
-    hand_over(write(model, out, **vars(options)), json_file)
+    return write(model, out, **vars(options))
 
 
-@app.command()
-@takes
-def ranges(sessions: Sessions, options: RangesOptions, robot: Robot = None, json_file: JsonFile = None) -> None:
+@command
+def ranges(sessions: Sessions, options: RangesOptions, robot: Robot = None) -> Result:
     """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
-    from ident.api.daily import RANGES_KIND
     from ident.api.daily import ranges as find
 
-    read = [options.model, *sessions, robot, options.session_file]
-    check_outputs(read, {"--json": json_file}, {"--out": (options.out, RANGES_KIND)})
-    hand_over(find(sessions, robot, **vars(options)), json_file)
+    return find(sessions, robot, **vars(options))
 
 
-@app.command()
-@takes
+@command
 def verify(
     model: Model,
     sessions: Sessions,
-    limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
+    limits: Annotated[
+        Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like."), READS
+    ],
     options: VerifyOptions,
     json_file: JsonFile = None,
 ) -> None:
     """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was fitted on them."""
     from ident.api.exporting import verify as check
 
-    check_outputs([model, *sessions, limits, options.session_file], {"--json": json_file})
     found = check(model, sessions, limits, **vars(options))
     hand_over(found, json_file)
     if not found.passed:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.core import TyperGroup
 
 from ident.console import make_console
 from ident.files import deliver, write_record
-from ident.outputs import STANDARD_OUTPUT
+from ident.outputs import STANDARD_OUTPUT, check_outputs
 from ident.results import own_version
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from ident.results import Result
 
-T = TypeVar("T")
 console = make_console()
 # A sentence of any length is shorter.
 ANY_LENGTH = 10_000
@@ -66,26 +65,68 @@ def make_app(name: str, purpose: str) -> typer.Typer:
     return app
 
 
-def takes(function: Callable[..., T]) -> Callable[..., T]:
-    """Makes a command of a function: each argument that is a dataclass of options becomes one option a field."""
-    signature = inspect.signature(function, eval_str=True)
-    plain = [one.replace(kind=one.KEYWORD_ONLY) for one in signature.parameters.values()]
-    kinds: dict[str, Any] = {one.name: one.annotation for one in plain if is_dataclass(one.annotation)}
-    parameters = {name: _parameters(kind) for name, kind in kinds.items()}
+class Writes(NamedTuple):
+    """Mark of an argument whose value is a place to write to: a file, or a folder of a kind of result."""
 
-    def command(**given: Any) -> T:
-        for name, own in parameters.items():
-            values = {one.name: given.pop(one.name) for one in own}
-            # Nothing given is the default; what may be given again comes as a list.
-            values = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items() if v is not None}
-            given[name] = kinds[name](**values)
-        return function(**given)
+    kind: str = ""
 
-    ahead = [one for one in plain if one.name not in kinds and one.name != "json_file"]
-    made = [*ahead, *chain(*parameters.values()), *(one for one in plain if one.name == "json_file")]
-    command.__signature__ = signature.replace(parameters=made)  # type: ignore[attr-defined]
-    command.__name__, command.__doc__, command.__annotations__ = function.__name__, function.__doc__, {}
-    return command
+
+# Mark of what a command reads: nothing is written there.
+READS = "reads"
+
+
+def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A decorator that makes commands of functions.
+
+    Each argument that is a dataclass of options becomes one option a field. What is read and where is written, by the
+    marks of the arguments, is looked at before anything else. A result that the function returns is written and shown;
+    one that does so itself, or more, takes the `json_file` and returns nothing.
+    """
+
+    def make(function: Callable[..., Any]) -> Callable[..., Any]:
+        signature = inspect.signature(function, eval_str=True)
+        plain = [one.replace(kind=one.KEYWORD_ONLY) for one in signature.parameters.values()]
+        kinds: dict[str, Any] = {one.name: one.annotation for one in plain if is_dataclass(one.annotation)}
+        fields_of = {name: _parameters(kind) for name, kind in kinds.items()}
+        made = [one for one in plain if one.name not in {"json_file", *kinds}]
+        made += chain(*fields_of.values())
+        if "json_file" in signature.parameters or signature.return_annotation is not None:
+            keyword = inspect.Parameter.KEYWORD_ONLY
+            made.append(inspect.Parameter("json_file", keyword, default=None, annotation=JsonFile))
+        marks = {one.name: mark for one in made for mark in getattr(one.annotation, "__metadata__", ())}
+
+        def run(**given: Any) -> None:
+            chosen = {name: value for name, value in given.items() if name in signature.parameters}
+            for name, own in fields_of.items():
+                # Nothing given is the default; what may be given again comes as a list.
+                values = {one.name: given[one.name] for one in own if given[one.name] is not None}
+                chosen[name] = kinds[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+            _check_places(marks, given)
+            found = function(**chosen)
+            if found is not None:
+                hand_over(found, given["json_file"])
+
+        run.__signature__ = signature.replace(parameters=made, return_annotation=None)  # type: ignore[attr-defined]
+        run.__name__, run.__doc__, run.__annotations__ = function.__name__, function.__doc__, {}
+        return app.command()(run)
+
+    return make
+
+
+def _check_places(marks: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Looks at all that a command reads and writes, by the marks of its arguments."""
+    read: list[Any] = []
+    files: dict[str, Path | None] = {}
+    folders: dict[str, tuple[Path | None, str]] = {}
+    for name, mark in marks.items():
+        value, label = given[name], "--json" if name == "json_file" else f"--{name}"
+        if mark == READS:
+            read += value if isinstance(value, list) else [value]
+        elif isinstance(mark, Writes) and mark.kind:
+            folders[label] = value, mark.kind
+        elif isinstance(mark, Writes):
+            files[label] = value
+    check_outputs(read, files, folders)
 
 
 def _parameters(kind: type) -> list[inspect.Parameter]:
@@ -95,7 +136,8 @@ def _parameters(kind: type) -> list[inspect.Parameter]:
     for one in sorted((one for one in fields(kind) if "help" in one.metadata), key=lambda one: one.name not in own):
         meta = one.metadata
         shown = typer.Option(*meta["names"], help=meta["help"], **meta["bounds"])
-        annotation = Annotated.__class_getitem__((meta["typed"] or hints[one.name], shown))  # type: ignore[attr-defined]
+        mark = Writes(meta["writes"]) if meta["writes"] else READS if meta["reads"] else ""
+        annotation = Annotated.__class_getitem__((meta["typed"] or hints[one.name], shown, mark))  # type: ignore[attr-defined]
         default = None if one.default == () else one.default
         place = inspect.Parameter.KEYWORD_ONLY
         found.append(inspect.Parameter(one.name, place, default=default, annotation=annotation))
@@ -111,18 +153,21 @@ def _clear_output(context: typer.Context, path: Path | None) -> Path | None:
 
 
 app = make_app("ident", "Identify a robot arm, and find out why it does not move as its model says.")
+command = commands_of(app)
 
-Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
-Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
+Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False), READS]
+Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False), READS]
 Robot = Annotated[
     str | None,
     typer.Option("--robot", help="URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …)."),
+    READS,
 ]
 JsonFile = Annotated[
     Path | None,
     typer.Option("--json", help="Write the results to this file; - is standard output.", callback=_clear_output),
+    Writes(),
 ]
-Html = Annotated[Path | None, typer.Option(help="Write the page to this file.")]
+Html = Annotated[Path | None, typer.Option(help="Write the page to this file."), Writes()]
 
 
 def hand_over(

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, Robot, Sessions, app, console, hand_over, takes
-from ident.errors import InputError, plural, visible
-from ident.files import deliver, write_record
-from ident.options import CheckOptions, CloseOptions, WatchOptions
+from ident.cli.shared import READS, JsonFile, Robot, Sessions, Writes, command, console, hand_over
+from ident.errors import InputError, visible
+from ident.files import write_record
+from ident.options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
 from ident.outputs import SESSION_KIND, check_outputs
 from ident.progress import stage, step
-from ident.results import Provenance, Result
+from ident.results import Result
 from ident.show.console import progress_line
 
 
-@app.command()
+@command
 def new(
     session: Annotated[Path, typer.Argument(help="Folder of tables, or one table, bag or data set.")],
     tables: Annotated[
@@ -39,22 +38,19 @@ def new(
     console.print(f"written to {found.file}: look through it, then `ident inspect`", soft_wrap=True)
 
 
-@app.command()
+@command
 def servo(
     sessions: Sessions,
     robot: Robot = None,
     cutoff: Annotated[float | None, typer.Option(help="Corner of the filter for all signals [Hz].")] = None,
-    json_file: JsonFile = None,
-) -> None:
+) -> Result:
     """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be told."""
     from ident.api.daily import servo as find
 
-    check_outputs([*sessions, robot], {"--json": json_file})
-    hand_over(find(sessions, robot, cutoff=cutoff), json_file)
+    return find(sessions, robot, cutoff=cutoff)
 
 
-@app.command()
-@takes
+@command
 def watch(
     folder: Annotated[Path, typer.Argument(help="Folder of sessions, or of arms that hold sessions.")],
     store: Annotated[Path, typer.Option(help="Folder of the results: tables, diagnoses, pages.")],
@@ -67,7 +63,6 @@ def watch(
     from ident.api.daily import watch as look
     from ident.monitor.store import NoSession
 
-    check_outputs([options.robot, options.model], {"--json": json_file})
     if not every > 0.0:
         raise InputError("--every", f"{every:g} is no time", "give seconds")
     shown = ""
@@ -91,100 +86,27 @@ def watch(
         time.sleep(every)
 
 
-# The commands of the simulated arm: `ident simulate`, `ident blind` and `ident close`.
+# The commands of the simulated arm.
 
 
-@app.command()
+@command
 def simulate(
-    out: Annotated[Path, typer.Option(help="Folder of the simulated session.")],
-    effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.")] = None,
-    robot: Annotated[str | None, typer.Option(help="URDF path or name; tm5-900 if not given.")] = None,
-    world: Annotated[
-        str | None, typer.Option(help="Another arm and sensors: a preset's name, or a TOML file. Other options hold.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.", min=0)] = 0,
-    motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
-    commands: Annotated[
-        Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
-    ] = None,
-    plan: Annotated[
-        Path | None, typer.Option(help="Run this plan instead (as of plan solve --json), so many times as --runs says.")
-    ] = None,
-    runs: Annotated[int | None, typer.Option(help="Number of runs; 10 if not given.")] = None,
-    duration: Annotated[float | None, typer.Option(help="Rough duration of a run [s]; 8 if not given.")] = None,
-    rate: Annotated[float | None, typer.Option(help="Log rate [Hz]; 250 if not given.")] = None,
-    velocity: Annotated[bool | None, typer.Option(help="Log the velocity channel; yes if not given.")] = None,
-    temperature: Annotated[bool, typer.Option(help="Log joint temperatures.")] = False,
-    payload: Annotated[str | None, typer.Option(help="Known body at the flange: MASS or MASS@X,Y,Z.")] = None,
-    decoy: Annotated[list[str] | None, typer.Option(help="inertia, geometry, friction, controller.")] = None,
-    answer: Annotated[bool, typer.Option(help="Write what was wrong beside the session.")] = False,
-    sealed: Annotated[bool, typer.Option(help="Write it encrypted; its SHA-256 and key are printed.")] = False,
-    json_file: JsonFile = None,
-) -> None:
+    out: Annotated[Path, typer.Option(help="Folder of the simulated session."), Writes(SESSION_KIND)],
+    options: SimulateOptions,
+) -> Result:
     """A session of the simulated arm, its effects chosen."""
-    from ident.robot.arm import ArmModel
-    from ident.simulation.request import parse_payload
-    from ident.simulation.simulate import RICH, SimulationOptions, simulate_to
-    from ident.simulation.world import find_world, settle
-    from ident.trajectories.files import read_commands, read_plan
+    from ident.api.simulating import simulate_into
 
-    if plan is not None and commands is not None:
-        raise InputError("--plan", "given beside --commands", "give one of them")
-    check_outputs([commands, plan, robot, world], {"--json": json_file}, {"--out": (out, SESSION_KIND)})
-    drawn = None if world is None else settle(find_world(world), seed, robot, runs, duration, rate, velocity)
-    robot = drawn.robot if drawn else robot or "tm5-900"
-    runs = drawn.runs if drawn else 10 if runs is None else runs
-    given = None if commands is None else read_commands(commands, ArmModel.load(robot))
-    if plan is not None:
-        given = (read_plan(plan, ArmModel.load(robot)),) * runs
-    total = runs if given is None else len(given)
     with progress_line(console, "simulate"):
-        finished = count(1)
-        stage("running the arm")
-
-        def tell() -> None:
-            step(next(finished), total)
-
-        options = SimulationOptions(
-            robot=robot,
-            effects=tuple(effect or ()),
-            seed=seed,
-            motions=tuple(motion) if motion else RICH,
-            runs=runs,
-            duration=8.0 if duration is None else duration,
-            rate=250.0 if rate is None else rate,
-            velocity=velocity is not False,
-            temperature=temperature,
-            payload=parse_payload(payload) if payload else None,
-            decoys=tuple(decoy or ()),
-        )
-        options = options if drawn is None else options.in_world(drawn)
-        written = simulate_to(out, options, answer, sealed, tell, given)
-    settings = {"effects": effect or [], "robot": robot, "world": world, "seed": seed}
-    record = {
-        "schema": "ident.simulation/1",
-        "robot": written.robot,
-        "joints": list(written.joints),
-        "sessions": [{**vars(written), "folder": str(written.folder)}],
-        "provenance": Provenance("ident simulate", settings=settings).to_dict(),
-    }
-
-    def show() -> None:
-        console.print(
-            f"{written.folder}: {plural(written.runs, 'run')}, {written.samples} samples, {written.duration_s:.0f} s"
-        )
-        if written.sha256:
-            key = f", key {written.key}" if written.key else ""
-            console.print(f"sealed: sha256 {written.sha256}{key}", soft_wrap=True)
-
-    deliver(show, lambda: write_record(json_file, record))
+        return simulate_into(out, options)
 
 
-@app.command()
-@takes
+@command
 def blind(
     options: CheckOptions,
-    semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
+    semi_real: Annotated[
+        Path | None, typer.Option(help="Real recordings to which known effects are added."), READS
+    ] = None,
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
     json_file: JsonFile = None,
 ) -> None:
@@ -193,7 +115,6 @@ def blind(
     from ident.benchmark.real_check import check_on_real
     from ident.benchmark.run import BlindOptions, run_blind
 
-    check_outputs([options.robot, semi_real], {"--json": json_file})
     if options.worlds and semi_real:
         raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
     chosen = BlindOptions(**vars(options), mix=parse_mix(mix) if mix else FULL_MIX)
@@ -207,12 +128,11 @@ def blind(
     console.print(f"written to {options.out}")
 
 
-@app.command()
-@takes
+@command
 def close(
     out: Annotated[Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")],
     options: CloseOptions,
-    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
+    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data."), READS] = "tm5-900",
     json_file: JsonFile = None,
 ) -> None:
     """Closes the gap: diagnose, patch, record what is open, and again, until only noise is left; tells the minutes."""
@@ -221,6 +141,5 @@ def close(
     def say(line: str) -> None:
         console.print(visible(line), highlight=False, soft_wrap=True)
 
-    check_outputs([robot], {"--json": json_file})
     hand_over(run(robot, out, say=say, **vars(options)), json_file)
     console.print(f"written to {out}", soft_wrap=True)

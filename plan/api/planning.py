@@ -36,21 +36,14 @@ COMPARISON_FILES = ("comparison.png", "best.png", "best.rrd", "best.json")
 
 @dataclass(frozen=True, eq=False)
 class OpenedTask:
-    """A task that was read and checked.
+    """A task that was read and checked."""
 
-    Attributes:
-        task: The scene file's contents.
-        problem: The problem, started from the straight line.
-        trial: Taught via points, if the user gave some.
-        others: The same problem with the other goals, or those that bring a frame to the task's pose.
-        model: What the model is called in results.
-    """
-
-    task: Task
-    problem: PlanningProblem
-    trial: Trial | None
+    task: Task  # the scene file's contents
+    problem: PlanningProblem  # the problem, started from the straight line
+    trial: Trial | None  # taught via points, if the user gave some
+    # The same problem with the other goals, or those that bring a frame to the task's pose.
     others: tuple[PlanningProblem, ...] = ()
-    model: str | None = None
+    model: str | None = None  # what the model is called in results
 
     def origin(self, command: str, **asked: Any) -> Provenance:
         """Where a plan of it comes from."""

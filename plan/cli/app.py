@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, console, make_app, takes
+from ident.cli.shared import JsonFile, commands_of, console, make_app
 from ident.files import write_record
 from ident.outputs import check_outputs
 from ident.process import run_command
@@ -19,6 +19,7 @@ from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptio
 from plan.show.console import print_comparison, print_result, progress_bar
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
+command = commands_of(app)
 # Exit status where a task has no plan: neither done nor anybody's fault.
 NO_PLAN = 3
 
@@ -28,8 +29,7 @@ ModelFolder = Annotated[
 ]
 
 
-@app.command()
-@takes
+@command
 def solve(
     scene: SceneFile,
     options: SolveOptions,
@@ -76,8 +76,7 @@ def solve(
         raise typer.Exit(NO_PLAN)
 
 
-@app.command()
-@takes
+@command
 def compare(
     scene: SceneFile,
     options: CompareOptions,
@@ -100,8 +99,7 @@ def compare(
     save_comparison(opened, table, json_file, out)
 
 
-@app.command()
-@takes
+@command
 def paper(
     options: PaperOptions,
     model: ModelFolder = None,
@@ -118,8 +116,7 @@ def paper(
     console.print(f"page written to {write_page(found, out)}")
 
 
-@app.command()
-@takes
+@command
 def excite(
     options: ExciteOptions,
     robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
