@@ -30,8 +30,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.export.choose import MEASURES, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
-from ident.export.loaded import FILE_OF, WrittenFile
+from ident.export.loaded import FILE_OF, LoadedMjcf, LoadedModel, LoadedUrdf, WrittenFile
 from ident.export.write import write_export, write_patch
 from ident.laws.motion import Losses
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
