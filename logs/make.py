@@ -30,8 +30,7 @@ from ident.simulation.laws import plain_friction
 from ident.simulation.record import Channels, draw_pauses, record_runs
 from ident.simulation.request import EffectRequest, open_envelope
 from ident.simulation.simulate import ORIGIN, Simulation, SimulationOptions, simulate, write_simulation
-from ident.trajectories.kinds import random_path
-from ident.trajectories.limits import MotionLimits
+from ident.trajectories.kinds import MotionLimits, random_path
 from ident.trajectories.reference import ReferenceMotion, via_spline
 
 ARM_SEED = 900

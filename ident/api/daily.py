@@ -15,8 +15,8 @@ from ident.errors import InputError, RecordingError
 from ident.export.controllers import write_ranges
 from ident.files import atomic_folder
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
+from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
-from ident.monitor.ranges import Ranges, find_ranges
 from ident.monitor.watch import Watch, look
 from ident.options import RangesOptions, WatchOptions
 from ident.outputs import SESSION_KIND

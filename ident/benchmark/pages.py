@@ -12,8 +12,7 @@ from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, TEXT, WORDS, BlindRepo
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.page import Section, write_report
-from ident.show.report.sections import confusion_section, facts_section
+from ident.show.report.page import Section, confusion_section, facts_section, write_report
 from ident.show.report.words import DASH, effect_name, fixed, parameter_name, percent
 
 if TYPE_CHECKING:

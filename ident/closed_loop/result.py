@@ -17,13 +17,22 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks import inspect_sessions
-from ident.closed_loop.gap import PlannedRun, follow_warmth, measure_floors
-from ident.closed_loop.loop import MOST_ROUNDS, Closed, KindsExciter, Say, Taught, close_gap
+from ident.closed_loop.loop import (
+    MOST_ROUNDS,
+    Closed,
+    KindsExciter,
+    PlannedRun,
+    Say,
+    Taught,
+    close_gap,
+    follow_warmth,
+    measure_floors,
+)
 from ident.closed_loop.recorder import REST_S, SimulatedArm, draw_effects
 from ident.errors import InputError
+from ident.export.controllers import describe_arm
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, SimulatorModel
-from ident.export.python import describe_arm
 from ident.export.write import write_patch
 from ident.files import atomic_write
 from ident.laws.motion import Losses

@@ -24,8 +24,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, first_line
 from ident.export.bodies import moved, numbers
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf import inertial_attributes, joint_elements
-from ident.export.urdf import child
+from ident.export.mjcf import child, inertial_attributes, joint_elements
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
 from ident.laws.motion import Losses

@@ -16,12 +16,11 @@ import numpy as np
 from ident.errors import InputError
 from ident.export.bodies import random_states
 from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, choose, measure_gap, mix
-from ident.export.controllers import write_cpp, write_isaac, write_limits, write_parameters
+from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
 from ident.export.mjcf_merge import merge_mjcf
-from ident.export.python import InFile, write_module
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel

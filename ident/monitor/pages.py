@@ -17,8 +17,7 @@ from ident.monitor.alarms import Alarm, Point
 from ident.monitor.estimates import unit_of
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, outlier_line
-from ident.show.report.page import Section, write_report
-from ident.show.report.sections import facts_section
+from ident.show.report.page import Section, facts_section, write_report
 from ident.show.report.words import effect_name, significant
 
 # What a person at the cell does about a parameter that has changed.

@@ -157,7 +157,7 @@ def print_guesses(console: Console, result: NewSession) -> None:
 
 # Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.
 WORDS: dict[str, Callable[[Console, Any], None]] = {
-    "ArmComparison": _of_record("ident.show.changes:print_comparison"),
+    "ArmComparison": _of_record("ident.show.terminal:print_comparison"),
     "Exportable": _of_record("ident.show.terminal:print_diagnosis"),
     "Evaluation": print_evaluation,
     "Evaluations": print_evaluation,
@@ -166,7 +166,7 @@ WORDS: dict[str, Callable[[Console, Any], None]] = {
     "NewSession": print_guesses,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
-    "ArmComparison": _of_record("ident.show.changes:draw_comparison"),
+    "ArmComparison": _of_record("ident.show.terminal:draw_comparison"),
     "Exportable": _of_record("ident.show.results:draw_diagnosis"),
     "Evaluation": draw_evaluation,
     "FitResults": draw_fit,

@@ -23,14 +23,15 @@ from ident.simulation.laws import (
     Contact,
     bristle,
     hose_torque,
+    outside_torque,
     push,
+    remembered_torque,
     ripple_torque,
     sliding_level,
     spring_torque,
     viscous_drag,
     warm_up,
 )
-from ident.simulation.outside import outside_torque, remembered_torque
 
 
 @cache

@@ -25,7 +25,7 @@ from ident.effects.base import Effect, SessionContext, Variant
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Lowpass, Motion
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import MotionLimits
+from ident.trajectories.kinds import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.run_set import random_runs
 

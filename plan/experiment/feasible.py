@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
-from ident.trajectories.limits import MotionLimits, thin
+from ident.trajectories.kinds import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
 from plan.errors import MethodError, SceneError
 from plan.geometry.pairs import FLOOR, read_disabled

@@ -11,19 +11,18 @@ import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.changes import (
-    OF_THE_ARM,
-    describe_spread,
-    describe_still,
-    describe_used,
-    headline,
-    places_of,
-    without_still,
-)
 from ident.show.report.diagnosis_verdict import energy_pair, order_of, verdict_section
 from ident.show.report.evaluation import ReportInput, evaluation_sections
-from ident.show.report.page import Section, render_page, save_page
-from ident.show.report.sections import EPOCH_FROM, describe_origin, facts_section, provenance_facts, telemetry_section
+from ident.show.report.page import (
+    EPOCH_FROM,
+    Section,
+    describe_origin,
+    facts_section,
+    provenance_facts,
+    render_page,
+    save_page,
+    telemetry_section,
+)
 from ident.show.report.words import (
     axis_name,
     axis_unit,
@@ -34,7 +33,17 @@ from ident.show.report.words import (
     shade,
     significant,
 )
-from ident.show.terminal import limit_rows, silent_groups
+from ident.show.terminal import (
+    OF_THE_ARM,
+    describe_spread,
+    describe_still,
+    describe_used,
+    headline,
+    limit_rows,
+    places_of,
+    silent_groups,
+    without_still,
+)
 
 if TYPE_CHECKING:
     from ident.show.report.laws import LawPicture

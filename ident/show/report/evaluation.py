@@ -13,8 +13,7 @@ from ident.model.evaluation import Evaluation, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.palette import rung_name
-from ident.show.report.page import Section, write_report
-from ident.show.report.sections import models_section, telemetry_section
+from ident.show.report.page import Section, models_section, telemetry_section, write_report
 from ident.show.report.words import MINUS, fixed, glue, percent, places_for, table_places
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
@@ -73,10 +72,10 @@ def evaluation_sections(source: ReportInput) -> list[Section | None]:
     from ident.show.report.evaluation_figures import (
         comparison_section,
         fits_section,
+        parameters_section,
         payload_section,
         residuals_section,
     )
-    from ident.show.report.parameters import parameters_section
 
     names = [evaluation.model for evaluation in source.evaluations]
     return [

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from ident.diagnosis.settings import USUAL
 from ident.errors import plural
 from ident.files import atomic_write
+from ident.model.hybrid import HybridModel
 from ident.show import palette
 from ident.show.report import words
+from ident.show.report.words import effect_name, fixed, shade
 
 # What templates colour with.
 COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "FLEXIBLE", "TUNED", "model_colour", "rung_colours")
@@ -81,3 +85,140 @@ def coded(text: str) -> Markup:
     parts = str(escape(text)).split("`")
     whole = [f"<code>{part}</code>" if k % 2 else part for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])]
     return Markup("".join(whole))
+
+
+# Clocks beyond this count seconds since 1970: 2001-09-09 [s].
+EPOCH_FROM = 1e9
+# Sessions that are named under a title.
+MOST_STAMPS = 4
+UNKNOWN = "not recorded"
+SEVERITIES = ("fatal", "warning", "note")
+
+
+def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:
+    """A table of issues, the worst first."""
+    ordered = sorted(issues, key=lambda issue: SEVERITIES.index(issue["severity"]))
+    return Section("telemetry", "Telemetry", "telemetry.html", {"issues": ordered})
+
+
+def confusion_section(counts: Mapping[str, Mapping[str, float]]) -> Section | None:
+    """How often the check took one effect (row) for another (column); the diagonal is right."""
+    if not counts:
+        return None
+    true = list(counts)
+    named = [*true, *sorted({name for row in counts.values() for name in row} - set(true))]
+    named = [name for name in named if any(row.get(name) for row in counts.values())]
+    total = sum(sum(row.values()) for row in counts.values())
+    right = sum(row.get(effect, 0) for effect, row in counts.items())
+    rows = []
+    for effect, row in counts.items():
+        most = sum(row.values())
+        cells = [
+            {
+                "count": f"{row[name]:g}" if row.get(name) else "",
+                "colour": shade(row.get(name, 0) / most if most else 0.0),
+                "right": name == effect,
+            }
+            for name in named
+        ]
+        rows.append({"effect": effect_name(effect), "cells": cells})
+    summary = f"{fixed(right, 0)} of {fixed(total, 0)} cases were named rightly."
+    values = {"named": [effect_name(name) for name in named], "rows": rows, "summary": summary}
+    return Section("confusion", "How often such a name is right", "confusion.html", values)
+
+
+def facts_section(facts: Mapping[str, Any]) -> Section | None:
+    """Names and values, nested ones flattened; folded, for those who need it."""
+    values = {"facts": list(_flat(facts))}
+    return Section("provenance", "Provenance", "facts.html", values) if facts else None
+
+
+def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
+    """Where models come from: data, options, versions; one folded block a model."""
+    values = {"models": [{"name": name, **_facts(model)} for name, model in models]}
+    return Section("provenance", "Provenance", "provenance.html", values)
+
+
+def _facts(model: HybridModel) -> dict[str, Any]:
+    past = model.provenance
+    options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
+    facts = [
+        ("robot", model.robot.name),
+        ("URDF, SHA-256", model.robot.digest),
+        ("options", options or UNKNOWN),
+        (
+            "fitted on",
+            f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN,
+        ),
+        ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
+        ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
+        ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
+        ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
+    ]
+    if past.get("accepted"):
+        told = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
+        facts.insert(3, ("refusals overruled", told))
+    return {"facts": facts, "data": past.get("data", [])}
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{words}: ")
+        else:
+            yield words, str(value)
+
+
+def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
+    past = record.get("provenance") or {}
+    facts: dict[str, Any] = {name: past[name] for name in ("command", "version") if past.get(name)}
+    for stamp in past.get("sessions", []):
+        facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
+    settings = dict(past.get("settings", {}))
+    if isinstance(settings.get("diagnosis"), Mapping):
+        settings["diagnosis"] = _unusual(settings["diagnosis"], USUAL.to_dict())
+        numbers = "numbers that decide"
+        facts[numbers] = "as given, else as shipped" if settings["diagnosis"] else "as shipped"
+        facts[numbers] += "; the result file (--json) holds them all"
+    return {**facts, **settings}
+
+
+def _unusual(values: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few that differ."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        shipped = usual.get(name)
+        if isinstance(value, Mapping) and isinstance(shipped, Mapping):
+            found |= {name: part} if (part := _unusual(value, shipped)) else {}
+        elif _plain(value) != _plain(shipped):
+            found[name] = value
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Rows of numbers alike, whether they came from JSON or not."""
+    return list(value) if isinstance(value, tuple | list) else value
+
+
+def describe_origin(record: Mapping[str, Any]) -> str:
+    """One line under a page's title: sessions with their dates, amount, command and version."""
+    past, facts = record.get("provenance") or {}, record.get("session") or {}
+    stamps = past.get("sessions", [])
+    names = [f"{Path(stamp['path']).name} ({session_dates(stamp)})" for stamp in stamps[:MOST_STAMPS]]
+    names += [f"{len(stamps) - MOST_STAMPS} more sessions"] if len(stamps) > MOST_STAMPS else []
+    amount = [plural(facts["runs"], "run"), f"{facts['duration_s']:.0f} s"] if facts else []
+    made = [f"{past.get('command', '')}, armgap {past.get('version', '')}"] if past.get("command") else []
+    return " · ".join([record["robot"], *names, *amount, *made])
+
+
+def session_dates(stamp: Mapping[str, Any]) -> str:
+    """When a session was recorded, where its clock tells the date; else its first and last time."""
+    first, last = stamp.get("first"), stamp.get("last")
+    if first is None or last is None:
+        return "no samples"
+    if first < EPOCH_FROM:
+        return f"{first:.1f} to {last:.1f} s on its own clock"
+    days = [datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M") for time in (first, last)]
+    return f"{days[0]} to {days[1]} UTC"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.simulation.causes import actions
-from ident.simulation.causes.base import Circumstances, Parameters, Size, View
+from ident.simulation.causes.actions import Circumstances, Parameters, Size, View
 from ident.simulation.hardware import Hardware
 
 

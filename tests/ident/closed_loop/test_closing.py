@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from ident.closed_loop import loop
-from ident.closed_loop.gap import MARGIN, measure_floors, pool_runs
-from ident.closed_loop.loop import KIND_OF, open_kinds
+from ident.closed_loop.loop import KIND_OF, MARGIN, measure_floors, open_kinds, pool_runs
 from ident.closed_loop.recorder import CommandRecorder, draw_effects
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError

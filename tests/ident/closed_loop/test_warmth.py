@@ -11,11 +11,11 @@ import pytest
 
 from ident.arrays import Array
 from ident.closed_loop import loop
-from ident.closed_loop.gap import PlannedRun, follow_warmth, heat_along
+from ident.closed_loop.loop import PlannedRun, follow_warmth, heat_along
 from ident.closed_loop.result import put_on_a_clock
 from ident.effects.catalogue import find_effect
+from ident.export.controllers import describe_arm
 from ident.export.loaded import LawModel
-from ident.export.python import describe_arm
 from ident.laws.motion import Losses
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare

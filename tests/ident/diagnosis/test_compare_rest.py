@@ -18,8 +18,8 @@ from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
-from ident.show.changes import describe_still, describe_used, without_still
 from ident.show.report.diagnosis_pages import render_comparison_report
+from ident.show.terminal import describe_still, describe_used, without_still
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,

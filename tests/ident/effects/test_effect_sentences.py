@@ -12,8 +12,8 @@ from ident.arrays import Array
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
+from ident.export.controllers import describe_arm
 from ident.export.identified import Change
-from ident.export.python import describe_arm
 from ident.laws.acting import (
     LAWS,
     acting_torque,

@@ -8,8 +8,8 @@ import pytest
 from ident.arrays import Array
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.export.controllers import describe_arm
 from ident.export.identified import Change
-from ident.export.python import describe_arm
 from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
 from ident.laws.motion import Losses, MovingArm, rigid_torque
 from ident.model.linearisation import Sliding

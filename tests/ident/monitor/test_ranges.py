@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from ident.monitor.estimates import Estimates, ParameterEstimate, estimate_session
-from ident.monitor.ranges import HABIT, find_ranges, pool_days
+from ident.monitor.estimates import HABIT, Estimates, ParameterEstimate, estimate_session, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, two_joint_arm

@@ -12,12 +12,12 @@ from ident.simulation.laws import (
     heat_law,
     make_law,
     plain_friction,
+    remembered_torque,
     sliding_level,
     viscous_drag,
     warm_up,
 )
 from ident.simulation.loop import fresh_state
-from ident.simulation.outside import remembered_torque
 from ident.simulation.sensing import Sensing, ideal_sensing, read_encoder, read_temperature, read_torque, torque_noise
 
 DT = 5e-4

@@ -14,8 +14,7 @@ from ident.errors import InputError, RecordingError
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.files import read_commands
-from ident.trajectories.kinds import KINDS, plan_motions
-from ident.trajectories.limits import MotionLimits
+from ident.trajectories.kinds import KINDS, MotionLimits, plan_motions
 from ident.trajectories.reference import TICK_S, chirp, ramps, via_spline
 
 

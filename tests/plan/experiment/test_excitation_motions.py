@@ -10,7 +10,7 @@ import pytest
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import MotionLimits
+from ident.trajectories.kinds import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
 from plan.experiment.design import BASELINE, LEAST_RUNS, Designer, search
 from plan.experiment.feasible import Feasibility, surroundings_of

@@ -15,7 +15,7 @@ from rich.console import Console
 from ident.show.report import ReportInput, write_diagnosis_report
 from ident.show.report.diagnosis_pages import describe_place
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
-from ident.show.report.sections import confusion_section
+from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_name, shade, with_units
 from ident.show.terminal import print_diagnosis
 from tests.ident.show.report.reader import read

@@ -16,6 +16,7 @@ from ident.show.report.evaluation import describe_steps, headline, reductions, w
 from ident.show.report.evaluation_figures import (
     comparison_section,
     fits_section,
+    parameters_section,
     payload_section,
     rest_spans,
     restrict,
@@ -23,7 +24,6 @@ from ident.show.report.evaluation_figures import (
 )
 from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import render_page
-from ident.show.report.parameters import parameters_section
 from ident.show.report.words import fixed, glue, percent, places_for, significant
 from tests.ident.show.report.reader import read
 
