@@ -29,7 +29,7 @@ def option(default: Any, text: str, *names: str, typed: Any = None, place: str =
         text: Its help.
         names: Its names on the command line, if they are not its own.
         typed: Its type on the command line, where Python takes more.
-        place: `read` of what the command reads, else the kind of a folder that it writes.
+        place: The kind of a folder that the command writes; `read` of what it reads that is no path by its type.
         bounds: `min` and `max`.
     """
     told = {"help": text, "names": names, "typed": typed, "bounds": bounds}
@@ -60,7 +60,7 @@ class ReadOptions(Options):
     """How recordings are read."""
 
     topic: str = option("/joint_states", "Topic of the joint states, for ROS 2 bags.")
-    session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.", place=READ)
+    session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,10 +75,7 @@ class CatalogueOptions(ReadOptions):
     """Recordings, and effects beside the catalogue's: a Python file, or in Python objects."""
 
     catalogue: Any = option(
-        None,
-        "A Python file with further effects. It is run: give none that you don't trust.",
-        typed=Path | None,
-        place=READ,
+        None, "A Python file with further effects. It is run: give none that you don't trust.", typed=Path | None
     )
 
 
@@ -86,7 +83,7 @@ class CatalogueOptions(ReadOptions):
 class DiagnoseOptions(CatalogueOptions, FilterOptions):
     """How recordings are diagnosed."""
 
-    model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None, place=READ)
+    model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None)
     seed: int = option(0, "Seed of the sign-flip tests.", min=0)
     accept: tuple[str, ...] = option(
         (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
@@ -106,12 +103,9 @@ class WriteOptions(ReadOptions):
     """On which recordings written files are measured, and what else gets what was identified."""
 
     on: Any = option(
-        None,
-        "Sessions to measure the files on: the best of their candidates is written.",
-        typed=list[Path] | None,
-        place=READ,
+        None, "Sessions to measure the files on: the best of their candidates is written.", typed=list[Path] | None
     )
-    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.", place=READ)
+    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +137,7 @@ class VerifyOptions(FilterOptions):
 class RangesOptions(FilterOptions):
     """How ranges for domain randomisation are found."""
 
-    model: Any = option(None, "Fitted model whose inertias all days refer to.", typed=Path | None, place=READ)
+    model: Any = option(None, "Fitted model whose inertias all days refer to.", typed=Path | None)
     out: Path | None = option(
         None, "Folder for randomisation files of Isaac Lab and MuJoCo Playground.", place="ranges"
     )
@@ -190,9 +184,7 @@ class WatchOptions(Options):
     robot: str | None = option(
         None, "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).", place=READ
     )
-    model: str | Path | None = option(
-        None, "Fitted model whose inertias all figures refer to.", typed=Path | None, place=READ
-    )
+    model: str | Path | None = option(None, "Fitted model whose inertias all figures refer to.", typed=Path | None)
     diagnosed: bool = option(True, "Diagnose each session too (ten times the work).", "--diagnose/--no-diagnose")
     level: float = option(0.05, "Chance of any false alarm in an arm's life.")
     settle: float = option(10.0, "Leave a session alone that was written to within so many s.")
@@ -263,12 +255,8 @@ class SimulateOptions(Options):
     )
     seed: int = option(0, "Of everything: arm, motions, noise.", min=0)
     motion: tuple[str, ...] = option((), "Kinds of motion, in turn.", typed=list[str] | None)
-    commands: Path | None = option(
-        None, "Run the motions of these command files instead (as of plan excite --out).", place=READ
-    )
-    plan: Path | None = option(
-        None, "Run this plan instead (as of plan solve --json), so many times as --runs says.", place=READ
-    )
+    commands: Path | None = option(None, "Run the motions of these command files instead (as of plan excite --out).")
+    plan: Path | None = option(None, "Run this plan instead (as of plan solve --json), so many times as --runs says.")
     runs: int | None = option(None, "Number of runs; 10 if not given.")
     duration: float | None = option(None, "Rough duration of a run [s]; 8 if not given.")
     rate: float | None = option(None, "Log rate [Hz]; 250 if not given.")

@@ -206,14 +206,6 @@ def draw_case(
 ) -> tuple[SimulationOptions, tuple[str, ...]]:
     """Draws what a place leaves open.
 
-    Args:
-        slot: The place.
-        number: Its number.
-        seed: Of the check.
-        base: What all cases have in common (robot, number and length of runs), or the case's world.
-        joints: The robot's joints.
-        attempt: Goes up where the size asked for is impossible at the joint drawn.
-
     Returns:
         The session to be simulated, and the ids that the diagnosis must do without.
     """

@@ -80,9 +80,7 @@ def fit(
     reading: FilterOptions,
     robot: Robot = None,
     named: Annotated[
-        Path | None,
-        typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net."),
-        READS,
+        Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -103,7 +101,7 @@ def fit(
 @command
 def evaluate(
     sessions: Sessions,
-    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them."), READS],
+    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
     options: FilterOptions,
     html: Html = None,
     json_file: JsonFile = None,
@@ -181,7 +179,7 @@ def diagnose(
 
 @command
 def patch(
-    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False), READS],
+    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)],
     robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS],
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: PatchOptions,
@@ -196,7 +194,7 @@ def patch(
 def view(
     sessions: Sessions,
     options: FilterOptions,
-    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model."), READS] = None,
+    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
     robot: Robot = None,
     rrd: Annotated[
         Path | None, typer.Option(help="Save the timeline to this file instead of opening it."), Writes()
@@ -224,12 +222,9 @@ def compare(
     before: Annotated[
         list[Path],
         typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
-        READS,
     ],
     options: ComparisonOptions,
-    after: Annotated[
-        list[Path] | None, typer.Option(help="Sessions after, where either set has several."), READS
-    ] = None,
+    after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
     robot: Robot = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the result file and the page."), Writes("comparison")
@@ -288,9 +283,7 @@ def ranges(sessions: Sessions, options: RangesOptions, robot: Robot = None) -> R
 def verify(
     model: Model,
     sessions: Sessions,
-    limits: Annotated[
-        Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like."), READS
-    ],
+    limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
     options: VerifyOptions,
     json_file: JsonFile = None,
 ) -> None:

@@ -8,7 +8,7 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import typer
 from typer.core import TyperGroup
@@ -71,7 +71,7 @@ class Writes(NamedTuple):
     kind: str = ""
 
 
-# Mark of what a command reads: nothing is written there.
+# Mark of what a command reads that is no path by its type: nothing is written there.
 READS = "reads"
 
 
@@ -93,7 +93,7 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
         if "json_file" in signature.parameters or signature.return_annotation is not None:
             keyword = inspect.Parameter.KEYWORD_ONLY
             made.append(inspect.Parameter("json_file", keyword, default=None, annotation=JsonFile))
-        marks = {one.name: mark for one in made for mark in getattr(one.annotation, "__metadata__", ())}
+        marks = {one.name: _mark_of(one.annotation) for one in made}
 
         def run(**given: Any) -> None:
             chosen = {name: value for name, value in given.items() if name in signature.parameters}
@@ -111,6 +111,12 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
         return app.command()(run)
 
     return make
+
+
+def _mark_of(annotation: Any) -> Any:
+    """How a command takes an argument: what is a path by its type is read, where no mark says that it is written."""
+    marks = [one for one in getattr(annotation, "__metadata__", ()) if one == READS or isinstance(one, Writes)]
+    return next(iter(marks), READS if "Path" in str(get_args(annotation)[:1]) else "")
 
 
 def _check_places(marks: Mapping[str, Any], given: Mapping[str, Any]) -> None:
@@ -155,8 +161,8 @@ def _clear_output(context: typer.Context, path: Path | None) -> Path | None:
 app = make_app("ident", "Identify a robot arm, and find out why it does not move as its model says.")
 command = commands_of(app)
 
-Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False), READS]
-Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False), READS]
+Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
+Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
 Robot = Annotated[
     str | None,
     typer.Option("--robot", help="URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …)."),

@@ -104,9 +104,7 @@ def simulate(
 @command
 def blind(
     options: CheckOptions,
-    semi_real: Annotated[
-        Path | None, typer.Option(help="Real recordings to which known effects are added."), READS
-    ] = None,
+    semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
     json_file: JsonFile = None,
 ) -> None:

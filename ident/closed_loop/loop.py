@@ -57,12 +57,7 @@ class Exciter(Protocol):
     """Chooses motions."""
 
     def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
-        """Motions of a round.
-
-        Args:
-            record: The last diagnosis (`ident.diagnosis/1`); None before the first.
-            number: Of the round, from 1.
-        """
+        """Motions of a round."""
         ...
 
 
@@ -260,9 +255,9 @@ def join_sessions(sessions: Sequence[Session]) -> tuple[Session, ...]:
 
 # How far a model is from recordings that it never saw, in each joint's noise; and whether that is sure.
 # A model whose friction follows warmth must know more than the motion. A diagnosis reports how much friction changes
-# between the coldest and the warmest moment of its recordings, and how fast a joint warms, not how warm it was when. That
-# follows from the motion itself: θ' = P − θ / τ with P the power that friction turns into heat, over the clock of all
-# runs, pauses included.
+# between the coldest and the warmest moment of its recordings, and how fast a joint warms, not how warm it was when.
+# That follows from the motion itself: θ' = P − θ / τ with P the power that friction turns into heat, over the clock of
+# all runs, pauses included.
 # Source: the law of `thermal_friction` of the catalogue (Wolf and Iskandar 2018; Simoni 2017).
 
 

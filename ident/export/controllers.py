@@ -208,11 +208,6 @@ def _row(values: Array | list[float]) -> str:
 def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[float, float]]]) -> list[str]:
     """Writes ranges from which Isaac Lab and MuJoCo Playground draw each joint; earlier ones there are replaced.
 
-    Args:
-        out: Folder.
-        robot: The arm's name.
-        ranges: By joint and figure (`rotor`, `viscous`, `coulomb`) the ends of its range.
-
     Returns:
         Joints that are in neither file, as one of their ranges is not known.
     """

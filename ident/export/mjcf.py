@@ -210,8 +210,8 @@ def _add_shapes(body: ET.Element, shapes: Sequence[dict[str, str]]) -> None:
 
 
 # The URDF with named effects written into it.
-# The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF has
-# no place, stands in the parameter file.
+# The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF
+# has no place, stands in the parameter file.
 
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "

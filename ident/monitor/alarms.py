@@ -133,13 +133,9 @@ class Outlier(Record):
 def find_outliers(
     arm: str, history: Mapping[tuple[str, str], Sequence[Point]], alarms: Sequence[Alarm], level: float = OUTLIER_LEVEL
 ) -> tuple[Outlier, ...]:
-    """The most extreme estimate of each session that stands out.
+    """The most extreme estimate of each session that stands out; `level` is the chance of a false hint.
 
-    Args:
-        arm: Its name.
-        history: (joint, parameter) -> its points, in order of time.
-        alarms: What has changed: days before and after are not compared.
-        level: Chance of a false hint.
+    Days before and after a change, which the alarms tell, are not compared.
     """
     tests = sum(len(points) for points in history.values())
     found: dict[str, Outlier] = {}

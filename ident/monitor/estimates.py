@@ -24,14 +24,7 @@ from ident.results import Result
 from ident.robot.arm import ArmModel
 
 # Parameter -> unit.
-UNITS = {
-    "gain": "1",
-    "rotor": "kg m²",
-    "viscous": "N m s/rad",
-    "coulomb": "N m",
-    "offset": "N m",
-    "gap": "N m",
-}
+UNITS = {"gain": "1", "rotor": "kg m²", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m", "gap": "N m"}
 TERMS = ("gain", "rotor", "viscous", "coulomb", "offset")
 # Pieces whose errors are taken as independent: several times the correlation time of residuals (0.1 to 0.3 s) [s].
 PIECE_S = 1.5
@@ -131,9 +124,10 @@ def _gap(left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> Par
 
 
 # Ranges for domain randomisation: as wide as the arm is uncertain and changes from day to day, and no wider.
-# Each session is a day. A parameter's range is the wider of two: its own 95 % interval, and where it will lie on another
-# day by its spread over the days so far. The randomised torque at a state lies in a box of those ranges; the check is
-# how often the measured torque of a day lies in the box made from the other days, noise added as a simulator would.
+# Each session is a day. A parameter's range is the wider of two: its own 95 % interval, and where it will lie on
+# another day by its spread over the days so far. The randomised torque at a state lies in a box of those ranges; the
+# check is how often the measured torque of a day lies in the box made from the other days, noise added as a simulator
+# would.
 
 
 SCHEMA = "ident.ranges/1"

@@ -32,9 +32,6 @@ Rows = Iterable[dict[str, Any]]
 def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
     """Looks at one session and writes what is found; a session that is unfit is noted as such.
 
-    Args:
-        task: The session, the folder of the store, and how it is looked at; as it goes to another process.
-
     Returns:
         Its name, `arm/session`.
     """
@@ -193,12 +190,6 @@ def look(
     folder: Path, store: Path, options: WatchOptions, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Watch:
     """Examines what is new in a folder and reads the whole store.
-
-    Args:
-        folder: Sessions of one arm, or folders of arms.
-        store: Folder of the store; what was examined before stays.
-        options: How.
-        progress: Told how many of the new sessions are done.
 
     Raises:
         InputError: The folder holds no session, the store's folder is not ours, the scheduler can't be reached.

@@ -55,14 +55,7 @@ def panel(x_label: str, y_label: str, title: str) -> tuple[Figure, Axes]:
 def draw_bars(
     names: Sequence[str], rows: Mapping[str, tuple[str, Sequence[float | None]]], label: str, title: str
 ) -> Figure:
-    """Bars side by side, a group a name; a value that is None has none.
-
-    Args:
-        names: Groups.
-        rows: Words -> colour and values.
-        label: What the values are, with their unit.
-        title: What the picture shows.
-    """
+    """Bars side by side, a group a name; a value that is None has none."""
     figure, axes = panel("", label, title)
     width = 0.8 / max(1, len(rows))
     places = np.arange(len(names))

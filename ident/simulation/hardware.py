@@ -207,11 +207,6 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     Friction and rotor scale with the rated torque, as gear size does: for 157 N m about 12 N m dry and
     10 N m s/rad viscous with 1 kg m² of rotor, for 43 N m about 2.6 N m, 1.7 N m s/rad and 0.13 kg m².
     Measured on a UR10e of like size: 20 and 2.7 N m dry, 27 and 3.4 N m s/rad viscous.
-
-    Args:
-        arm: The nominal model.
-        rng: Source of chance.
-        inertia_error: Standard deviation of the relative error of masses and inertias.
     """
     n, scale = arm.n, rated_torque(arm)
     relative, none = scale / 157.0, np.zeros((n, 3))

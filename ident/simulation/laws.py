@@ -283,14 +283,7 @@ WOBBLE_DAMPING = 0.15
 
 @njit(cache=True)
 def remembered_torque(joint: Any, state: Any, angle: float, v: float, dt: float) -> float:
-    """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the memory in place.
-
-    Args:
-        joint: A record of the law.
-        state: The joint's own, with `stretched` [N m], `age` [s] and `transmitted` [N m].
-        angle, v: Of the joint [rad], [rad/s].
-        dt: Step [s].
-    """
+    """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the memory in place."""
     torque = 0.0
     if joint.seal != 0.0:  # d(stretched)/dt = k v - stretched / relaxation, implicit
         state.stretched = (state.stretched + joint.seal * v * dt) / (1.0 + dt / joint.seal_relaxation)

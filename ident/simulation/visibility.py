@@ -254,14 +254,7 @@ class VisibilityMeter:
         self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
 
     def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
-        """Visible amplitude of a cause of a given size at each joint [N m]; measured once.
-
-        Args:
-            cause: What is wrong.
-            scene: Where, on the meter's arm; its generator is not used.
-            size: How much.
-            seed: Of the cause's other parameters.
-        """
+        """Visible amplitude of a cause of a size at each joint [N m]; the seed is of its other parameters."""
         key = cause.id, scene.joint, size, seed
         if key not in self._seen:
             hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
@@ -278,13 +271,7 @@ class VisibilityMeter:
         return self._seen[key]
 
     def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
-        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones.
-
-        Args:
-            cause, scene, size, seed: As of `measure`.
-            view: What a fit may absorb.
-            all_runs: Whether all of them.
-        """
+        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones."""
         hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
         way = Way(all_runs, choose_step(hardware if hardware.drive.elastic.any() else self.hardware, coarse=True))
         before, after = self._without(cause, scene, way, view), self._with(hardware, way, view)

@@ -32,13 +32,6 @@ def plan_motions(
 ) -> tuple[ReferenceMotion, ...]:
     """Plans the runs of a session: the kinds in turn; splines in groups of path, way back, and other speeds.
 
-    Args:
-        arm: The nominal arm.
-        kinds: Names of `KINDS`.
-        runs: Number of runs.
-        duration: Rough duration of a run [s].
-        rng: Source of chance.
-
     Raises:
         InputError: Unknown kind, or a duration or number that makes no motion.
     """

@@ -23,16 +23,7 @@ from ident.show.report.page import (
     save_page,
     telemetry_section,
 )
-from ident.show.report.words import (
-    axis_name,
-    axis_unit,
-    fixed,
-    interval_words,
-    percent,
-    sentence,
-    shade,
-    significant,
-)
+from ident.show.report.words import axis_name, axis_unit, fixed, interval_words, percent, sentence, shade, significant
 from ident.show.terminal import (
     OF_THE_ARM,
     describe_spread,

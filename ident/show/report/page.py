@@ -146,10 +146,7 @@ def _facts(model: HybridModel) -> dict[str, Any]:
         ("robot", model.robot.name),
         ("URDF, SHA-256", model.robot.digest),
         ("options", options or UNKNOWN),
-        (
-            "fitted on",
-            f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN,
-        ),
+        ("fitted on", f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN),
         ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
         ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
         ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),

@@ -150,15 +150,9 @@ def make_cases(
     paired: bool,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Writes cases, controls (each source as it is), answers and their seals.
+    """Writes cases, controls (each source as it is), answers and their seals; says what was made, line by line.
 
-    Args:
-        sources: Recordings of real arms.
-        out: Folder for `cases/`, `answers/`, `seals.json`.
-        cases: Their number.
-        seed: Of everything drawn.
-        paired: Whether each is a `before` without and an `after` with the effect, for a comparison.
-        say: Told what was made, line by line.
+    Each is one session, or of `paired` cases a `before` without and an `after` with the effect, for a comparison.
 
     Raises:
         InputError: The folder holds something already.
