@@ -12,7 +12,6 @@ Two models stand beside it: one tuned on the case's recordings with nothing name
 from __future__ import annotations
 
 import hashlib
-import json
 import secrets
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +34,7 @@ from ident.diagnosis.regression.decimation import moved_inertia
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, log_error
-from ident.files import atomic_write
+from ident.files import atomic_write, write_record
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band
@@ -240,8 +239,7 @@ def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
     if options.out.is_dir() and any(options.out.iterdir()):
         raise InputError(options.out, "the folder holds something else", "choose another --out")
     seed = secrets.randbits(48) if options.seed is None else options.seed
-    with atomic_write(path) as part:
-        part.write_text(json.dumps({**settings, "seed": seed}, indent=1) + "\n", encoding="utf-8")
+    write_record(path, {**settings, "seed": seed})
     return seed
 
 

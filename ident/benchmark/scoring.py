@@ -169,6 +169,11 @@ class Outcome:
     joints: tuple[str, ...] = ()
 
     @property
+    def urdf_wrong(self) -> bool:
+        """Whether links of its world's arm weigh something else than any tolerance allows."""
+        return urdf_is_wrong(self.world)
+
+    @property
     def judged(self) -> list[tuple[str, float, bool]]:
         """Effect, probability and truth of each name that is true or false."""
         excused = self.excused or (False,) * len(self.right)

@@ -17,16 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ident.benchmark.scoring import (
-    Outcome,
-    Score,
-    auroc,
-    calibration_curve,
-    calibration_error,
-    mean,
-    share,
-    urdf_is_wrong,
-)
+from ident.benchmark.scoring import Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
 from ident.results import Result
 
 TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
@@ -97,7 +88,7 @@ HEADLINE: Rules = {
     "companion": (is_visible, share, lambda one: one.has_companion),
     "false_alarm": (of("healthy"), share, lambda one: one.has_false_name),
     "false_alarm_decoy": (of("decoy"), share, lambda one: one.has_false_name),
-    "told_gap": (of("healthy"), share, lambda one: None if urdf_is_wrong(one.world) else one.verdict != "no_gap"),
+    "told_gap": (of("healthy"), share, lambda one: None if one.urdf_wrong else one.verdict != "no_gap"),
     "refusal": (REFUSABLE, share, lambda one: one.refused),
     "wrongly_named": (REFUSABLE, share, lambda one: one.verdict == "named"),
     "set_f1": (SETS, mean, lambda one: one.set_f1),

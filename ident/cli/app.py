@@ -9,20 +9,9 @@ from typing import Annotated
 
 import typer
 
+from ident import options as given
 from ident.cli.shared import READS, Html, JsonFile, Model, Robot, Sessions, Writes, app, command, console, hand_over
 from ident.errors import InputError
-from ident.files import write_record
-from ident.options import (
-    ComparisonOptions,
-    DiagnoseOptions,
-    ExportOptions,
-    FilterOptions,
-    FitOptions,
-    PatchOptions,
-    RangesOptions,
-    ReadOptions,
-    VerifyOptions,
-)
 from ident.outputs import SESSION_KIND, absolute, check_outputs
 from ident.process import NOT_PASSED, run_command
 from ident.results import Result
@@ -36,16 +25,15 @@ def demo(
     json_file: JsonFile = None,
 ) -> None:
     """The main job on the shipped recordings: fit, evaluate, report, timeline."""
-    from ident.cli.demo import check_places, run_demo
+    from ident.cli.demo import run_demo
 
-    check_places(out, logs, json_file)
-    write_record(json_file, run_demo(out, logs, console))
+    run_demo(out, logs, json_file, console)
 
 
 @command
 def inspect(
     sessions: Sessions,
-    options: ReadOptions,
+    options: given.ReadOptions,
     robot: Robot = None,
     mend: Annotated[Path | None, typer.Option(help="Write the mended sessions into this folder.")] = None,
     json_file: JsonFile = None,
@@ -76,8 +64,8 @@ def inspect(
 def fit(
     sessions: Sessions,
     out: Annotated[Path, typer.Option(help="Folder of the fitted model."), Writes("model")],
-    options: FitOptions,
-    reading: FilterOptions,
+    options: given.FitOptions,
+    reading: given.FilterOptions,
     robot: Robot = None,
     named: Annotated[
         Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
@@ -102,7 +90,7 @@ def fit(
 def evaluate(
     sessions: Sessions,
     model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
-    options: FilterOptions,
+    options: given.FilterOptions,
     html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -129,7 +117,7 @@ def evaluate(
 @command
 def diagnose(
     sessions: Sessions,
-    options: DiagnoseOptions,
+    options: given.DiagnoseOptions,
     robot: Robot = None,
     html: Html = None,
     rrd: Annotated[
@@ -160,7 +148,7 @@ def diagnose(
 
         evaluation = None
         if loaded is not None and analysis is not None:
-            reading = {one.name: getattr(options, one.name) for one in fields(FilterOptions)}
+            reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
         write_diagnosis_report(html, examined.diagnosis.to_dict(), evaluation, pictures)
@@ -182,7 +170,7 @@ def patch(
     diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)],
     robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name."), READS],
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
-    options: PatchOptions,
+    options: given.PatchOptions,
 ) -> Result:
     """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
     from ident.api.exporting import patch as write
@@ -193,7 +181,7 @@ def patch(
 @command
 def view(
     sessions: Sessions,
-    options: FilterOptions,
+    options: given.FilterOptions,
     model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
     robot: Robot = None,
     rrd: Annotated[
@@ -223,7 +211,7 @@ def compare(
         list[Path],
         typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
     ],
-    options: ComparisonOptions,
+    options: given.ComparisonOptions,
     after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
     robot: Robot = None,
     out: Annotated[
@@ -263,7 +251,7 @@ def compare(
 def export(
     model: Model,
     out: Annotated[Path, typer.Option(help="Folder of the export."), Writes("export")],
-    options: ExportOptions,
+    options: given.ExportOptions,
 ) -> Result:
     """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control."""
     from ident.api.exporting import export as write
@@ -272,7 +260,7 @@ def export(
 
 
 @command
-def ranges(sessions: Sessions, options: RangesOptions, robot: Robot = None) -> Result:
+def ranges(sessions: Sessions, options: given.RangesOptions, robot: Robot = None) -> Result:
     """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
     from ident.api.daily import ranges as find
 
@@ -284,7 +272,7 @@ def verify(
     model: Model,
     sessions: Sessions,
     limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
-    options: VerifyOptions,
+    options: given.VerifyOptions,
     json_file: JsonFile = None,
 ) -> None:
     """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was fitted on them."""

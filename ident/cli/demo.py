@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from ident.api.diagnosing import diagnose
-from ident.model.evaluation import Evaluation, evaluate
+from ident.files import write_record
+from ident.model.evaluation import evaluate
 from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
 from ident.outputs import check_outputs
 from ident.progress import step
@@ -29,43 +29,48 @@ SEALED = ("sealed_1", "sealed_2", "sealed_3")
 GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}
 
 
-def check_places(out: Path, logs: Path | None, json_file: Path | None) -> None:
-    """Looks at all places where the demo writes, before it works.
+def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Console) -> None:
+    """Fits, evaluates, diagnoses and reports into a folder; of the shipped recordings where no others are given.
 
     Raises:
-        InputError: Something of the user's stands there.
+        InputError: Something of the user's stands where the demo writes.
     """
     pages = ["report.html", "timeline.rrd", *(f"diagnosis_{name}.html" for name in SEALED)]
     files: dict[str, Path | None] = {f"--out {out}: {name}": out / name for name in pages}
     check_outputs([logs], {**files, "--json": json_file}, {"--out": (out / "model", MODEL_KIND)})
-
-
-def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
-    """Fits, evaluates, diagnoses, reports; returns the figures of the command's JSON.
-
-    Args:
-        out: Folder for model, report and timeline.
-        logs: Folder with the sessions T1, T2, E1, E2 and the payloads; the shipped ones if None.
-        console: Where to print.
-    """
     folder = logs or data_path("logs/tm5_900")
     training = open_sessions([folder / name for name in TRAINING], "tm5-900")
     held_out = open_sessions([folder / name for name in EVALUATION], "tm5-900", learning=False)
     print_issues(console, [*training.issues, *held_out.issues])
     models = {name: _fit(training, sessions, name, console) for name, sessions in GROUPS.items()}
-    lumped = _fit(training, TRAINING, "three-joint model", console, links=3)
-    models["three-joint, T1 + T2"] = lumped
+    models["three-joint, T1 + T2"] = _fit(training, TRAINING, "three-joint model", console, links=3)
     results = [evaluate(model, held_out.groups, name) for name, model in models.items()]
-    _print(results, console)
-    model = models["T1 + T2"]
+    # The full model's ladder without and with payload, and one line a compared model.
+    main = next(result for result in results if result.model == "T1 + T2")
+    for score in (main.pooled, *(score for score in main.sessions if score.payload_kg)):
+        console.print(LadderTable(score))
+    console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
+    for result in results:
+        energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]
+        rmse = result.pooled.rmse_mean[-1, -1]
+        console.print(f"  {result.model:<22}{energy:>7.2f} ± {spread:.2f} J   {rmse:.2f} N m")
+    model, timeline = models["T1 + T2"], out / "timeline.rrd"
     model.save(out / "model")
     write_evaluation_report(out / "report.html", list(models.values()), results, held_out.issues)
-    write_timeline(out / "timeline.rrd", held_out.arm, held_out.motions, model, held_out.issues)
+    write_timeline(timeline, held_out.arm, held_out.motions, model, held_out.issues)
     console.print(f"report: {out / 'report.html'}")
-    console.print(f"timeline: {out / 'timeline.rrd'} (open it with `rerun {shlex.quote(str(out / 'timeline.rrd'))}`)")
+    console.print(f"timeline: {timeline} (open it with `rerun {shlex.quote(str(timeline))}`)")
     console.print(f"model: {out / 'model'}")
-    diagnoses = [_diagnose(folder / name, out / f"diagnosis_{name}.html", console) for name in SEALED]
-    return {
+    diagnoses = []
+    for name in SEALED:  # the cause is withheld, in an envelope beside each
+        page = out / f"diagnosis_{name}.html"
+        with progress_line(console, f"diagnose {name}"):
+            diagnoses.append(diagnose(folder / name, "tm5-900").to_dict())
+        console.print(f"\nWhat is wrong with the arm of {name}?")
+        print_diagnosis(console, diagnoses[-1])
+        write_diagnosis_report(page, diagnoses[-1])
+        console.print(f"diagnosis: {page}")
+    record = {
         "schema": "ident.demo/1",
         "robot": training.arm.name,
         "joints": list(training.arm.joint_names),
@@ -73,18 +78,7 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
         "diagnoses": diagnoses,
         "provenance": Provenance("ident demo", sessions=(*training.stamps, *held_out.stamps)).to_dict(),
     }
-
-
-def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
-    """Diagnoses a session whose cause is withheld, in an envelope beside it."""
-    with progress_line(console, f"diagnose {session.name}"):
-        diagnosis = diagnose(session, "tm5-900")
-    console.print(f"\nWhat is wrong with the arm of {session.name}?")
-    record = diagnosis.to_dict()
-    print_diagnosis(console, record)
-    write_diagnosis_report(page, record)
-    console.print(f"diagnosis: {page}")
-    return record
+    write_record(json_file, record)
 
 
 def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console, links: int = 6) -> HybridModel:
@@ -93,17 +87,3 @@ def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console,
     options = FitOptions(links=links, inertia="consistent" if links == 6 else "nominal")
     with progress_line(console, f"fit on {name}"):
         return fit_hybrid(motions, opened.arm, options, records, step).model
-
-
-def _print(results: list[Evaluation], console: Console) -> None:
-    """The full model's ladder without and with payload, and one line a compared model."""
-    main = next(result for result in results if result.model == "T1 + T2")
-    console.print(LadderTable(main.pooled))
-    for score in main.sessions:
-        if score.payload_kg:
-            console.print(LadderTable(score))
-    console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
-    for result in results:
-        energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]
-        rmse = result.pooled.rmse_mean[-1, -1]
-        console.print(f"  {result.model:<22}{energy:>7.2f} ± {spread:.2f} J   {rmse:.2f} N m")

@@ -6,7 +6,6 @@ residual net, and the middle of wide randomisation.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -34,7 +33,7 @@ from ident.export.controllers import describe_arm
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, SimulatorModel
 from ident.export.write import write_patch
-from ident.files import atomic_write
+from ident.files import write_record
 from ident.laws.motion import Losses
 from ident.model.residual_net import PRESETS, ResidualNet, fit_residual_net
 from ident.motion.motion import Motion, prepare
@@ -233,8 +232,7 @@ def keep(loop: Closed, arm: ArmModel, folder: Path) -> dict[str, Any]:
     """Writes the last diagnosis and, where an effect is identified, its patch; the arm's record (`ident.close/1`)."""
     diagnosis, patch = loop.last.record, ""
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / "diagnosis.json") as part:
-        part.write_text(json.dumps(diagnosis, indent=1) + "\n", encoding="utf-8")
+    write_record(folder / "diagnosis.json", diagnosis)
     if diagnosis["findings"]:
         with suppress(InputError):  # identified, but nothing that a file could hold
             write_patch(Diagnosed.of_record(diagnosis, path=folder / "diagnosis.json"), arm, folder / "patch")

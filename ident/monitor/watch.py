@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
@@ -14,7 +13,7 @@ from typing import Any
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError, plural
-from ident.files import atomic_write
+from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.monitor.alarms import LEVEL, Alarm, Outlier, Point, find_changes, find_outliers
 from ident.monitor.estimates import UNITS, estimate_session, unit_of
@@ -78,8 +77,7 @@ def _examine(
     if options.diagnosed:
         diagnosis, _, _ = diagnose_reports([report], arm, CATALOGUE, model=model)
         record, row["verdict"] = diagnosis.to_dict(), diagnosis.verdict
-        with atomic_write(store.place("diagnoses", found.arm, found.name, ".json")) as part:
-            part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_record(store.place("diagnoses", found.arm, found.name, ".json"), record)
         for one in record["findings"]:
             own = {"joints": ", ".join(one["joints"]), "shrink": one["heldout"]["shrink"], "action": one.get("action")}
             effects.append({"effect": one["effect"], "probability": one["probability"], **own})

@@ -148,11 +148,8 @@ def parse_effect(text: str) -> EffectRequest:
     if not size:
         return EffectRequest(cause.id, joint)
     if not _SIZE.fullmatch(size):
-        raise InputError(
-            "--effect",
-            f"{text!r}: {size!r} is not a size",
-            "give a number in SI units, or one that ends in x: multiples of the noise floor",
-        )
+        remedy = "give a number in SI units, or one that ends in x: multiples of the noise floor"
+        raise InputError("--effect", f"{text!r}: {size!r} is not a size", remedy)
     if not size.endswith("x"):
         return EffectRequest(cause.id, joint, float(size))
     if float(size[:-1]) <= 0.0:

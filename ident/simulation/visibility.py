@@ -333,9 +333,6 @@ class VisibilityMeter:
         size, seen = find_size(shown, wanted, start, ends, TOLERANCE)
         least, most = ACCEPTED
         if not least * wanted <= seen <= most * wanted:
-            raise InputError(
-                f"--effect {cause.id}",
-                f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}",
-                "choose another amplitude, joint or motion",
-            )
+            what = f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}"
+            raise InputError(f"--effect {cause.id}", what, "choose another amplitude, joint or motion")
         return size

@@ -182,11 +182,8 @@ def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
 
 def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
     """Joints that the tuned model foretells worse, on runs that it was not tuned on, than the model as it was given."""
-    return [
-        joint
-        for joint, gap in record.get("gap", {}).items()
-        if gap["rms_Nm"] > OVERTUNED * gap.get("fixed_rms_Nm", float("inf"))
-    ]
+    gaps = record.get("gap", {}).items()
+    return [joint for joint, gap in gaps if gap["rms_Nm"] > OVERTUNED * gap.get("fixed_rms_Nm", float("inf"))]
 
 
 def is_small(record: Mapping[str, Any]) -> bool:
@@ -214,12 +211,8 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
     lines = []
     for one in record.get("reservations", []):
-        if one["effect"]:
-            where = join_words(one["joints"])
-            what = f"{effect_name(one['effect'])} in {where}"
-            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
-        else:
-            lines.append(f"Doubt: {one['reason']}.")
+        what = f"Not believed: {effect_name(one['effect'])} in {join_words(one['joints'])} would fit, but "
+        lines.append(f"{what}{with_units(one['reason'])}." if one["effect"] else f"Doubt: {one['reason']}.")
     return lines
 
 
@@ -256,15 +249,10 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     if not record.get("findings") or not forward:
         return ""
     before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
-    parts = [
-        f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
-        for joint in before
-        if joint in _named_joints(record)
-    ]
-    if not parts:
-        return ""
-    window = f"{1e3 * forward['window_s']:.0f} ms"
-    return f"Replayed under the recorded torques, the motion is off after {window} by [mrad]: {', '.join(parts)}."
+    named = [joint for joint in before if joint in _named_joints(record)]
+    parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
+    window = f"after {1e3 * forward['window_s']:.0f} ms by [mrad]"
+    return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
 
 
 def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:

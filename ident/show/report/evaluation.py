@@ -69,23 +69,17 @@ def pool_name(score: SessionScore, longest: int = 70) -> str:
 
 def evaluation_sections(source: ReportInput) -> list[Section | None]:
     """All sections of an evaluation, the verdict first."""
-    from ident.show.report.evaluation_figures import (
-        comparison_section,
-        fits_section,
-        parameters_section,
-        payload_section,
-        residuals_section,
-    )
+    from ident.show.report import evaluation_figures as figures
 
     names = [evaluation.model for evaluation in source.evaluations]
     return [
         verdict_section(source),
         ladder_section(source),
-        payload_section(source),
-        comparison_section(source),
-        fits_section(source),
-        residuals_section(source),
-        parameters_section(source),
+        figures.payload_section(source),
+        figures.comparison_section(source),
+        figures.fits_section(source),
+        figures.residuals_section(source),
+        figures.parameters_section(source),
         telemetry_section([one.to_dict() for one in source.issues]),
         models_section(list(zip(names, source.models, strict=True))),
     ]

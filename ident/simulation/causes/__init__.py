@@ -67,11 +67,8 @@ class Cause:
         """
         low, high = self.bounds(scene)
         if not low <= size <= high:
-            raise InputError(
-                f"--effect {self.id}",
-                f"{self.parameter} = {size:g} is outside physics",
-                f"choose between {low:.4g} and {high:.4g}",
-            )
+            what = f"{self.parameter} = {size:g} is outside physics"
+            raise InputError(f"--effect {self.id}", what, f"choose between {low:.4g} and {high:.4g}")
         return size
 
 

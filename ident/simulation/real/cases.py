@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.files import atomic_folder, atomic_write
+from ident.files import atomic_folder, write_record
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import fill_session
 from ident.simulation.real.moved_arm import MovedArm
@@ -182,8 +182,7 @@ def make_cases(
         _write(out, slot.name, folders, urdf, answer, seals)
         told = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
         say(f"{slot.name} {source.name} {slot.kind} {told}")
-    with atomic_write(out / "seals.json") as part:
-        part.write_text(json.dumps(seals, indent=1) + "\n", encoding="utf-8")
+    write_record(out / "seals.json", seals)
 
 
 def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
@@ -311,5 +310,4 @@ def _write(
             (place / "robot.urdf").write_text(urdf, encoding="utf-8")
     text = json.dumps(answer, indent=1) + "\n"
     seals[name] = hashlib.sha256(text.encode()).hexdigest()
-    with atomic_write(out / "answers" / f"{name}.json") as part_file:
-        part_file.write_text(text, encoding="utf-8")
+    write_record(out / "answers" / f"{name}.json", answer)
