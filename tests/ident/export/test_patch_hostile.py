@@ -81,9 +81,7 @@ def test_nothing_of_a_name_is_a_tag_or_a_word_of_a_shell(tmp_path: Path, text: s
         "robot": text,
         "joints": [text],
         "session": {"runs": 1, "samples": 1, "duration_s": 1.0},
-        "telemetry": [
-            {"issue": text, "joints": [text], "severity": "fatal", "evidence": text, "remedy": text},
-        ],
+        "telemetry": [{"issue": text, "joints": [text], "severity": "fatal", "evidence": text, "remedy": text}],
         "verdict": "refused",
         "gap": {},
         "where": [],

@@ -53,12 +53,7 @@ def test_compares_and_draws(tmp_path: Path) -> None:
     assert outcome.exit_code == 0, outcome.output
     record = check_file(tmp_path / "c.json")
     assert [row["method"] for row in record["summary"]] == ["cma", "reference"]
-    assert {path.name for path in (tmp_path / "o").iterdir()} == {
-        "comparison.png",
-        "best.png",
-        "best.json",
-        "best.rrd",
-    }
+    assert {path.name for path in (tmp_path / "o").iterdir()} == {"comparison.png", "best.png", "best.json", "best.rrd"}
 
 
 @pytest.mark.parametrize("name", ["motion.csv", "motion.yaml", "motion.parquet"])
