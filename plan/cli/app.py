@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, commands_of, console, make_app
+from ident.cli.shared import JsonFile, Writes, commands_of, console, make_app
 from ident.files import write_record
 from ident.outputs import check_outputs
 from ident.process import run_command
@@ -35,10 +35,14 @@ def solve(
     options: SolveOptions,
     model: ModelFolder = None,
     json_file: JsonFile = None,
-    picture: Annotated[Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG).")] = None,
-    rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG)."), Writes()
+    ] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording."), Writes()] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Write the motion for a controller: .csv, .parquet, or .yaml (JointTrajectory).")
+        Path | None,
+        typer.Option(help="Write the motion for a controller: .csv, .parquet, or .yaml (JointTrajectory)."),
+        Writes(),
     ] = None,
     rate: Annotated[float, typer.Option(help="Rate of that file [Hz].")] = 250.0,
 ) -> None:
