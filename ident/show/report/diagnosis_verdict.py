@@ -211,8 +211,11 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
     lines = []
     for one in record.get("reservations", []):
-        what = f"Not believed: {effect_name(one['effect'])} in {join_words(one['joints'])} would fit, but "
-        lines.append(f"{what}{with_units(one['reason'])}." if one["effect"] else f"Doubt: {one['reason']}.")
+        if one["effect"]:
+            what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
+            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
+        else:
+            lines.append(f"Doubt: {one['reason']}.")
     return lines
 
 
