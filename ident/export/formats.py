@@ -66,7 +66,7 @@ def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
         said = express(change, form)
         formats[form] = dict(said.to_dict())
         if form in off:
-            near = "approximate" if said.part or off[form] <= NEAR else "no"
+            near = "approximate" if off[form] <= NEAR else "no"
             formats[form] |= {"off": off[form], "expressed": "yes" if off[form] <= SAME else near}
             if off[form] > SAME:
                 formats[form]["how"] += f"; off by {off[form]:.0%} of its torque along these motions"
