@@ -84,6 +84,10 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         print(f"{name}: {visible(line)}", file=sys.stderr)
 
     try:
+        # Of a stranger's folder, where the user may be, neither Python nor numba takes anything, whoever starts them.
+        os.environ.setdefault("PYTHONSAFEPATH", "1")
+        if os.path.lexists(own := ".numba_config.yaml"):
+            raise InputError(own, "numba would take its settings from this file", "start the command elsewhere")
         app = importlib.import_module(module).app
         signals.is_loading = False
         status = app(standalone_mode=False)
@@ -93,8 +97,11 @@ def _run(name: str, module: str, signals: _Signals) -> int:
     except KeyboardInterrupt:
         status = signals.status
     except OSError as error:
-        say(_system_fault(error))
-        return USER if error.errno in NO_NAME else SYSTEM
+        file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
+        place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
+        named, remedy = error.errno in NO_NAME, "free what is full or broken, then run the command again"
+        say(f"{place}{error.strerror or error}; {'give the name of a file or folder' if named else remedy}")
+        return USER if named else SYSTEM
     except MemoryError:
         say(MEMORY_FULL)
         return SYSTEM
@@ -117,14 +124,6 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         say("stopped")
         return signals.status
     return status if isinstance(status, int) else 0
-
-
-def _system_fault(error: OSError) -> str:
-    name = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
-    place = f"{name if len(name) <= LONGEST_NAME else name[:LONGEST_NAME] + '…'}: " if name else ""
-    if error.errno in NO_NAME:
-        return f"{place}{error.strerror}; give the name of a file or folder"
-    return f"{place}{error.strerror or error}; free what is full or broken, then run the command again"
 
 
 def _told(name: str, streams: tuple[_Patient, ...]) -> int:

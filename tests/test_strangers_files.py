@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -18,8 +19,10 @@ import pytest
 from ident.api.inspecting import inspect
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
+from ident.export.mjcf_merge import open_mjcf
 from ident.export.write import write_export, write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.process import USER
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
@@ -165,3 +168,39 @@ def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path
     assert guard.done == []
     assert str(secret) not in guard.read
     assert "mine" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '<asset><mesh file="pipe.stl"/></asset>',
+        '<asset><model file="other.xml"/></asset>',
+        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+        '<worldbody><replicate count="9999"><replicate count="9999"><body/></replicate></replicate></worldbody>',
+    ],
+)
+def test_an_mjcf_waits_for_nothing_and_multiplies_nothing(part: str, tmp_path: Path) -> None:
+    """Law: pipes, other files and elements repeated beyond any scene are refused before MuJoCo reads them."""
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{part}</mujoco>")
+    with pytest.raises(InputError):
+        open_mjcf(tmp_path / "arm.xml")
+
+
+CALL = 'subprocess.run([sys.executable, "-c", "import joblib, struct"]).returncode'
+
+
+def test_nothing_is_imported_from_the_folder_where_the_user_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: what a command and its libraries start is as safe in a stranger's folder as itself; numba reads nothing."""
+    for folder in ("own", "strange"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "own/started.py").write_text(f"import subprocess, sys\napp = lambda standalone_mode: {CALL}")
+    for name in ("joblib", "numpy", "struct"):
+        (tmp_path / f"strange/{name}.py").write_text("open('RUN', 'w')")
+    monkeypatch.chdir(tmp_path / "strange")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path / "own")]))
+    line = [sys.executable, "-P", "-c", "from ident.process import run_command; run_command('ident', 'started')"]
+    assert subprocess.run(line, check=False).returncode == 0
+    assert not Path("RUN").exists()
+    Path(".numba_config.yaml").write_text("DISABLE_JIT: 1")
+    assert subprocess.run(line, check=False).returncode == USER

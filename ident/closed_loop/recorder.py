@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 from collections.abc import Sequence
@@ -72,7 +73,7 @@ class CommandRecorder:
         session.mkdir(parents=True, exist_ok=True)
         words = [word.replace(COMMANDS, str(commands)).replace(SESSION, str(session)) for word in self.words]
         try:
-            done = subprocess.run(words, check=False)
+            done = subprocess.run(words, check=False, env={**os.environ, "PYTHONSAFEPATH": ""})
         except OSError as error:
             raise InputError("--record", f"{words[0]!r} can't be run ({error.strerror})", "give a program") from None
         if done.returncode != 0:
@@ -83,10 +84,7 @@ class CommandRecorder:
         return load_session(session, self.topic)
 
 
-# A simulated arm with hidden effects in the loop.
-
-
-# The arm rests and cools while the diagnosis thinks [s].
+# A simulated arm with hidden effects in the loop: the arm rests and cools while the diagnosis thinks [s].
 REST_S = 600.0
 
 

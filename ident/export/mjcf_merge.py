@@ -31,7 +31,8 @@ from ident.laws.motion import Losses
 from ident.model.inertia import is_consistent
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
-from ident.safe_read import read_text
+from ident.robot.names import require_bounded
+from ident.safe_read import read_text, read_xml
 
 # Poses at which the axes are compared; a handful fixes a rigid motion many times over.
 POSES = 12
@@ -195,10 +196,9 @@ def open_mjcf(source: Path) -> tuple[ET.Element, mujoco.MjModel]:
     """The elements of a file, and what MuJoCo makes of it; InputError for none that it loads by itself."""
     parser, remedy = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)), "give a file that MuJoCo loads"
     try:
-        root = ET.fromstring(read_text(source, remedy), parser)
-        if root.find(".//include") is not None:
-            raise InputError(source, "it includes other files", "give the file in which the arm's bodies stand")
-        return root, mujoco.MjModel.from_xml_path(str(source))
+        text = read_text(source, remedy)
+        require_bounded(read_xml(text, source, remedy, InputError), source)
+        return ET.fromstring(text, parser), mujoco.MjModel.from_xml_path(str(source))
     except (OSError, ET.ParseError, ValueError) as error:
         raise InputError(source, f"can't be read as MJCF ({first_line(error)})", remedy) from None
 
