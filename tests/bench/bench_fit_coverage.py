@@ -5,8 +5,7 @@
 The ideal knows what no fit can know: the spectrum of the noise of each joint, encoders' included, and how much friction
 changes from run to run and drifts. It weighs rows by them, in the frequency domain, on the same states and with the
 same prior of the inertias. Widths are shares of its own: where it takes the rows that the fit takes, and where it takes
-every moving row, through reversals too, as if friction were known there. Truth is the arm's own; friction that drifts
-is taken at the session's start.
+every moving row, through reversals too, as if friction were known there. Truth: at the session's start.
 """
 
 from __future__ import annotations
