@@ -56,8 +56,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         record, findings = _record(results[case]), _findings(results[case])
         control = _findings(results.get(answer["control"], {}))
         base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
-        measured: list[Finding] = [
-            {"effect": effect, "joints": [joint]}
+        measured: list[Row] = [
+            {"effect": effect, "joints": [joint], "may_stand_at": [joint]}
             for effect, joints in measured_causes(answer["arm"]).items()
             for joint in joints
         ]
@@ -100,7 +100,7 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         verdict = record.get("verdict", "error")
         row = {**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds}
         sure = [one for one in findings if _probability(one) >= CONFIDENT]
-        seen = [any(holds(one, {**it, "may_stand_at": it["joints"]}) for one in sure) for it in measured]
+        seen = [any(holds(one, it) for one in sure) for it in measured]
         cases.append({**row, "measured": seen if answer["kind"] == "control" else []})
         effects += planted
     return effects, names, cases

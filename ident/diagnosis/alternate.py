@@ -36,7 +36,7 @@ class Settled:
 
     search: Search  # the search that gave them, with what it is to do without
     found: SearchResults  # what it found
-    estimates: list[Estimate]  # estimates of each name
+    estimates: list[Estimate]  # of each name
     fine: Refined | None  # their finer grids, if there are names
     doubted: tuple[Reservation, ...]  # why further names were not believed
 

@@ -83,10 +83,9 @@ def tuned_beside(
     """Parameters of the baseline that goes with effects of given size, as `tuned_alone`.
 
     Reported parameters are not always those of the model that solves everything at once: what tuning would absorb is
-        reported
-    against the URDF fixed, and inner parameters from a finer grid. What the tuned arm has to explain then is the
-    torque less these effects. Losses that would drive are held at zero, and what of an effect is as well a joint's dry
-    friction is counted there.
+    reported against the URDF fixed, and inner parameters from a finer grid. What the tuned arm has to explain then is
+    the torque less these effects. Losses that would drive are held at zero, and what of an effect is as well a joint's
+    dry friction is counted there.
 
     Args:
         baseline: The user's arm.

@@ -106,10 +106,6 @@ class PairedSums:
     always: Int[Array, " P"]  # for each change's column that which holds the same in all runs
     common: tuple[Group, ...]  # the effects whose columns in all runs are the baseline's further ones, in their order
 
-    def in_all_runs(self, group: Group) -> Int[Array, " k"]:
-        """The columns of a change's effect in all runs."""
-        return self.always[group.columns]
-
 
 def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
     """The sums with every candidate twice: in all runs, and in the later set alone.

@@ -198,8 +198,7 @@ class ChangeSearch(Search):
             best = [pair for pair in self.best_by_key(model, names).values() if pair[0] >= self.least]
             joints = {joint_of(group) for _, group in best}
             nulls = {joint: self.design.permuted.nulls(joint, self.prior, names) for joint in joints}
-            # Of laws at one joint that of more evidence comes first; how much it counts is decided by all of them
-            # there.
+            # Of laws at one joint that of more evidence comes first; what it counts is decided by all of them there.
             counts = {group: score / nulls[joint_of(group)][None].ratio for score, group in best}
             tried = sorted(counts, key=counts.__getitem__, reverse=True)
 

@@ -1,8 +1,8 @@
 """Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
 
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model, or, where a name that
-tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF held
-fast, in which that was judged. Joints without a gap have no place. Likely names of the first joint come first, so that
+tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF
+fixed, in which that was judged. Joints without a gap have no place. Likely names of the first joint come first, so that
 the first place, the first name and its action are about one thing.
 """
 

@@ -140,8 +140,8 @@ class HeldOut:
             places, into = _spots(local, found.columns)
             w = found.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, into_table in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
-                    into_table[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
+                for sums, squared in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
+                    squared[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:

@@ -57,8 +57,8 @@ class Estimate:
     def undefined(self) -> str | None:
         """Why nobody can say that there is such an effect, or None.
 
-        A parameter may be unsure where the effect is not: the stiffness at its rest of a spring that rests out of
-            reach.
+        A parameter may be unsure where the effect is not: the stiffness, at its rest, of a spring that rests out
+        of reach.
         """
         return None if self.certain else undefined(self.refined.effect, self.parameters)
 

@@ -1,8 +1,7 @@
 """Parameters over a grid of laws: how well each point of a named effect's finer grid explains what the best one does.
 
 A law has parameters in which its torque is not linear: the speed of a Stribeck curve, the order of a wave. Each point
-    of
-their grid has coefficients of its own, so an interval that is true of the best point alone is too narrow. With Δ the
+of their grid has coefficients of its own, so an interval that is true of the best point alone is too narrow. With Δ the
 fall of the log likelihood from the best point to another, θ the coefficients there and s their deviation, the profile
 of a parameter reaches to
 

@@ -51,7 +51,8 @@ class Search(Candidates):
         named, gram = list(start), self.evidence.gram()
         while named and changed:
             groups = self._polish(gram, [item.group for item in named], changed)
-            changed |= self._joints(*(new for new, item in zip(groups, named, strict=True) if new is not item.group))
+            moved = (new for new, item in zip(groups, named, strict=True) if new is not item.group)
+            changed = changed | self._joints(*moved)
             for k, group in enumerate(groups):
                 if changed & self._joints(group):
                     named[k] = self.judged_beside(gram, groups, k)

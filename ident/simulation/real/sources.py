@@ -8,6 +8,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +105,10 @@ def load_sources(folder: Path) -> tuple[Source, ...]:
     return tuple(found)
 
 
+@cache
 def measured_causes(arm: str) -> dict[str, list[str]]:
     """What others measured of an arm whose recordings are public: joints by effect (`measured.toml`)."""
-    table = tomllib.loads((Path(__file__).with_name("measured.toml")).read_text(encoding="utf-8"))
-    found: dict[str, list[str]] = table.get(arm, {})
-    return found
+    return dict(tomllib.loads(Path(__file__).with_name("measured.toml").read_text(encoding="utf-8")).get(arm, {}))
 
 
 def _load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
