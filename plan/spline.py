@@ -98,15 +98,10 @@ def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Arr
 
 @dataclass(frozen=True, eq=False)
 class Splines:
-    """A batch of B clamped cubic splines with V via points.
+    """A batch of B clamped cubic splines with V via points."""
 
-    Attributes:
-        points: Start, via points, goal [rad].
-        durations: Section durations, all above zero [s].
-    """
-
-    points: Float[Array, "B K n"]
-    durations: Float[Array, "B S"]
+    points: Float[Array, "B K n"]  # start, via points, goal [rad]
+    durations: Float[Array, "B S"]  # section durations, all above zero [s]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", freeze(np.ascontiguousarray(self.points, dtype=float)))

@@ -19,11 +19,7 @@ Layers = list[tuple[Array, Array]]
 
 @dataclass(frozen=True, eq=False)
 class CompiledDenseNet:
-    """The paper's kind: one fully connected net from (q, dq, ddq) to all torques, tanh inside.
-
-    Attributes:
-        layers: Its layers.
-    """
+    """The paper's kind: one fully connected net from (q, dq, ddq) to all torques, tanh inside."""
 
     layers: Layers
 
@@ -77,13 +73,10 @@ class CompiledJointNets:
     """The default kind: a net for each joint, SiLU inside.
 
     A joint's inputs are dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, and √(τ² + ε²) tanh(dq / v₁).
-
-    Attributes:
-        joints: Layers of each joint's net.
-        bounds: Speeds, accelerations and loads of the training; beyond them the net gives what it gives at their edge.
     """
 
-    joints: tuple[Layers, ...]
+    joints: tuple[Layers, ...]  # layers of each joint's net
+    # Speeds, accelerations and loads of the training; beyond them the net gives what it gives at their edge.
     bounds: NetBounds | None = None
 
     def frozen(self, positions: Float[Array, " k"]) -> CompiledJointNets:

@@ -44,19 +44,12 @@ def _torque_states(chain, losses, q, dq, ddq):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class ChainTorque:
-    """Rigid body, losses and perhaps named laws and a net, compiled: eq. 1 of the paper for a planner's appetite.
+    """Rigid body, losses and perhaps named laws and a net, compiled: eq. 1 of the paper for a planner's appetite."""
 
-    Attributes:
-        chain: The arm as arrays.
-        losses: Losses of its joints.
-        net: Residual net of the chain's joints; None without.
-        named: Friction laws of the chain's joints that a diagnosis named.
-    """
-
-    chain: Chain
-    losses: LossParameters
-    net: CompiledNet | None = None
-    named: tuple[NamedLaw, ...] = ()
+    chain: Chain  # the arm as arrays
+    losses: LossParameters  # losses of its joints
+    net: CompiledNet | None = None  # residual net of the chain's joints; None without
+    named: tuple[NamedLaw, ...] = ()  # friction laws of the chain's joints that a diagnosis named
 
     @property
     def n(self) -> int:
@@ -178,15 +171,10 @@ LAW_STEP = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class TorqueDerivatives:
-    """Torque at T states and its partial derivatives; first index the state, second the torque's joint.
+    """Torque at T states and its partial derivatives; first index the state, second the torque's joint."""
 
-    Attributes:
-        tau: Torque [N m].
-        by_position, by_speed, by_acceleration: Derivatives by the joints' q, dq and ddq.
-    """
-
-    tau: Float[Array, "T n"]
-    by_position: Float[Array, "T n n"]
+    tau: Float[Array, "T n"]  # torque [N m]
+    by_position: Float[Array, "T n n"]  # derivatives by the joints' q, dq and ddq
     by_speed: Float[Array, "T n n"]
     by_acceleration: Float[Array, "T n n"]
 

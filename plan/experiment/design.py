@@ -37,17 +37,11 @@ Progress = Callable[[int, int, float], None]
 
 
 class RatedRuns(NamedTuple):
-    """A set of runs with its score.
+    """A set of runs with its score."""
 
-    Attributes:
-        rate: Its score; minus infinity if it does not fit.
-        family: Name of its family.
-        shares: What it was made of, see `RunSet.decode`.
-    """
-
-    rate: float
-    family: str
-    shares: Float[Array, " d"]
+    rate: float  # its score; minus infinity if it does not fit
+    family: str  # name of its family
+    shares: Float[Array, " d"]  # what it was made of, see `RunSet.decode`
 
 
 def search(

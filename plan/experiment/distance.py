@@ -49,36 +49,24 @@ Reported = Mapping[str, float]
 
 @dataclass(frozen=True, eq=False)
 class TrueModel:
-    """One effect at one joint: how large it is taken to be, and where its columns stand.
-
-    Attributes:
-        effect: The effect.
-        source: Where its size is from: `diagnosis`, `typical`, or `not seen`, with the reason.
-        beta: Its coefficients at the expected point of its inner grid; None where the motion can't show it.
-        columns: For each point of the grid, its columns in `PredictedDesign.rest`.
-        at: Which point is the expected one.
-    """
+    """One effect at one joint: how large it is taken to be, and where its columns stand."""
 
     effect: Effect
-    source: str
+    source: str  # where its size is from: `diagnosis`, `typical`, or `not seen`, with the reason
+    # Its coefficients at the expected point of its inner grid; None where the motion can't show it.
     beta: Float[Array, " k"] | None = None
-    columns: tuple[Int[Array, " k"], ...] = ()
-    at: int = 0
+    columns: tuple[Int[Array, " k"], ...] = ()  # for each point of the grid, its columns in `PredictedDesign.rest`
+    at: int = 0  # which point is the expected one
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedDesign:
-    """Whitened sums of a motion's columns, the tuned ones taken out.
+    """Whitened sums of a motion's columns, the tuned ones taken out."""
 
-    Attributes:
-        rest: Schur complement over the effects' columns [1].
-        base: Information on the base parameters, loss figures taken out, in units of the URDF's doubt.
-        candidates: The effects.
-    """
-
-    rest: Float[Array, "K K"]
+    rest: Float[Array, "K K"]  # schur complement over the effects' columns [1]
+    # Information on the base parameters, loss figures taken out, in units of the URDF's doubt.
     base: Float[Array, "r r"]
-    candidates: tuple[TrueModel, ...]
+    candidates: tuple[TrueModel, ...]  # the effects
 
     def distance(self, k: int, rival: int | None) -> float:
         """D(k|l) in nats, the rival at its best inner figures; against the baseline alone if there is no rival."""
@@ -126,17 +114,11 @@ class PredictedDesign:
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """What the diagnosis will know when it looks at a motion that is yet to be recorded.
-
-    Attributes:
-        arm: The arm.
-        baseline: Tuned on an imagined healthy recording.
-        noise: Standard deviation of each joint's torque noise [N m].
-    """
+    """What the diagnosis will know when it looks at a motion that is yet to be recorded."""
 
     arm: ArmModel
-    baseline: Baseline
-    noise: Float[Array, " n"]
+    baseline: Baseline  # tuned on an imagined healthy recording
+    noise: Float[Array, " n"]  # standard deviation of each joint's torque noise [N m]
 
     @classmethod
     def of(cls, arm: ArmModel, noise: Float[Array, " n"] | None = None) -> Predictor:

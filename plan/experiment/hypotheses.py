@@ -70,22 +70,14 @@ MOST_EFFECTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """What is asked of the arm.
+    """What is asked of the arm."""
 
-    Attributes:
-        aim: `separate` effects from each other, `show` effects, or `identify` the base parameters.
-        effects: Effects and their joints (0 for one of the whole arm).
-        joint: The joint that moves most.
-        reported: What a diagnosis knows of their sizes, by effect.
-        noise: Noise of each joint [N m], or None.
-        testable: Of the pairs (true, rival) those that motion can part; None for all.
-    """
-
-    aim: Aim
-    effects: tuple[tuple[Effect, int], ...]
-    joint: int
-    reported: Mapping[str, Reported] = field(default_factory=dict)
-    noise: Array | None = None
+    aim: Aim  # `separate` effects from each other, `show` effects, or `identify` the base parameters
+    effects: tuple[tuple[Effect, int], ...]  # effects and their joints (0 for one of the whole arm)
+    joint: int  # the joint that moves most
+    reported: Mapping[str, Reported] = field(default_factory=dict)  # what a diagnosis knows of their sizes, by effect
+    noise: Array | None = None  # noise of each joint [N m], or None
+    # Of the pairs (true, rival) those that motion can part; None for all.
     testable: tuple[tuple[str, str], ...] | None = None
 
     @property

@@ -41,50 +41,31 @@ def minutes_to_odds(distance: float, seconds: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Excitation(Result):
-    """A motion that answers a question, or the set-up that must change first.
-
-    Attributes:
-        robot: Name of the arm.
-        status: `ready`; `one_sided` where motion shows one effect if it is that, but the other only with another
-            set-up; `needs_set_up` where no motion tells them apart.
-        aim: `separate`, `show` or `identify`.
-        effects: Their ids.
-        joint: The joint that moves most.
-        run_set: Family and figures.
-        runs: The runs.
-        distances: Of the proposed motion [nats].
-        testable: The pairs (true, rival) that motion can part; None for all.
-        random: The same of random motion of equal length, the median of some.
-        information: Gained on a single model's parameters by the proposed and by random motion [nats].
-        noise: Of each joint [N m].
-        sources: Where noise and sizes come from.
-        clearance: Proven between the links [m]; None where no pair of them is looked at.
-        scene: The arm's shapes and what stands around it.
-        carried: What it carries, and the frame on which each of it hangs.
-        set_up: Advice beside the motion, or None.
-        evaluations, seconds, seed: Of the search.
-    """
+    """A motion that answers a question, or the set-up that must change first."""
 
     SHOWN_BY = "plan.show.results"
 
-    robot: str
+    robot: str  # name of the arm
+    # `ready`; `one_sided` where motion shows one effect if it is that, but the other only with another set-up;
+    # `needs_set_up` where no motion tells them apart.
     status: Status
-    aim: Aim
-    effects: tuple[str, ...]
-    joint: str
-    run_set: RunSet
+    aim: Aim  # `separate`, `show` or `identify`
+    effects: tuple[str, ...]  # their ids
+    joint: str  # the joint that moves most
+    run_set: RunSet  # family and figures
     runs: tuple[ReferenceMotion, ...]
-    distances: Distances
-    testable: tuple[tuple[str, str], ...] | None
-    random: Distances
+    distances: Distances  # of the proposed motion [nats]
+    testable: tuple[tuple[str, str], ...] | None  # the pairs (true, rival) that motion can part; None for all
+    random: Distances  # the same of random motion of equal length, the median of some
+    # Gained on a single model's parameters by the proposed and by random motion [nats].
     information: tuple[float, float]
-    noise: Mapping[str, float]
-    sources: Mapping[str, str]
-    clearance: float | None
-    scene: Scene
-    carried: tuple[dict[str, object], ...]
-    set_up: str | None
-    evaluations: int
+    noise: Mapping[str, float]  # of each joint [N m]
+    sources: Mapping[str, str]  # where noise and sizes come from
+    clearance: float | None  # proven between the links [m]; None where no pair of them is looked at
+    scene: Scene  # the arm's shapes and what stands around it
+    carried: tuple[dict[str, object], ...]  # what it carries, and the frame on which each of it hangs
+    set_up: str | None  # advice beside the motion, or None
+    evaluations: int  # of the search
     seconds: float
     seed: int
 

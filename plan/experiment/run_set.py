@@ -69,23 +69,14 @@ def figure_at(name: str, bounds: tuple[float, float], share: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Where a run takes place; a method for each family gives its positions at the controller's ticks, rest to rest.
+    """Where a run takes place; a method for each family gives its positions at the controller's ticks, rest to rest."""
 
-    Attributes:
-        limits: Of the arm.
-        joint: The joint that is asked about.
-        pose: The run's pose, in which the other joints stand [rad].
-        size: Share of the family's reach that may be used: less where it would not fit.
-        duration: Time for the run's own part [s].
-        rng: Source of chance.
-    """
-
-    limits: MotionLimits
-    joint: int
-    pose: Float[Array, " n"]
-    size: float
-    duration: float
-    rng: np.random.Generator
+    limits: MotionLimits  # of the arm
+    joint: int  # the joint that is asked about
+    pose: Float[Array, " n"]  # the run's pose, in which the other joints stand [rad]
+    size: float  # share of the family's reach that may be used: less where it would not fit
+    duration: float  # time for the run's own part [s]
+    rng: np.random.Generator  # source of chance
 
     @property
     def room(self) -> Float[Array, " n"]:
@@ -228,20 +219,13 @@ class RunSet:
     """Runs of one family; each starts and ends at home, so that they can be run one after the other.
 
     The other joints stand in a pose of each run's own, which changes what the joint in question carries.
-
-    Attributes:
-        family: Name of the family.
-        figures: Its figures.
-        home: Start and end of every run [rad].
-        joint: The joint that moves most.
-        seed: Of poses, phases and orders.
     """
 
-    family: str
-    figures: Mapping[str, float]
-    home: Float[Array, " n"]
-    joint: int
-    seed: int
+    family: str  # name of the family
+    figures: Mapping[str, float]  # its figures
+    home: Float[Array, " n"]  # start and end of every run [rad]
+    joint: int  # the joint that moves most
+    seed: int  # of poses, phases and orders
 
     @classmethod
     def decode(cls, family: str, shares: Float[Array, " d"], joint: int, limits: MotionLimits, seed: int) -> RunSet:

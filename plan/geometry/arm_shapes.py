@@ -42,14 +42,10 @@ VERSION = b"1"
 
 @dataclass(frozen=True, eq=False)
 class ConvexParts:
-    """A mesh as convex parts.
+    """A mesh as convex parts."""
 
-    Attributes:
-        corners: Of each part, in the mesh's axes [m].
-        excess: By how much the parts hold more than the mesh, as a share of its volume; None of an open mesh.
-    """
-
-    corners: tuple[Float[Array, "k 3"], ...]
+    corners: tuple[Float[Array, "k 3"], ...]  # of each part, in the mesh's axes [m]
+    # By how much the parts hold more than the mesh, as a share of its volume; None of an open mesh.
     excess: float | None
 
 
@@ -147,19 +143,13 @@ WEIGHTLESS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ArmShapes:
-    """Shapes of an arm's links.
+    """Shapes of an arm's links."""
 
-    Attributes:
-        boxes: The shapes, in the order of their links along the arm.
-        bare: Links without collision geometry, for which something stands in.
-        stand_in: What does.
-        meshes: Links that are meshes: name, number of convex parts, and by how much these hold more than the mesh, as a
-            share of its volume; None of an open mesh, which has none.
-    """
-
-    boxes: tuple[Box, ...]
-    bare: tuple[str, ...]
-    stand_in: StandIn | None
+    boxes: tuple[Box, ...]  # the shapes, in the order of their links along the arm
+    bare: tuple[str, ...]  # links without collision geometry, for which something stands in
+    stand_in: StandIn | None  # what does
+    # Links that are meshes: name, number of convex parts, and by how much these hold more than the mesh, as a share of
+    # its volume; None of an open mesh, which has none.
     meshes: tuple[tuple[str, int, float | None], ...]
 
     @property

@@ -27,21 +27,13 @@ CLOSEST = 2e-5
 
 @dataclass(frozen=True)
 class Clearance:
-    """What is known of a motion's clearance.
+    """What is known of a motion's clearance."""
 
-    Attributes:
-        proven: The motion keeps at least this, between samples too; below zero if it collides [m].
-        seen: Smallest distance met [m].
-        time: When [s].
-        pair: Names of the two shapes.
-        checks: Positions looked at.
-    """
-
-    proven: float
-    seen: float
-    time: float
-    pair: str
-    checks: int
+    proven: float  # the motion keeps at least this, between samples too; below zero if it collides [m]
+    seen: float  # smallest distance met [m]
+    time: float  # when [s]
+    pair: str  # names of the two shapes
+    checks: int  # positions looked at
 
     @property
     def checked(self) -> bool:

@@ -29,35 +29,22 @@ class CompiledBodies(NamedTuple):
 
     Behind all shapes stand the parts of hulls that are not convex themselves: a hull that comes near is looked at by
     its parts.
-
-    Attributes:
-        carrier: Number of the joint that carries each, 0 for the world.
-        rot, at: Axes and centre in the joint frame.
-        placed_rot, placed_at: The same in the base frame; those of links are room that loops write into.
-        half: Half lengths of the box around each [m].
-        core: Half lengths of its core, for those that are boxes, rods or points with a radius [m].
-        radius: By which the core is grown [m].
-        ball: Radius of the ball around it [m].
-        first, number: Place and number of its corners; no corners for the simple ones.
-        corners: Corners in the bodies' axes, from their centres [m].
-        owner: Number of the shape that each belongs to.
-        part, parts: The first of a hull's parts, and their number; no parts of what is convex.
     """
 
-    carrier: Array
-    rot: Array
+    carrier: Array  # number of the joint that carries each, 0 for the world
+    rot: Array  # axes and centre in the joint frame
     at: Array
-    placed_rot: Array
+    placed_rot: Array  # the same in the base frame; those of links are room that loops write into
     placed_at: Array
-    half: Array
-    core: Array
-    radius: Array
-    ball: Array
-    first: Array
+    half: Array  # half lengths of the box around each [m]
+    core: Array  # half lengths of its core, for those that are boxes, rods or points with a radius [m]
+    radius: Array  # by which the core is grown [m]
+    ball: Array  # radius of the ball around it [m]
+    first: Array  # place and number of its corners; no corners for the simple ones
     number: Array
-    corners: Array
-    owner: Array
-    part: Array
+    corners: Array  # corners in the bodies' axes, from their centres [m]
+    owner: Array  # number of the shape that each belongs to
+    part: Array  # the first of a hull's parts, and their number; no parts of what is convex
     parts: Array
 
 
@@ -73,42 +60,26 @@ class Points(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """Boxes along the base frame's axes, one inside the other, round the bodies of the world.
+    """Boxes along the base frame's axes, one inside the other, round the bodies of the world."""
 
-    Attributes:
-        low, high: Of each node [m].
-        left, right: Its children; -1 for a leaf.
-        body: The body of a leaf.
-        root: Node of each shape that stands in the world, in order; the last one is the root of all, -1 if none.
-    """
-
-    low: Array
+    low: Array  # of each node [m]
     high: Array
-    left: Array
+    left: Array  # its children; -1 for a leaf
     right: Array
-    body: Array
-    root: Array
+    body: Array  # the body of a leaf
+    root: Array  # node of each shape that stands in the world, in order; the last one is the root of all, -1 if none
 
 
 class CompiledScene(NamedTuple):
-    """A scene for compiled loops.
+    """A scene for compiled loops."""
 
-    Attributes:
-        chain: The arm's kinematics.
-        links: Number of the arm's shapes, each of them one body, which come first.
-        bodies: Of all shapes.
-        tree: Of those that stand in the world.
-        frame_rot, frame_at: Room for axes and origins of the joint frames; frame 0 is the world.
-        reach: Room for a number of each joint.
-    """
-
-    chain: Chain
-    links: int
-    bodies: CompiledBodies
-    tree: Tree
-    frame_rot: Array
+    chain: Chain  # the arm's kinematics
+    links: int  # number of the arm's shapes, each of them one body, which come first
+    bodies: CompiledBodies  # of all shapes
+    tree: Tree  # of those that stand in the world
+    frame_rot: Array  # room for axes and origins of the joint frames; frame 0 is the world
     frame_at: Array
-    reach: Array
+    reach: Array  # room for a number of each joint
 
 
 def compile_scene(chain: Chain, boxes: Sequence[Box], links: int) -> CompiledScene:

@@ -43,15 +43,10 @@ OVERLAP = "their shapes overlap in most positions"
 
 @dataclass(frozen=True)
 class Unchecked(Record):
-    """Two links whose clearance is not looked at.
+    """Two links whose clearance is not looked at."""
 
-    Attributes:
-        links: Their names.
-        reason: Why.
-    """
-
-    links: tuple[str, str]
-    reason: str
+    links: tuple[str, str]  # their names
+    reason: str  # why
 
 
 def choose_pairs(
@@ -135,34 +130,21 @@ ENDS = ("start", "goal", "build")
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """What a search keeps of the compiled gaps [m].
+    """What a search keeps of the compiled gaps [m]."""
 
-    Attributes:
-        asked: Clearance asked for.
-        pairs: Least gap of each pair.
-        bodies: The same for each pair of links, then for each moving link against the whole world.
-    """
-
-    asked: float
-    pairs: Float[Array, " P"]
-    bodies: Float[Array, " c"]
+    asked: float  # clearance asked for
+    pairs: Float[Array, " P"]  # least gap of each pair
+    bodies: Float[Array, " c"]  # the same for each pair of links, then for each moving link against the whole world
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Two links that have to be closer to each other than was asked for.
+    """Two links that have to be closer to each other than was asked for."""
 
-    Attributes:
-        pair: Number of the pair.
-        links: Their names.
-        end: Where they are that close: start, goal, or almost everywhere by the arm's build.
-        asked, kept: Clearance asked for, and what they keep [m].
-    """
-
-    pair: int
-    links: tuple[str, str]
-    end: str
-    asked: float
+    pair: int  # number of the pair
+    links: tuple[str, str]  # their names
+    end: str  # where they are that close: start, goal, or almost everywhere by the arm's build
+    asked: float  # clearance asked for, and what they keep [m]
     kept: float
 
     def __str__(self) -> str:

@@ -33,21 +33,15 @@ BESIDE, HARDLY, DRAWN, WIDE = 2, 0.95, 200, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Shapes of an arm and of obstacles.
-
-    Attributes:
-        arm: The arm.
-        boxes: Links first, then obstacles.
-        pairs: Numbers of the two shapes of each pair that is checked; the first is the one nearer to the base.
-        unchecked: Pairs of links that can move against each other and are left out, each with the reason.
-        shapes: Where the links' shapes come from.
-    """
+    """Shapes of an arm and of obstacles."""
 
     arm: ArmModel
-    boxes: tuple[Box, ...]
+    boxes: tuple[Box, ...]  # links first, then obstacles
+    # Numbers of the two shapes of each pair that is checked; the first is the one nearer to the base.
     pairs: Int[Array, "P 2"]
+    # Pairs of links that can move against each other and are left out, each with the reason.
     unchecked: tuple[Unchecked, ...]
-    shapes: ArmShapes
+    shapes: ArmShapes  # where the links' shapes come from
 
     @classmethod
     def build(

@@ -18,23 +18,17 @@ Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface", "cloud
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A shape in the axes of its box, about the box's centre.
+    """A shape in the axes of its box, about the box's centre."""
 
-    Attributes:
-        kind: What it is.
-        size: Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule, whose
-            half length leaves its caps out, and of a cylinder; radius of a cloud's balls; empty for the others [m].
-        points: Corners of a hull or a surface, middles of a cloud's balls [m].
-        triangles: Corners of each triangle of a surface, by number, seen from outside against the clock.
-        note: What of the file that it comes from was made coarser; empty for nothing.
-        parts: Corners of the convex bodies of which a hull is the hull, if it is not one itself [m].
-    """
-
-    kind: Kind
+    kind: Kind  # what it is
+    # Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule, whose half length
+    # leaves its caps out, and of a cylinder; radius of a cloud's balls; empty for the others [m].
     size: Float[Array, " s"]
-    points: Float[Array, "k 3"]
+    points: Float[Array, "k 3"]  # corners of a hull or a surface, middles of a cloud's balls [m]
+    # Corners of each triangle of a surface, by number, seen from outside against the clock.
     triangles: Int[Array, "m 3"]
-    note: str = ""
+    note: str = ""  # what of the file that it comes from was made coarser; empty for nothing
+    # Corners of the convex bodies of which a hull is the hull, if it is not one itself [m].
     parts: tuple[Float[Array, "p 3"], ...] = ()
 
     @classmethod
@@ -128,24 +122,15 @@ def mesh_triangles(model: coal.BVHModelBase) -> Int[Array, "m 3"]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A shape fixed to a joint of the arm, or to the world, by the box around it.
+    """A shape fixed to a joint of the arm, or to the world, by the box around it."""
 
-    Attributes:
-        name: Name of the link or obstacle.
-        joint: Number of the joint that carries it, 1 to n; 0 for the world.
-        rotation: Its axes in the joint frame.
-        centre: Its centre in the joint frame [m].
-        half: Half edge lengths [m].
-        body: Order of its link along the arm; -1 for an obstacle.
-        solid: What it is exactly; the box itself if not given.
-    """
-
-    name: str
-    joint: int
-    rotation: Float[Array, "3 3"]
-    centre: Float[Array, " 3"]
-    half: Float[Array, " 3"]
-    body: int = -1
+    name: str  # name of the link or obstacle
+    joint: int  # number of the joint that carries it, 1 to n; 0 for the world
+    rotation: Float[Array, "3 3"]  # its axes in the joint frame
+    centre: Float[Array, " 3"]  # its centre in the joint frame [m]
+    half: Float[Array, " 3"]  # half edge lengths [m]
+    body: int = -1  # order of its link along the arm; -1 for an obstacle
+    # What it is exactly; the box itself if not given.
     solid: Solid = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:

@@ -26,17 +26,11 @@ TIPS = ("tcp", "tool0", "tool_frame", "flange")
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """A shape that the arm carries.
+    """A shape that the arm carries."""
 
-    Attributes:
-        box: The shape in its link's frame.
-        link: That link or frame; the arm's tip frame if None.
-        touches: Links that it may touch.
-    """
-
-    box: Box
-    link: str | None = None
-    touches: tuple[str, ...] = ()
+    box: Box  # the shape in its link's frame
+    link: str | None = None  # that link or frame; the arm's tip frame if None
+    touches: tuple[str, ...] = ()  # links that it may touch
 
 
 def find_tip(arm: ArmModel) -> str:

@@ -23,17 +23,11 @@ MOST = 16
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        positions: Joint positions, the nearest to the start first.
-        outside: How many more there are beyond the position limits.
-        nearest: How near the frame comes where no way leads there: place [m] and turn [rad].
-    """
-
-    positions: tuple[Float[Array, " n"], ...]
-    outside: int
-    nearest: tuple[float, float]
+    positions: tuple[Float[Array, " n"], ...]  # joint positions, the nearest to the start first
+    outside: int  # how many more there are beyond the position limits
+    nearest: tuple[float, float]  # how near the frame comes where no way leads there: place [m] and turn [rad]
 
 
 def reach_pose(

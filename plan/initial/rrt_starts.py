@@ -33,19 +33,13 @@ RANGES = ((0.7, 600), (np.pi, 4000))
 
 @dataclass(frozen=True, eq=False)
 class Seed:
-    """One initial trajectory, or why there is none.
+    """One initial trajectory, or why there is none."""
 
-    Attributes:
-        label: Which of the nine points it goes through.
-        target: That point in the base frame [m].
-        vias: Via points between start and goal [rad]; empty if it failed.
-        reason: Why it failed; empty if it did not.
-    """
-
-    label: str
-    target: Float[Array, " 3"]
+    label: str  # which of the nine points it goes through
+    target: Float[Array, " 3"]  # that point in the base frame [m]
+    # Via points between start and goal [rad]; empty if it failed.
     vias: Float[Array, "V n"] = field(default_factory=lambda: np.empty((0, 0)))
-    reason: str = ""
+    reason: str = ""  # why it failed; empty if it did not
 
 
 def midplane_targets(

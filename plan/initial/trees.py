@@ -27,22 +27,14 @@ def endless() -> float:
 
 @dataclass(frozen=True, eq=False)
 class Trees:
-    """What trees need to look for ways.
+    """What trees need to look for ways."""
 
-    Attributes:
-        scene: What to keep clear of.
-        lower, upper: Position limits [rad].
-        rng: Source of randomness.
-        margins: Clearance that every node and edge keeps, of each pair or of all [m].
-        left: Processor time that is left, at which trees end [s].
-    """
-
-    scene: Scene
-    lower: Float[Array, " n"]
+    scene: Scene  # what to keep clear of
+    lower: Float[Array, " n"]  # position limits [rad]
     upper: Float[Array, " n"]
-    rng: np.random.Generator
-    margins: Margins | float = 0.0
-    left: Callable[[], float] = endless
+    rng: np.random.Generator  # source of randomness
+    margins: Margins | float = 0.0  # clearance that every node and edge keeps, of each pair or of all [m]
+    left: Callable[[], float] = endless  # processor time that is left, at which trees end [s]
 
     @classmethod
     def of(cls, problem: PlanningProblem, rng: np.random.Generator, left: Callable[[], float] = endless) -> Trees:

@@ -27,12 +27,9 @@ class BruteForce(Planner):
     (its 11⁶ is levels^(joints · vias); every printed value lies on that grid), and a duration from a third of the
     initial one to three times that. The costs of all grid points are computed first; then the limits and the clearance
     are checked in the order of cost until one point keeps all.
-
-    Attributes:
-        levels: Values of each variable.
     """
 
-    levels: int = 11
+    levels: int = 11  # values of each variable
     name: ClassVar[str] = "brute"
     threads: ClassVar[int] = 2
 

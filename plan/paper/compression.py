@@ -29,11 +29,9 @@ class Compression(Planner):
     as far as it goes; the first ones leave their neighbours no room. In `sections` each gives up a tenth at most, pass
     after pass, until a pass gains nothing. One factor keeps the path as it is; unequal sections change the spline
     between the via points, so collisions are checked again.
-
-    Attributes:
-        mode: `factor`, `pass`, `sections`, or `all` for the best of them.
     """
 
+    # `factor`, `pass`, `sections`, or `all` for the best of them.
     mode: Literal["factor", "pass", "sections", "all"] = "all"
     name: ClassVar[str] = "compress"
 

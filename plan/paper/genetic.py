@@ -20,22 +20,14 @@ class Genetic(Planner):
     Each variable is a line of bits over its range. Parents are drawn with a probability that falls with cost; each
     exchanges random bits with another. The paper prints neither mutation nor how cost becomes probability: here
     exponential in the rank of cost, and a small flip rate. The best is carried over.
-
-    Attributes:
-        bits: Bits of a gene.
-        population: Offspring a generation.
-        generations: Generations.
-        crossover: Share of parents that exchange bits.
-        flip: Probability that a bit flips.
-        serial: Evaluate one child at a time, as the paper had to on its graphics card.
     """
 
-    bits: int = 10
-    population: int = 100
-    generations: int = 200
-    crossover: float = 0.8
-    flip: float = 0.004
-    serial: bool = False
+    bits: int = 10  # bits of a gene
+    population: int = 100  # offspring a generation
+    generations: int = 200  # generations
+    crossover: float = 0.8  # share of parents that exchange bits
+    flip: float = 0.004  # probability that a bit flips
+    serial: bool = False  # evaluate one child at a time, as the paper had to on its graphics card
     name: ClassVar[str] = "ga"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:

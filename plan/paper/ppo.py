@@ -31,12 +31,9 @@ class Ppo(Planner):
     """PPO with the schedule of Fig. 10: 100 epochs for every seed, then rounds of 100 for one drawn by its learning.
 
     An epoch is one trajectory, as in the paper; they are evaluated in batches.
-
-    Attributes:
-        epochs: Epochs in all.
     """
 
-    epochs: int = 2100
+    epochs: int = 2100  # epochs in all
     name: ClassVar[str] = "ppo"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:

@@ -48,40 +48,26 @@ PAPER: dict[str, tuple[float, ...]] = {name: tuple(values) for name, values in _
 
 @dataclass(frozen=True)
 class Line:
-    """One row of a table: what the paper prints, and what came out here.
+    """One row of a table: what the paper prints, and what came out here."""
 
-    Attributes:
-        name: What was run.
-        unit: J or s.
-        paper: The paper's figures, trial by trial; empty where it has none.
-        ours: Ours; infinite where there was no plan.
-        cpu_seconds: Processor time of all trials [s].
-        details: Via points, seconds and gain in words, the paper's and ours; empty where the paper prints none.
-    """
-
-    name: str
-    unit: str
-    paper: tuple[float, ...]
-    ours: tuple[float, ...] = ()
-    cpu_seconds: float = 0.0
+    name: str  # what was run
+    unit: str  # J or s
+    paper: tuple[float, ...]  # the paper's figures, trial by trial; empty where it has none
+    ours: tuple[float, ...] = ()  # ours; infinite where there was no plan
+    cpu_seconds: float = 0.0  # processor time of all trials [s]
+    # Via points, seconds and gain in words, the paper's and ours; empty where the paper prints none.
     details: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True, eq=False)
 class Repeat:
-    """Everything that was run again.
+    """Everything that was run again."""
 
-    Attributes:
-        tables: Rows of each table or figure.
-        search: Costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10.
-        motions: Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
-        effort: How much was run.
-    """
-
-    tables: dict[str, list[Line]]
-    search: Comparison
+    tables: dict[str, list[Line]]  # rows of each table or figure
+    search: Comparison  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
+    # Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
     motions: dict[str, tuple[PlanningProblem, PlanResult]]
-    effort: PaperOptions
+    effort: PaperOptions  # how much was run
 
 
 def repeat_paper(model: HybridModel | None, effort: PaperOptions, progress: Progress | None = None) -> Repeat:

@@ -38,32 +38,20 @@ def processor_seconds() -> float:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a search may spend, whichever ends first.
+    """What a search may spend, whichever ends first."""
 
-    Attributes:
-        evaluations: Trajectories evaluated.
-        seconds: Processor time, which a busy machine does not stretch [s].
-    """
-
-    evaluations: int = 20_000
-    seconds: float = 120.0
+    evaluations: int = 20_000  # trajectories evaluated
+    seconds: float = 120.0  # processor time, which a busy machine does not stretch [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One trajectory that a search looked at.
+    """One trajectory that a search looked at."""
 
-    Attributes:
-        problem: The problem whose decision vector it is.
-        x: Decision vector.
-        cost: Cost as evaluated: energy [J] or duration [s].
-        violation: What it breaks; zero for a feasible one.
-    """
-
-    problem: PlanningProblem
-    x: Float[Array, " d"]
-    cost: float
-    violation: float
+    problem: PlanningProblem  # the problem whose decision vector it is
+    x: Float[Array, " d"]  # decision vector
+    cost: float  # cost as evaluated: energy [J] or duration [s]
+    violation: float  # what it breaks; zero for a feasible one
 
     @property
     def feasible(self) -> bool:
@@ -95,18 +83,12 @@ class Ledger:
     The journal is what makes every planner resumable alike: it holds the outcomes of all evaluations in order. A
     planner asks for the same candidates again when it starts with the same seed, so a resumed search is fed from the
     journal until that ends, without evaluating anything, and is then in the state in which it stopped.
-
-    Attributes:
-        budget: What may be spent.
-        progress: Called after each batch.
-        journal: File for checkpoints; none if None.
-        fingerprint: Tells journals of different tasks apart.
     """
 
-    budget: Budget
-    progress: Progress | None = None
-    journal: Path | None = None
-    fingerprint: str = ""
+    budget: Budget  # what may be spent
+    progress: Progress | None = None  # called after each batch
+    journal: Path | None = None  # file for checkpoints; none if None
+    fingerprint: str = ""  # tells journals of different tasks apart
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)

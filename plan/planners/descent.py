@@ -33,21 +33,13 @@ KEPT, KEPT_CLEAR, KEPT_RULE = 5e-5, 1e-3, 2e-4
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Where a descent has come to.
+    """Where a descent has come to."""
 
-    Attributes:
-        local: Task and grid.
-        x: Variables.
-        look: What the trajectory costs and breaks.
-        curvature: Learned second derivative of the scaled cost.
-        converged: Whether it ended of itself.
-    """
-
-    local: LocalModel
-    x: Float[Array, " d"]
-    look: Look
-    curvature: Float[Array, "d d"]
-    converged: bool = False
+    local: LocalModel  # task and grid
+    x: Float[Array, " d"]  # variables
+    look: Look  # what the trajectory costs and breaks
+    curvature: Float[Array, "d d"]  # learned second derivative of the scaled cost
+    converged: bool = False  # whether it ended of itself
 
     @property
     def kept(self) -> bool:

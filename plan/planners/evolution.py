@@ -22,14 +22,10 @@ class Evolution(Planner):
 
     The runs share the budget: all get the same number of generations first, then the better half, and so on, until
     one is left (successive halving).
-
-    Attributes:
-        step: Initial standard deviation, as a share of each variable's range.
-        most: Evaluations after which the search ends; no end but the budget's if 0.
     """
 
-    step: float = 0.05
-    most: int = 0
+    step: float = 0.05  # initial standard deviation, as a share of each variable's range
+    most: int = 0  # evaluations after which the search ends; no end but the budget's if 0
     name: ClassVar[str] = "cma"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:

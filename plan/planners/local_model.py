@@ -33,19 +33,12 @@ EXTRA = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What a trajectory costs and breaks, as a local search sees it.
+    """What a trajectory costs and breaks, as a local search sees it."""
 
-    Attributes:
-        cost: Energy [J] or duration [s], rounded as the search rounds it.
-        limits: Largest excess over a limit, as a share of it.
-        clearance: Shortfall of the clearance, in units of 10 cm.
-        rules: Largest excess of a rule of the way, in units of 10 cm, a tenth of a radian, or a limit.
-    """
-
-    cost: float
-    limits: float
-    clearance: float
-    rules: float = 0.0
+    cost: float  # energy [J] or duration [s], rounded as the search rounds it
+    limits: float  # largest excess over a limit, as a share of it
+    clearance: float  # shortfall of the clearance, in units of 10 cm
+    rules: float = 0.0  # largest excess of a rule of the way, in units of 10 cm, a tenth of a radian, or a limit
 
     @property
     def broken(self) -> float:
@@ -63,21 +56,14 @@ class LocalModel:
 
     The variables are the free coefficients, coefficient by coefficient, and for the time objective the duration as a
     share of the task's own.
-
-    Attributes:
-        problem: The task.
-        grid: Knots and nodes.
-        weights: Quadrature weights of one section's nodes.
-        width, power: Rounding of the friction's sign [rad/s] and of the modulus of power [W].
-        aims: Share of the limits that is aimed at: torque by section and joint, then speed by joint.
     """
 
     problem: PlanningProblem
-    grid: Grid
-    weights: Float[Array, " m"]
-    width: float
-    power: float
-    torque_aim: Float[Array, "K n"]
+    grid: Grid  # knots and nodes
+    weights: Float[Array, " m"]  # quadrature weights of one section's nodes
+    width: float  # rounding of the friction's sign [rad/s]
+    power: float  # rounding of the modulus of power [W]
+    torque_aim: Float[Array, "K n"]  # shares of the limits that are aimed at, by section and joint
     speed_aim: Float[Array, " n"]
 
     @property

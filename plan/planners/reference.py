@@ -130,12 +130,9 @@ class Reference(Planner):
     sides of a knot is a constraint. Via points and time stamps that are not free are held. Limits are kept at nodes;
     where they are passed in between, they are aimed at lower. The arm's own links are not watched: a motion on which
     they touch is refused by the evaluation that every planner's motions pass.
-
-    Attributes:
-        starts: Initial trajectories: the given one, and others whose via points are drawn within half the reach.
     """
 
-    starts: int = 4
+    starts: int = 4  # initial trajectories: the given one, and others whose via points are drawn within half the reach
     name: ClassVar[str] = "reference"
     explores: ClassVar[bool] = True
 

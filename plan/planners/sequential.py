@@ -65,23 +65,18 @@ class Sequential(Planner):
     A grid with every section in two holds every trajectory of the one before, and the search begins with that, so more
     freedom never ends worse. Where the user has named what is free, the knots stay the initial trajectory's, and the
     time stamps, if they are free, are moved by CMA-ES: few numbers, whose slopes would need every knot's.
-
-    Attributes:
-        starts: Initial trajectories that are tried.
-        first: Steps on the coarse grid from each start.
-        steps: Most steps on each finer grid: nearly all end of themselves, and one that does not has ended 3 % above.
-        kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
-        gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
-        levels: Most refinements, for energy and for time.
-        named: Whether to search what is named free and no more, though the task would allow it: for comparisons.
     """
 
-    starts: int = 10
-    first: int = 36
+    starts: int = 10  # initial trajectories that are tried
+    first: int = 36  # steps on the coarse grid from each start
+    # Most steps on each finer grid: nearly all end of themselves, and one that does not has ended 3 % above.
     steps: int = 80
+    # Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
     kept: tuple[int, ...] = (4, 2, 1)
+    # Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
     gains: tuple[float, float] = (0.005, 0.001)
-    levels: tuple[int, int] = (3, 3)
+    levels: tuple[int, int] = (3, 3)  # most refinements, for energy and for time
+    # Whether to search what is named free and no more, though the task would allow it: for comparisons.
     named: bool = False
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True

@@ -20,15 +20,10 @@ MANY = 150
 
 @dataclass(frozen=True, eq=False)
 class ConstraintRows:
-    """Linear inequalities: matrix · step ≤ room, in units in which one is a whole limit or a decimetre.
+    """Linear inequalities: matrix · step ≤ room, in units in which one is a whole limit or a decimetre."""
 
-    Attributes:
-        matrix: One row an inequality.
-        room: What is left of each; below zero where it is broken now.
-    """
-
-    matrix: Float[Array, "r d"]
-    room: Float[Array, " r"]
+    matrix: Float[Array, "r d"]  # one row an inequality
+    room: Float[Array, " r"]  # what is left of each; below zero where it is broken now
 
     @classmethod
     def none(cls, size: int) -> ConstraintRows:
@@ -49,15 +44,10 @@ class ConstraintRows:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the programme found.
+    """What the programme found."""
 
-    Attributes:
-        step: Change of the variables.
-        promised: By how much cost and weighted shortfall should fall.
-    """
-
-    step: Float[Array, " d"]
-    promised: float
+    step: Float[Array, " d"]  # change of the variables
+    promised: float  # by how much cost and weighted shortfall should fall
 
 
 def solve_step(

@@ -45,16 +45,11 @@ def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Knots of a trajectory, as shares of its duration, and nodes where it is looked at.
+    """Knots of a trajectory, as shares of its duration, and nodes where it is looked at."""
 
-    Attributes:
-        knots: Shares of the duration, from 0 to 1.
-        soft: Whether acceleration is zero at both ends.
-        nodes: Local times at which every section is looked at, 0 to 1.
-    """
-
-    knots: Float[Array, " K"]
-    soft: bool = False
+    knots: Float[Array, " K"]  # shares of the duration, from 0 to 1
+    soft: bool = False  # whether acceleration is zero at both ends
+    # Local times at which every section is looked at, 0 to 1.
     nodes: Float[Array, " m"] = field(default_factory=lambda: freeze(np.linspace(0.0, 1.0, 5)))
 
     @property

@@ -47,19 +47,12 @@ def _settled(shares, joints, inside, grid, coefficients, duration):  # type: ign
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Places where a joint turns round, gets going, or comes to rest, each with one side of it.
+    """Places where a joint turns round, gets going, or comes to rest, each with one side of it."""
 
-    Attributes:
-        shares: Places as shares of the duration.
-        joints: The joint.
-        sides: Sign of its speed on the side that is meant.
-        inside: Whether it is a turn, not the motion's start or end.
-    """
-
-    shares: Float[Array, " m"]
-    joints: Int[Array, " m"]
-    sides: Float[Array, " m"]
-    inside: Array
+    shares: Float[Array, " m"]  # places as shares of the duration
+    joints: Int[Array, " m"]  # the joint
+    sides: Float[Array, " m"]  # sign of its speed on the side that is meant
+    inside: Array  # whether it is a turn, not the motion's start or end
 
     @property
     def rows(self) -> Int[Array, " m"]:

@@ -30,21 +30,14 @@ RATES = (10.0, 10_000.0)
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """A sampled motion.
+    """A sampled motion."""
 
-    Attributes:
-        joints: Names of the joints, those that move first, then those that are held.
-        times: From 0 to the end [s].
-        q, dq, ddq: Position [rad], velocity [rad/s], acceleration [rad/s²].
-        longer: Time by which it takes longer than the plan [s].
-    """
-
-    joints: tuple[str, ...]
-    times: Float[Array, " T"]
-    q: Float[Array, "T n"]
+    joints: tuple[str, ...]  # names of the joints, those that move first, then those that are held
+    times: Float[Array, " T"]  # from 0 to the end [s]
+    q: Float[Array, "T n"]  # position [rad], velocity [rad/s], acceleration [rad/s²]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
-    longer: float
+    longer: float  # time by which it takes longer than the plan [s]
 
     @property
     def duration(self) -> float:

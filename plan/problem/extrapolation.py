@@ -22,22 +22,15 @@ NOTHING = 1e-6
 
 @dataclass(frozen=True)
 class Extrapolation(Record):
-    """One quantity of one joint that a plan takes beyond the model's training.
+    """One quantity of one joint that a plan takes beyond the model's training."""
 
-    Attributes:
-        joint, quantity, unit: Of what.
-        low, high: Bounds of the training.
-        reached: The worse of the plan's own bounds.
-        share: How far it lies outside, as a share of the range's width.
-    """
-
-    joint: str
+    joint: str  # of what
     quantity: str
     unit: str
-    low: float
+    low: float  # bounds of the training
     high: float
-    reached: float
-    share: float
+    reached: float  # the worse of the plan's own bounds
+    share: float  # how far it lies outside, as a share of the range's width
 
     def __str__(self) -> str:
         bounds = f"trained from {self.low:.3g} to {self.high:.3g}"

@@ -17,21 +17,13 @@ TABLE = Path(__file__).with_suffix(".toml")
 
 @dataclass(frozen=True, eq=False)
 class MakersLimits:
-    """What a maker says of an arm.
+    """What a maker says of an arm."""
 
-    Attributes:
-        source: Where.
-        speed: Of each joint [rad/s]; None where it is the URDF's.
-        acceleration: Of each joint [rad/s²]; None where the maker publishes none.
-        jerk: Of each joint [rad/s³]; None likewise.
-        binding: Whether the arm's controller stops beyond the last two; else they are advice, and limit nothing.
-    """
-
-    source: str
-    speed: Float[Array, " n"] | None
-    acceleration: Float[Array, " n"] | None
-    jerk: Float[Array, " n"] | None
-    binding: bool
+    source: str  # where
+    speed: Float[Array, " n"] | None  # of each joint [rad/s]; None where it is the URDF's
+    acceleration: Float[Array, " n"] | None  # of each joint [rad/s²]; None where the maker publishes none
+    jerk: Float[Array, " n"] | None  # of each joint [rad/s³]; None likewise
+    binding: bool  # whether the arm's controller stops beyond the last two; else they are advice, and limit nothing
 
 
 def find_makers_limits(arm: ArmModel) -> MakersLimits | None:

@@ -45,26 +45,18 @@ NO_RULES = WayRules()
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What the motion has to keep.
+    """What the motion has to keep."""
 
-    Attributes:
-        lower, upper: Position limits [rad].
-        speed: Speed limits [rad/s].
-        torque: Torque that may be used [N m].
-        clearance: Smallest distance to keep [m].
-        acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a
-            jerk limit starts and ends without acceleration.
-        reserve: What was set aside of the torque limits because the model's torque is no better known [N m]; None for
-            nothing.
-    """
-
-    lower: Float[Array, " n"]
+    lower: Float[Array, " n"]  # position limits [rad]
     upper: Float[Array, " n"]
-    speed: Float[Array, " n"]
-    torque: Float[Array, " n"]
-    clearance: float
+    speed: Float[Array, " n"]  # speed limits [rad/s]
+    torque: Float[Array, " n"]  # torque that may be used [N m]
+    clearance: float  # smallest distance to keep [m]
+    # Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a jerk limit starts and
+    # ends without acceleration.
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
+    # What was set aside of the torque limits because the model's torque is no better known [N m]; None for nothing.
     reserve: Float[Array, " n"] | None = None
 
     def __post_init__(self) -> None:
@@ -75,25 +67,19 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class BatchEvaluation:
-    """What a batch of candidates costs and breaks.
+    """What a batch of candidates costs and breaks."""
 
-    Attributes:
-        cost: Energy by the metric [J] or duration [s], with the penalty for singular positions where one is asked for.
-        collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
-        speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too,
-            and of the way's rules.
-        position: Worst excess over the position limits [rad].
-        gap: Smallest separation seen; of a pair that may be nearer than others, counted as more by that [m].
-        peak: Peak torque of each joint [N m].
-    """
-
+    # Energy by the metric [J] or duration [s], with the penalty for singular positions where one is asked for.
     cost: Float[Array, " B"]
-    collision: Float[Array, " B"]
+    collision: Float[Array, " B"]  # shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst)
+    # Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too, and of the way's
+    # rules.
     speed: Float[Array, " B"]
     torque: Float[Array, " B"]
-    position: Float[Array, " B"]
+    position: Float[Array, " B"]  # worst excess over the position limits [rad]
+    # Smallest separation seen; of a pair that may be nearer than others, counted as more by that [m].
     gap: Float[Array, " B"]
-    peak: Float[Array, "B n"]
+    peak: Float[Array, "B n"]  # peak torque of each joint [N m]
 
     @property
     def violation(self) -> Float[Array, " B"]:
@@ -112,46 +98,28 @@ class PlanningProblem:
 
     The decision vector holds the V·n via angles [rad], if free, then V + 1 numbers for the durations, if free: their
     logarithms for the time objective, and logarithms of shares of the fixed whole for the energy objective.
-
-    Attributes:
-        scene: Boxes and pairs.
-        model: Torque model.
-        limits: Limits.
-        start, goal: Ends of the motion [rad].
-        vias: Initial via points [rad].
-        durations: Initial section durations [s].
-        objective: `energy` at fixed whole duration, or `time`.
-        metric: How energy is counted.
-        free: What is searched.
-        radius: How far a via angle may go from the initial one [rad].
-        label: Where the initial trajectory comes from.
-        grows: Whether a planner may insert via points and move stamps beyond what is named free.
-        trained: Where the model was fitted; None where that is not known.
-        avoid_singular: Whether singular positions are fined, as in the paper's section 2.2.
-        carried: What the arm carries, and the frame on which each of it hangs, for results.
-        way: What the motion has to keep on its way beside limits and clearance.
-        notes: What is to be said of the task in its result.
-        not_the_arms: Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     """
 
-    scene: Scene
+    scene: Scene  # boxes and pairs
     model: ChainTorque
     limits: Limits
-    start: Float[Array, " n"]
+    start: Float[Array, " n"]  # ends of the motion [rad]
     goal: Float[Array, " n"]
-    vias: Float[Array, "V n"]
-    durations: Float[Array, " S"]
-    objective: Objective = "energy"
-    metric: Metric = "absolute"
-    free: Free = "vias"
-    radius: float = np.pi / 2
-    label: str = "straight"
-    grows: bool = True
-    trained: TrainingRange | None = None
-    avoid_singular: bool = False
+    vias: Float[Array, "V n"]  # initial via points [rad]
+    durations: Float[Array, " S"]  # initial section durations [s]
+    objective: Objective = "energy"  # `energy` at fixed whole duration, or `time`
+    metric: Metric = "absolute"  # how energy is counted
+    free: Free = "vias"  # what is searched
+    radius: float = np.pi / 2  # how far a via angle may go from the initial one [rad]
+    label: str = "straight"  # where the initial trajectory comes from
+    grows: bool = True  # whether a planner may insert via points and move stamps beyond what is named free
+    trained: TrainingRange | None = None  # where the model was fitted; None where that is not known
+    avoid_singular: bool = False  # whether singular positions are fined, as in the paper's section 2.2
+    # What the arm carries, and the frame on which each of it hangs, for results.
     carried: tuple[dict[str, object], ...] = ()
-    way: WayRules = NO_RULES
-    notes: tuple[str, ...] = ()
+    way: WayRules = NO_RULES  # what the motion has to keep on its way beside limits and clearance
+    notes: tuple[str, ...] = ()  # what is to be said of the task in its result
+    # Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     not_the_arms: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:

@@ -40,36 +40,26 @@ REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a motion is, computed afresh and densely, not as the search saw it.
+    """What a motion is, computed afresh and densely, not as the search saw it."""
 
-    Attributes:
-        energy: Energy by every metric [J], and N² m² s for copper.
-        shares: Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit.
-        position_margin: Smallest distance to a position limit [rad].
-        clearance: Proven clearance, of all pairs but those that were cut.
-        asked_clearance: Clearance that the task asks for [m].
-        cuts: Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
-        scene: The shapes that were looked at, and the pairs of links of whose clearance nothing is said.
-        time_law: How the motion is executed from rest to rest, and the limits on that.
-        extrapolation: What goes beyond the model's training, the worst first; None where no range is known.
-        reserve: Torque that was set aside because the model's is no better known [N m]; None for none.
-        energy_half_width: Half of the 95 % interval of the executed motion's energy, from that of the model's torque
-            [J]; None where the model tells none, and for a motion beyond its training, of which it says nothing.
-        rules: What the way had to keep, and did.
-    """
-
-    energy: dict[Metric, float]
+    energy: dict[Metric, float]  # energy by every metric [J], and N² m² s for copper
+    # Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit.
     shares: dict[str, Float[Array, " n"] | None]
-    position_margin: float
-    clearance: Clearance
-    asked_clearance: float
+    position_margin: float  # smallest distance to a position limit [rad]
+    clearance: Clearance  # proven clearance, of all pairs but those that were cut
+    asked_clearance: float  # clearance that the task asks for [m]
+    # Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
     cuts: tuple[tuple[Cut, Clearance], ...]
-    scene: Scene
-    time_law: TimeLaw
+    scene: Scene  # the shapes that were looked at, and the pairs of links of whose clearance nothing is said
+    time_law: TimeLaw  # how the motion is executed from rest to rest, and the limits on that
+    # What goes beyond the model's training, the worst first; None where no range is known.
     extrapolation: tuple[Extrapolation, ...] | None
+    # Torque that was set aside because the model's is no better known [N m]; None for none.
     reserve: Float[Array, " n"] | None
+    # Half of the 95 % interval of the executed motion's energy, from that of the model's torque [J]; None where the
+    # model tells none, and for a motion beyond its training, of which it says nothing.
     energy_half_width: float | None
-    rules: tuple[RuleCheck, ...]
+    rules: tuple[RuleCheck, ...]  # what the way had to keep, and did
 
     @property
     def torque_share(self) -> Float[Array, " n"]:
@@ -181,47 +171,32 @@ def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " 
 
 @dataclass(frozen=True, eq=False)
 class PlanResult(Result):
-    """Outcome of one planning task.
-
-    Attributes:
-        status: `solved`, `infeasible` or `budget_spent`.
-        method, objective, metric, seed: What was asked for.
-        reason: Why there is no plan; empty where there is one.
-        splines: The motion, a batch of one; None without.
-        certificate: What the motion was found to be.
-        evaluations, seconds, cpu_seconds: What was spent; processor time is that of the process alone.
-        bound: What no motion's cost can undercut, whatever its path; None where none is known.
-        reference_gap: Cost above the default method's, as a share; None if that was not computed.
-        starts: One record an initial trajectory: label, via points, cost reached, reason where it failed.
-        history: Evaluations, processor seconds and best cost, each time it fell.
-        notes: Remarks of the planner.
-        robot, joints: Name of the arm and of the joints that move.
-        held: Positions of the joints that stand still [rad or m].
-        carried: What the arm carries, and the frame on which each of it hangs.
-    """
+    """Outcome of one planning task."""
 
     SHOWN_BY = "plan.show.results"
 
-    status: Status
-    method: str
+    status: Status  # `solved`, `infeasible` or `budget_spent`
+    method: str  # what was asked for
     objective: str
     metric: Metric
     seed: int
-    reason: str = ""
-    splines: Splines | None = None
-    certificate: Certificate | None = None
-    evaluations: int = 0
+    reason: str = ""  # why there is no plan; empty where there is one
+    splines: Splines | None = None  # the motion, a batch of one; None without
+    certificate: Certificate | None = None  # what the motion was found to be
+    evaluations: int = 0  # what was spent; processor time is that of the process alone
     seconds: float = 0.0
     cpu_seconds: float = 0.0
-    bound: float | None = None
-    reference_gap: float | None = None
+    bound: float | None = None  # what no motion's cost can undercut, whatever its path; None where none is known
+    reference_gap: float | None = None  # cost above the default method's, as a share; None if that was not computed
+    # One record an initial trajectory: label, via points, cost reached, reason where it failed.
     starts: tuple[dict[str, Any], ...] = ()
+    # Evaluations, processor seconds and best cost, each time it fell.
     history: tuple[tuple[int, float, float], ...] = ()
-    notes: tuple[str, ...] = ()
-    robot: str = ""
+    notes: tuple[str, ...] = ()  # remarks of the planner
+    robot: str = ""  # name of the arm and of the joints that move
     joints: tuple[str, ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)
-    carried: tuple[dict[str, object], ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)  # positions of the joints that stand still [rad or m]
+    carried: tuple[dict[str, object], ...] = ()  # what the arm carries, and the frame on which each of it hangs
 
     @property
     def stands(self) -> bool:

@@ -27,25 +27,16 @@ DENSE, CLOSER = 4001, 401
 
 @dataclass(frozen=True, eq=False)
 class RuleRow:
-    """One inequality along T states: value ≤ limit.
+    """One inequality along T states: value ≤ limit."""
 
-    Attributes:
-        name: Of the rule.
-        value, limit: In the rule's own measure.
-        unit: What counts as one.
-        aim: The limit that a search aims at.
-        by_position, by_speed: Derivatives of the value, shape (T, n); None where they are nought.
-        sparse: Whether every other node is enough.
-    """
-
-    name: str
-    value: Float[Array, " T"]
+    name: str  # of the rule
+    value: Float[Array, " T"]  # in the rule's own measure
     limit: float
-    unit: float
-    aim: float
-    by_position: Float[Array, "T n"]
+    unit: float  # what counts as one
+    aim: float  # the limit that a search aims at
+    by_position: Float[Array, "T n"]  # derivatives of the value, shape (T, n); None where they are nought
     by_speed: Float[Array, "T n"] | None = None
-    sparse: bool = False
+    sparse: bool = False  # whether every other node is enough
 
     @property
     def excess(self) -> Float[Array, " T"]:
@@ -55,22 +46,14 @@ class RuleRow:
 
 @dataclass(frozen=True)
 class RuleCheck(Record):
-    """What a finished motion makes of one rule.
+    """What a finished motion makes of one rule."""
 
-    Attributes:
-        rule: In words.
-        worst, limit: Largest value seen, or smallest where the rule keeps out, and what was asked for.
-        unit: Theirs.
-        time_s: When [s].
-        kept: Whether it is kept.
-    """
-
-    rule: str
-    worst: float
+    rule: str  # in words
+    worst: float  # largest value seen, or smallest where the rule keeps out, and what was asked for
     limit: float
-    unit: str
-    time_s: float
-    kept: bool
+    unit: str  # theirs
+    time_s: float  # when [s]
+    kept: bool  # whether it is kept
 
     def __str__(self) -> str:
         return f"{self.rule}: {self.worst:.4g} of {self.limit:.4g} {self.unit} at {self.time_s:.3f} s"

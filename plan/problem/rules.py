@@ -21,70 +21,43 @@ FARTHEST = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a frame is to be.
+    """Where a frame is to be."""
 
-    Attributes:
-        frame: Its name; the arm's last link if None.
-        place: In the base frame [m].
-        rotation: Its axes in the base frame; None where any will do.
-    """
-
-    frame: str | None
-    place: Float[Array, " 3"]
-    rotation: Float[Array, "3 3"] | None = None
+    frame: str | None  # its name; the arm's last link if None
+    place: Float[Array, " 3"]  # in the base frame [m]
+    rotation: Float[Array, "3 3"] | None = None  # its axes in the base frame; None where any will do
 
 
 @dataclass(frozen=True, eq=False)
 class ViaPoint:
-    """A via point that must be passed.
+    """A via point that must be passed."""
 
-    Attributes:
-        target: Angles of the joints [rad], or the tool's place in the base frame [m].
-        of_tool: Whether it is the tool's place.
-        within: How far each joint, or each coordinate of the place, may be off [rad or m].
-    """
-
-    target: Float[Array, " k"]
-    of_tool: bool
-    within: float
+    target: Float[Array, " k"]  # angles of the joints [rad], or the tool's place in the base frame [m]
+    of_tool: bool  # whether it is the tool's place
+    within: float  # how far each joint, or each coordinate of the place, may be off [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """Directions in which an axis of the tool may, or may not, point.
+    """Directions in which an axis of the tool may, or may not, point."""
 
-    Attributes:
-        axis: Of the tool's frame, a unit vector.
-        towards: In the base frame, a unit vector.
-        angle: Half of the cone's opening [rad].
-        allowed: Whether the axis stays inside; else it stays outside.
-    """
-
-    axis: Float[Array, " 3"]
-    towards: Float[Array, " 3"]
-    angle: float
-    allowed: bool
+    axis: Float[Array, " 3"]  # of the tool's frame, a unit vector
+    towards: Float[Array, " 3"]  # in the base frame, a unit vector
+    angle: float  # half of the cone's opening [rad]
+    allowed: bool  # whether the axis stays inside; else it stays outside
 
 
 @dataclass(frozen=True, eq=False)
 class WayRules:
-    """All that a scene file asks of the way.
+    """All that a scene file asks of the way."""
 
-    Attributes:
-        frame: The tool's frame; the arm's tip frame if None.
-        speed: Largest speed of its origin [m/s]; None for any.
-        straight: How far it may be off the straight line from start to goal [m]; None where it need not be straight.
-        turning: How far its turn may be off an even one on that line [rad].
-        cones: Where its axes may point.
-        vias: Via points that must be passed, in this order.
-    """
-
-    frame: str | None = None
-    speed: float | None = None
+    frame: str | None = None  # the tool's frame; the arm's tip frame if None
+    speed: float | None = None  # largest speed of its origin [m/s]; None for any
+    # How far it may be off the straight line from start to goal [m]; None where it need not be straight.
     straight: float | None = None
-    turning: float = math.radians(0.5)
-    cones: tuple[Cone, ...] = ()
-    vias: tuple[ViaPoint, ...] = ()
+    turning: float = math.radians(0.5)  # how far its turn may be off an even one on that line [rad]
+    cones: tuple[Cone, ...] = ()  # where its axes may point
+    vias: tuple[ViaPoint, ...] = ()  # via points that must be passed, in this order
 
     @property
     def given(self) -> bool:

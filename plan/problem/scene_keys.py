@@ -19,27 +19,18 @@ Kind = Literal["any", "text", "flag", "number", "angle", "whole", "numbers", "an
 
 @dataclass(frozen=True)
 class SceneKey:
-    """A key of a scene file.
+    """A key of a scene file."""
 
-    Attributes:
-        says: Its meaning, for people.
-        kind: What it holds: one number or several, degrees that become radians (`angle`, `angles`, `rows` of them), one
-            number for three (`scale`); what is `any` is looked at by whoever reads it.
-        default: Its value where it is left out; None for none.
-        needed: Whether it may not be left out.
-        least: Of a number the least, or, if `above`, what it has to lie above.
-        count: How many numbers; `joints` for as many as joints move.
-        positive: Whether all of several numbers have to lie above zero.
-    """
-
-    says: str
+    says: str  # its meaning, for people
+    # What it holds: one number or several, degrees that become radians (`angle`, `angles`, `rows` of them), one number
+    # for three (`scale`); what is `any` is looked at by whoever reads it.
     kind: Kind = "any"
-    default: Any = None
-    needed: bool = False
-    least: float = 0.0
+    default: Any = None  # its value where it is left out; None for none
+    needed: bool = False  # whether it may not be left out
+    least: float = 0.0  # of a number the least, or, if `above`, what it has to lie above
     above: bool = False
-    count: int | str | None = None
-    positive: bool = False
+    count: int | str | None = None  # how many numbers; `joints` for as many as joints move
+    positive: bool = False  # whether all of several numbers have to lie above zero
 
 
 Keys = Mapping[str, SceneKey]

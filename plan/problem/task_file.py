@@ -91,88 +91,52 @@ NO_RULES = WayRules()
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One set of taught via points.
-
-    Attributes:
-        name: Its name.
-        vias: Via points [rad].
-        times: Their time stamps [s]; None if they are to be found.
-    """
+    """One set of taught via points."""
 
     name: str
-    vias: Float[Array, "V n"]
-    times: Float[Array, " V"] | None = None
+    vias: Float[Array, "V n"]  # via points [rad]
+    times: Float[Array, " V"] | None = None  # their time stamps [s]; None if they are to be found
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What stands round an arm, what it carries, and how far and fast it may move there.
+    """What stands round an arm, what it carries, and how far and fast it may move there."""
 
-    Attributes:
-        source: The file.
-        robot: Name or URDF path of the robot that it names, if any.
-        obstacles: Shapes in the base frame, the floor among them if the file has one.
-        attached: Shapes that the arm carries.
-        payload: Mass that it carries, with its centre in the frame of `payload_link`.
-        payload_link: That frame; the arm's tip frame if None.
-        srdf: File that names pairs of links to leave out of checks.
-        lower, upper: Position limits inside the robot's [rad]; None for the robot's.
-        speed: Speed limits other than the robot's [rad/s]; None for the robot's.
-    """
-
-    source: Path
-    robot: str | None = None
-    obstacles: tuple[Box, ...] = ()
-    attached: tuple[Carried, ...] = ()
-    payload: Payload | None = None
-    payload_link: str | None = None
-    srdf: Path | None = None
-    lower: Float[Array, " n"] | None = None
+    source: Path  # the file
+    robot: str | None = None  # name or URDF path of the robot that it names, if any
+    obstacles: tuple[Box, ...] = ()  # shapes in the base frame, the floor among them if the file has one
+    attached: tuple[Carried, ...] = ()  # shapes that the arm carries
+    payload: Payload | None = None  # mass that it carries, with its centre in the frame of `payload_link`
+    payload_link: str | None = None  # that frame; the arm's tip frame if None
+    srdf: Path | None = None  # file that names pairs of links to leave out of checks
+    lower: Float[Array, " n"] | None = None  # position limits inside the robot's [rad]; None for the robot's
     upper: Float[Array, " n"] | None = None
-    speed: Float[Array, " n"] | None = None
+    speed: Float[Array, " n"] | None = None  # speed limits other than the robot's [rad/s]; None for the robot's
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task(Surroundings):
-    """What a scene file says.
+    """What a scene file says."""
 
-    Attributes:
-        robot: Name or URDF path.
-        start, goal: Ends [rad]; the goal is the start until `pose` is brought to joint angles.
-        duration: Duration of the motion [s]; where time is the objective it may be None, or is a first guess.
-        via_points: Via points at least.
-        wrist: Positions of the joints that do not move [rad]; zeros if None.
-        clearance: Distance to keep [m].
-        reach: How far a via angle may go from the initial one [rad].
-        torque: Limits other than the robot's [N m]; None for the robot's.
-        acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None for none.
-        makers: Whether the maker's published limits of acceleration and jerk are kept where those are None.
-        taught: Via points of the file itself.
-        pose: Where a frame is to end, in place of the goal's angles.
-        avoid_singular: Whether singular positions are fined.
-        others: Further goals, any of which will do as well [rad].
-        other_poses: Further poses likewise.
-        way: What the motion has to keep on its way.
-    """
-
-    robot: str
-    start: Float[Array, " n"]
+    robot: str  # name or URDF path
+    start: Float[Array, " n"]  # ends [rad]; the goal is the start until `pose` is brought to joint angles
     goal: Float[Array, " n"]
+    # Duration of the motion [s]; where time is the objective it may be None, or is a first guess.
     duration: float | None = None
-    via_points: int = 2
-    wrist: Float[Array, " k"] | None = None
-    clearance: float = 0.005
-    reach: float = math.pi / 2
-    torque: Float[Array, " n"] | None = None
-    acceleration: Float[Array, " n"] | None = None
+    via_points: int = 2  # via points at least
+    wrist: Float[Array, " k"] | None = None  # positions of the joints that do not move [rad]; zeros if None
+    clearance: float = 0.005  # distance to keep [m]
+    reach: float = math.pi / 2  # how far a via angle may go from the initial one [rad]
+    torque: Float[Array, " n"] | None = None  # limits other than the robot's [N m]; None for the robot's
+    acceleration: Float[Array, " n"] | None = None  # limits of acceleration [rad/s²] and jerk [rad/s³]; None for none
     jerk: Float[Array, " n"] | None = None
-    makers: bool = True
-    taught: tuple[Trial, ...] = ()
-    pose: Pose | None = None
-    avoid_singular: bool = False
-    others: tuple[Float[Array, " n"], ...] = ()
-    other_poses: tuple[Pose, ...] = ()
-    way: WayRules = NO_RULES
+    makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
+    taught: tuple[Trial, ...] = ()  # via points of the file itself
+    pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
+    avoid_singular: bool = False  # whether singular positions are fined
+    others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
+    other_poses: tuple[Pose, ...] = ()  # further poses likewise
+    way: WayRules = NO_RULES  # what the motion has to keep on its way
 
     @property
     def n(self) -> int:

@@ -24,23 +24,16 @@ SLOWEST, CLOSELY = 1.5, 1e-4
 
 @dataclass(frozen=True)
 class TimeLaw:
-    """How a plan is executed.
+    """How a plan is executed."""
 
-    Attributes:
-        planned: Duration of the plan [s].
-        ramp: Time in which acceleration gets going, and ends [s].
-        stretch: Factor by which the plan is slowed down, so that its ramps keep the limits.
-        shares: Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there is none.
-        energy: Energy of the execution by every metric, as a plan's own [J]; empty for a plan of zero length.
-        travel: Way of each joint there and back, in sum [rad]; empty likewise.
-    """
-
-    planned: float
-    ramp: float = 0.0
-    stretch: float = 1.0
+    planned: float  # duration of the plan [s]
+    ramp: float = 0.0  # time in which acceleration gets going, and ends [s]
+    stretch: float = 1.0  # factor by which the plan is slowed down, so that its ramps keep the limits
+    # Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there is none.
     shares: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # Energy of the execution by every metric, as a plan's own [J]; empty for a plan of zero length.
     energy: tuple[tuple[Metric, float], ...] = ()
-    travel: tuple[float, ...] = ()
+    travel: tuple[float, ...] = ()  # way of each joint there and back, in sum [rad]; empty likewise
 
     @property
     def duration(self) -> float:

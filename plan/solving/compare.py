@@ -25,20 +25,13 @@ FIXED = ("brute", "compress", "toppra")
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """Results of every method and seed on one task.
-
-    Attributes:
-        name: The task.
-        objective: `energy` or `time`.
-        evaluations, seconds: Where costs are compared.
-        results: All results.
-    """
+    """Results of every method and seed on one task."""
 
     SHOWN_BY = "plan.show.results"
 
-    name: str
-    objective: str
-    evaluations: int
+    name: str  # the task
+    objective: str  # `energy` or `time`
+    evaluations: int  # where costs are compared
     seconds: float
     results: tuple[PlanResult, ...]
 

@@ -41,15 +41,10 @@ USUAL = SolveOptions()
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Initial trajectories of a task.
+    """Initial trajectories of a task."""
 
-    Attributes:
-        problems: One problem each, the straight line or the taught way first.
-        seeds: The ways round obstacles that were looked for, and why some were not found.
-    """
-
-    problems: tuple[PlanningProblem, ...]
-    seeds: tuple[Seed, ...] = ()
+    problems: tuple[PlanningProblem, ...]  # one problem each, the straight line or the taught way first
+    seeds: tuple[Seed, ...] = ()  # the ways round obstacles that were looked for, and why some were not found
 
 
 def find_starts(
