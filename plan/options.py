@@ -39,7 +39,6 @@ class SolveOptions(TaskOptions):
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
-    resume: Path | None = option(None, "Checkpoint file: written on the way, taken up if there.")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ E1 = Path(data_path("logs/tm5_900")) / "E1"
 ROBOT = ("--robot", "tm5-900")
 # Parameters by which a command is given recordings, and by which it is told where to write.
 READS = {"sessions", "session", "before", "on"}
-WRITES = {"out", "html", "rrd", "picture", "mend", "json_file", "store", "resume"}
+WRITES = {"out", "html", "rrd", "picture", "mend", "json_file", "store"}
 # Their results take minutes: the tests named here hold them to their schema, which asks for the same keys.
 ELSEWHERE = {
     "ident demo": None,

@@ -59,9 +59,7 @@ def solve(
 
         require_writable(out, rate)
     places = {"--json": json_file, "--picture": picture, "--rrd": rrd, "--out": out}
-    if options.resume is not None and not options.resume.exists():  # one that is there is looked at by whoever reads it
-        places["--resume"] = options.resume
-    check_outputs([scene, model, options.vias, options.resume], places)
+    check_outputs([scene, model, options.vias], places)
     if picture is not None:
         from plan.show.pictures import require_picture
 

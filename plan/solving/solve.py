@@ -131,7 +131,7 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = Ledger(budget_of(options), progress, options.resume, _fingerprint(problem, options))
+    ledger = Ledger(budget_of(options), progress)
     if starts is None and planner.explores:
         starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
@@ -165,16 +165,6 @@ def _standing(problem: PlanningProblem, result: PlanResult) -> PlanResult:
         return replace(result, reason="; ".join(certificate.broken))
     notes = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
     return replace(result, status="solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=notes)
-
-
-def _fingerprint(problem: PlanningProblem, options: SolveOptions) -> str:
-    """What a checkpoint must be of to be taken up."""
-    boxes = [(box.name, box.centre.tolist(), box.half.tolist()) for box in problem.scene.obstacles]
-    model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3)))
-    limits = problem.limits.lower, problem.limits.upper, problem.limits.torque, problem.margins.pairs
-    numbers = [part.tolist() for part in (problem.start, problem.goal, problem.durations, *limits, model)]
-    search = options.method, options.seed, problem.objective, problem.metric, problem.free, problem.radius
-    return repr((search, boxes, numbers))
 
 
 def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:

@@ -31,7 +31,6 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
-from plan.planners import Budget, Ledger
 from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
@@ -159,10 +158,6 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     (folder / "vias.toml").write_text(VIAS)
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'
     (folder / "arm.srdf").write_text(f'<robot name="{arm.name}">{pairs}</robot>')
-    rows = np.arange(90.0).reshape(10, 9)
-    ledger = Ledger(Budget(10, 1.0))
-    journal = {"rows": rows, "fingerprint": np.array(ledger._digest), "seconds": 1.0, "cpu_seconds": 1.0}
-    np.savez(folder / "journal.npz", **journal)
 
 
 def _records(folder: Path, arm: ArmModel) -> None:

@@ -6,7 +6,6 @@ untouched; and the run after the kill leaves what a run without one leaves, and 
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import sys
@@ -29,7 +28,6 @@ from ident.outputs import begin_folder
 from ident.recordings.load import load_session
 from ident.recordings.save import write_session
 from ident.robot.names import data_path
-from plan.planners import Budget, Ledger
 from tests.fuzz.corpus import in_a_child
 from tests.fuzz.guard import CHANGING
 
@@ -49,14 +47,12 @@ class Writing:
         act: Writes it.
         before: What is done before, so that there is something to be replaced; nothing if None.
         steps: Whether the result fills step by step: a part of it is no fault then, as the next run completes it.
-        lasting: What of a file's content does not depend on when it was written.
     """
 
     name: str
     act: Act
     before: Act | None = None
     steps: bool = False
-    lasting: Callable[[bytes], bytes] = bytes
 
 
 def writings() -> list[Writing]:
@@ -103,11 +99,6 @@ def writings() -> list[Writing]:
         _train(folder / OWN)
         remove_checkpoint(folder / OWN)
 
-    def journal(folder: Path) -> None:
-        ledger = Ledger(Budget(10, 1.0), journal=folder / OWN)
-        ledger._told.append(np.arange(90.0).reshape(10, 9))
-        ledger.save()
-
     return [
         Writing("a new file", file("new")),
         Writing("a file over another", file("new"), file("old")),
@@ -120,7 +111,6 @@ def writings() -> list[Writing]:
         Writing("a checkpoint", train, steps=True),
         Writing("a checkpoint over another", train, train, steps=True),
         Writing("a finished training", finish, train, steps=True),
-        Writing("a planner's journal", journal, journal, lasting=_rows_of_journal),
     ]
 
 
@@ -146,12 +136,12 @@ def kill_everywhere(writing: Writing) -> Iterator[tuple[str, str]]:
         folder = Path(place) / "clean"
         _prepare(writing, folder)
         in_a_child(writing.act, folder)
-        new = _tree(folder, writing.lasting)
+        new = _tree(folder)
         step = 0
         while True:
             folder = Path(place) / f"killed_{step}"
             _prepare(writing, folder)
-            old = _tree(folder, writing.lasting)
+            old = _tree(folder)
             if not _killed(writing, folder, step):
                 return
             yield _judge(writing, folder, old, new, step)
@@ -159,7 +149,7 @@ def kill_everywhere(writing: Writing) -> Iterator[tuple[str, str]]:
 
 
 def _judge(writing: Writing, folder: Path, old: Tree, new: Tree, step: int) -> tuple[str, str]:
-    after = {name: data for name, data in _tree(folder, writing.lasting).items() if ".armgap-" not in name}
+    after = {name: data for name, data in _tree(folder).items() if ".armgap-" not in name}
     if after.pop(USERS, None) != old[USERS]:
         return "bystander", f"step {step}"
     told = {name for name, tree in (("as before", old), ("new", new)) if {**tree, USERS: b""} == {**after, USERS: b""}}
@@ -171,7 +161,7 @@ def _judge(writing: Writing, folder: Path, old: Tree, new: Tree, step: int) -> t
         in_a_child(writing.act, folder)
     except SystemExit as error:
         return "traceback", f"step {step}: {error}"
-    found = _tree(folder, writing.lasting)
+    found = _tree(folder)
     if found.keys() != new.keys() or (not writing.steps and found != new):
         return "leftovers", f"step {step}: {sorted(found.keys() ^ new.keys())}"
     return ("new" if "new" in told else "as before"), ""
@@ -184,20 +174,13 @@ def _prepare(writing: Writing, folder: Path) -> None:
         in_a_child(writing.before, folder)
 
 
-def _rows_of_journal(content: bytes) -> bytes:
-    """What a planner was told; times and dates are left out."""
-    with np.load(io.BytesIO(content)) as journal:
-        return bytes(journal["rows"].tobytes())
-
-
-def _tree(folder: Path, lasting: Callable[[bytes], bytes] = bytes) -> Tree:
-    """All files below a folder by what lasts of them, and its empty folders."""
+def _tree(folder: Path) -> Tree:
+    """All files below a folder by their content, and its empty folders."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         if path.is_file():
-            content = path.read_bytes()
-            found[name] = content if name == USERS or ".armgap-" in name else lasting(content)
+            found[name] = path.read_bytes()
         elif not any(path.iterdir()):
             found[name + "/"] = b""
     return found

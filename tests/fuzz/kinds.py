@@ -37,7 +37,6 @@ from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.pairs import read_disabled
-from plan.planners import Budget, Ledger
 from plan.problem.task_file import load_surroundings, load_task, load_trials
 from tests.fuzz.corpus import KEY, OPTIONS, training_data
 
@@ -287,7 +286,6 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
             Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3)
             for end in (".ply", ".pcd", ".npy", ".csv")
         ),
-        Kind("journal", folder / "journal.npz", lambda path: Ledger(Budget(10, 1.0), journal=path), share=0.5),
     ]
 
 

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -232,15 +231,3 @@ def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
         main()
     assert stop.value.code == 2
     assert "plan --help" in capsys.readouterr().err
-
-
-def test_resume(tmp_path: Path) -> None:
-    """A search stopped by its budget goes on from its checkpoint file."""
-    task, journal = opened(DATA / "table3.toml"), tmp_path / "search.npz"
-    options = SolveOptions(method="ga", evaluations=1000, gap=False)
-    first = solve_task(task, replace(options, evaluations=500, resume=journal))
-    assert journal.is_file()
-    second = solve_task(task, replace(options, resume=journal))
-    whole = solve_task(task, options)
-    assert second.cost == whole.cost
-    assert second.cost <= first.cost

@@ -1,7 +1,5 @@
 """The planners that sample: what every one of them owes, and what each is for."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -49,26 +47,6 @@ def test_budget_is_kept(planner: Planner) -> None:
     """No evaluation beyond the budget, whatever the batch size."""
     book = planner.run([problem()], ledger(137), np.random.default_rng(0))
     assert book.evaluations == 137
-
-
-@pytest.mark.parametrize("planner", SAMPLERS, ids=IDS)
-def test_resumed_search_is_the_same_search(planner: Planner, tmp_path: Path) -> None:
-    """Stopped after 150 evaluations and taken up again, a search ends where an uninterrupted one does."""
-    task, journal = problem(), tmp_path / "journal.npz"
-    planner.run([task], ledger(150, journal=journal, fingerprint="a"), np.random.default_rng(3))
-    resumed = planner.run([task], ledger(400, journal=journal, fingerprint="a"), np.random.default_rng(3))
-    whole = planner.run([task], ledger(400), np.random.default_rng(3))
-    assert resumed.best is not None
-    assert whole.best is not None
-    assert np.array_equal(resumed.best.x, whole.best.x)
-
-
-def test_journal_of_another_task_is_not_taken(tmp_path: Path) -> None:
-    """A checkpoint with another fingerprint is ignored."""
-    journal = tmp_path / "journal.npz"
-    Evolution().run([problem()], ledger(100, journal=journal, fingerprint="a"), np.random.default_rng(0))
-    book = ledger(100, journal=journal, fingerprint="b")
-    assert book._replay is None
 
 
 def test_cma_goes_round_the_box() -> None:
