@@ -16,7 +16,7 @@ from ident.outputs import check_outputs
 from ident.process import run_command
 from ident.show.console import progress_line
 from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
-from plan.show.console import print_comparison, print_result, progress_bar
+from plan.show.console import print_comparison, print_excitation, print_result, progress_bar
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
 command = commands_of(app)
@@ -133,7 +133,6 @@ def excite(
 ) -> None:
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
     from plan.api.exciting import excite as find_motion
-    from plan.experiment.console import print_excitation
     from plan.experiment.result import MOTION_KIND
 
     check_outputs([robot, diagnosis, catalogue, options.scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})

@@ -91,6 +91,15 @@ class Excitation(Result):
         return minutes_to_odds(proposed, self.duration), minutes_to_odds(by_chance, self.duration)
 
     @property
+    def untold(self) -> dict[str, list[str]]:
+        """Effects that motion does not tell from others, if they are there; and those others."""
+        found: dict[str, list[str]] = {}
+        for true, rival in self.distances:
+            if (true, rival) not in (self.testable or ()):
+                found.setdefault(true, []).append(rival)
+        return found
+
+    @property
     def file_names(self) -> list[str]:
         """One file a run, in order."""
         width = max(len(str(len(self.runs))), 2)

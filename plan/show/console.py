@@ -1,12 +1,10 @@
-"""What the commands print: tables, progress and plain lines."""
+"""What the commands print: tables, progress, and the plain lines of `lines.jinja`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from itertools import accumulate
-from math import degrees
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -16,11 +14,13 @@ from rich.table import Table
 from ident.console import styled
 
 if TYPE_CHECKING:  # a help text needs none of them
+    from plan.experiment.result import Excitation
     from plan.planners.base import Progress as Callback
-    from plan.problem.result import Certificate, PlanResult
+    from plan.problem.result import PlanResult
     from plan.solving.compare import Comparison
 
 UNITS = {"energy": "J", "time": "s"}
+LINES = Path(__file__).with_name("lines.jinja")
 
 
 @contextmanager
@@ -51,22 +51,29 @@ def progress_bar(console: Console, label: str) -> Iterator[Callback]:
         yield bar
 
 
+def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> None:
+    """Prints what the template's macro of a kind of result makes of it."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(line_statement_prefix="%", undefined=StrictUndefined)
+    template = environment.from_string(LINES.read_text(encoding="utf-8"), given)
+    for line in getattr(template.module, kind)(result, *more).splitlines():
+        if line.strip():
+            console.print(line, soft_wrap=True, highlight=False)
+
+
 def print_result(console: Console, result: PlanResult) -> None:
-    """A plan and its certificate, or why there is none."""
-    say = partial(console.print, soft_wrap=True)
-    colour = "green" if result.solved else "red"
-    say(
-        styled(
-            (result.status, colour), f" by {result.method}, {result.evaluations} evaluations, {result.seconds:.2f} s"
-        )
-    )
-    held = ", ".join(f"{name} at {value:g}" for name, value in result.held.items())
-    say(f"{result.robot}: {', '.join(result.joints)}" + (f"; held: {held}" if held else ""), highlight=False)
-    for one in result.carried:
-        mass = f", {one['mass_kg']:g} kg with its centre at {one['com_m']} m there" if "mass_kg" in one else ""
-        say(f"carried: {one['name']} on {one['link']}{mass}", highlight=False)
-    if result.reason:
-        say(f"reason: {result.reason}")
+    """A plan and its certificate, or why there is none; and what became of the initial trajectories."""
+    import numpy as np
+
+    status = (result.status, "green" if result.solved else "red")
+    spent = f" by {result.method}, {result.evaluations} evaluations, {result.seconds:.2f} s"
+    console.print(styled(status, spent), soft_wrap=True)
+    vias = []
+    if result.splines is not None:
+        stamps, points = np.cumsum(result.splines.durations[0])[:-1], result.splines.points[0, 1:-1]
+        vias = list(zip(stamps, np.degrees(points), strict=True))
+    _say(console, "plan", result, vias=vias)
     if len(result.starts) > 1:
         table = Table(title="initial trajectories", title_justify="left")
         for name in ("start", f"cost reached [{UNITS[result.objective]}]", "reason"):
@@ -76,74 +83,39 @@ def print_result(console: Console, result: PlanResult) -> None:
             failed = "not made feasible" if "violation" in start and cost is None else ""
             table.add_row(start["label"], "" if cost is None else f"{cost:.3f}", start["reason"] or failed)
         console.print(table)
-    certificate, splines = result.certificate, result.splines
-    if not result.solved or certificate is None or splines is None:
-        return
-    energy = ", ".join(f"{name} {value:.2f}" for name, value in certificate.energy.items() if name != "copper")
-    say(f"energy [J]: {energy}; copper {certificate.energy['copper']:.1f} N² m² s")
-    say(f"duration: {float(splines.total[0]):.4f} s")
-    for name, share in certificate.shares.items():
-        if share is not None:
-            say(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
-    for rule in certificate.rules:
-        say(str(rule), highlight=False)
-    for line in _trust(certificate):
-        say(line)
-    if result.reference_gap is not None and result.method != "sqp":
-        say(f"gap to the default method: {100 * result.reference_gap:+.2f} %")
-    stamps = list(accumulate(splines.durations[0]))[:-1]
-    if len(stamps) <= 10:
-        for stamp, via in zip(stamps, splines.points[0, 1:-1], strict=True):
-            say(f"  via at {stamp:.4f} s: {', '.join(f'{degrees(angle):.2f}' for angle in via)} deg")
-    for note in result.notes:
-        say(f"note: {note}")
-
-
-def _trust(certificate: Certificate) -> Iterator[str]:
-    """What executing the motion changes, how far its model may be believed, and what is proven for which shapes."""
-    law, clearance = certificate.time_law, certificate.clearance
-    if law.ramp > 0.0:
-        slower = f", slowed down by {100 * (law.stretch - 1.0):.2f} %" if law.stretch > 1.0 else ""
-        torque = f"{100 * law.shares[0]:.1f} % of the torque limits"
-        energy = "".join(f", {value:.2f} J {name}" for name, value in law.energy if name == "absolute")
-        yield f"executed from rest to rest: {law.duration:.4f} s{slower}, {torque}{energy}"
-    if certificate.energy_half_width is not None:
-        half = f"± {certificate.energy_half_width:.2g} J"
-        yield f"energy as executed is known to {half} (95 %, from the intervals of the model's torque)"
-    if certificate.reserve is not None:
-        known = ", ".join(f"{value:.2f}" for value in certificate.reserve)
-        yield f"torque set aside for the model's doubt [N m]: {known}"
-    yield from (f"beyond the model's training: {one!s}" for one in certificate.extrapolation or ())
-    if clearance.checked:
-        place = f"({clearance.pair}, {clearance.time:.3f} s)"
-        yield f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too {place}"
-    else:
-        yield "clearance: nothing to hit, so nothing was looked at"
-    yield from (f"  {line}" for line in certificate.scene.limits_of_proof)
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:
     """Medians over the seeds, a row a method."""
     table = Table(title=f"{comparison.name}: medians over the seeds", title_justify="left")
-    columns: dict[str, Callable[[dict[str, Any]], str]] = {
-        "method": lambda row: str(row["method"]),
-        "solved": lambda row: f"{row['solved']}/{row['runs']}",
-        f"cost [{UNITS[comparison.objective]}]": lambda row: _number(row["cost"]),
-        "executed": lambda row: _number(row["executed"]),
-        "worst": lambda row: _number(row["worst"]),
-        f"at {comparison.evaluations} evaluations": lambda row: _number(row["cost_at_evaluations"]),
-        f"at {comparison.seconds:g} s": lambda row: _number(row["cost_at_seconds"]),
-        "evaluations": lambda row: str(row["evaluations"]),
-        "time [s]": lambda row: f"{row['seconds']:.2f}",
-        "clearance [mm]": lambda row: "" if row["clearance_m"] is None else f"{1000 * row['clearance_m']:.1f}",
-        "above the best [%]": lambda row: "" if row["above_best"] is None else f"{100 * row['above_best']:.2f}",
+    columns = {
+        "method": "{method}",
+        "solved": "{solved}/{runs}",
+        f"cost [{UNITS[comparison.objective]}]": "{cost:.4g}",
+        "executed": "{executed:.4g}",
+        "worst": "{worst:.4g}",
+        f"at {comparison.evaluations} evaluations": "{cost_at_evaluations:.4g}",
+        f"at {comparison.seconds:g} s": "{cost_at_seconds:.4g}",
+        "evaluations": "{evaluations}",
+        "time [s]": "{seconds:.2f}",
+        "clearance [mm]": "{clearance_mm:.1f}",
+        "above the best [%]": "{above_percent:.2f}",
     }
     for name in columns:
         table.add_column(name, justify="left" if name == "method" else "right")
     for row in comparison.rows():
-        table.add_row(*(cell(row) for cell in columns.values()))
+        known = {name: float("nan") if value is None else value for name, value in row.items()}
+        known |= {"clearance_mm": 1000 * known["clearance_m"], "above_percent": 100 * known["above_best"]}
+        table.add_row(*(text.format(**known).replace("nan", "–") for text in columns.values()))
     console.print(table)
 
 
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
+def print_excitation(console: Console, found: Excitation) -> None:
+    """The set-up where it must change, the motion, what it tells, and what random motion would."""
+    from ident.effects.effect_info import describe_motion
+    from ident.errors import plural
+    from plan.experiment.result import odds_of
+
+    odds = ["over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1" for one in found.smallest]
+    motion = describe_motion(found.run_set.family, found.joint)
+    _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)

@@ -11,10 +11,9 @@ from rich.console import Console
 from ident.results import Result
 from ident.show.panels import panel
 from ident.trajectories.reference import TICK_S
-from plan.experiment.console import print_excitation
 from plan.experiment.result import Excitation
 from plan.problem.result import PlanResult
-from plan.show.console import print_comparison, print_result
+from plan.show.console import print_comparison, print_excitation, print_result
 from plan.solving.compare import Comparison
 
 if TYPE_CHECKING:
