@@ -9,7 +9,7 @@ from typing import Any
 
 from ident.api.diagnosing import Catalogue, gather_effects
 from ident.diagnosis.result import Diagnosis
-from ident.progress import stage, step
+from ident.progress import stage
 from ident.results import Provenance
 from ident.sessions import Robot, load_robot
 from plan.experiment.design import Designer
@@ -46,7 +46,7 @@ def excite(
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching motions")
-    found = Designer(arm, hypotheses, chosen, around).best(step)
+    found = Designer(arm, hypotheses, chosen, around).best()
     named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
     given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}
     return found.with_provenance(Provenance("plan excite", settings={**named, **given}))

@@ -12,11 +12,12 @@ from ident.errors import ModelError
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.outputs import remove_own_file
+from ident.progress import stage
 from ident.results import Provenance
 from plan.errors import SceneError
 from plan.options import CompareOptions, SolveOptions, TaskOptions
 from plan.planners import Budget, budget_of
-from plan.planners.base import Planner, Progress, processor_seconds
+from plan.planners.base import Planner, processor_seconds
 from plan.problem.extrapolation import require_inside
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -57,7 +58,6 @@ def solve(
     model: Model | None = None,
     *,
     planner: Planner | None = None,
-    progress: Progress | None = None,
     **options: Any,
 ) -> PlanResult:
     """Finds one trajectory and certifies it; an expected failure is a status with a reason.
@@ -66,7 +66,6 @@ def solve(
         scene: Scene file, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
         planner: A planner of one's own in place of a method.
-        progress: Called while searching.
         options: Any field of `SolveOptions`, as the options of `plan solve`: `method`, `objective`, `seconds` …
 
     Raises:
@@ -74,18 +73,15 @@ def solve(
         TypeError: No such option.
     """
     chosen, began = SolveOptions(**options), processor_seconds()
-    result = solve_task(open_task(scene, model, chosen), chosen, planner, progress)
+    result = solve_task(open_task(scene, model, chosen), chosen, planner)
     return replace(result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began))  # all since the call
 
 
-def compare(
-    scene: Scene, model: Model | None = None, *, progress: Progress | None = None, **options: Any
-) -> Comparison:
+def compare(scene: Scene, model: Model | None = None, **options: Any) -> Comparison:
     """Runs all methods on one task.
 
     Args:
         scene, model: As for `solve`.
-        progress: Called while searching.
         options: Any field of `CompareOptions`, as the options of `plan compare`.
 
     Raises:
@@ -93,7 +89,7 @@ def compare(
         TypeError: No such option.
     """
     chosen = CompareOptions(**options)
-    return compare_task(open_task(scene, model, chosen), chosen, progress)
+    return compare_task(open_task(scene, model, chosen), chosen)
 
 
 def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS) -> OpenedTask:
@@ -123,29 +119,28 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     return OpenedTask(task, problem, taught, tuple(others), named)
 
 
-def solve_task(
-    opened: OpenedTask, options: SolveOptions, planner: Planner | None = None, progress: Progress | None = None
-) -> PlanResult:
+def solve_task(opened: OpenedTask, options: SolveOptions, planner: Planner | None = None) -> PlanResult:
     """Solves an opened task, with a planner of one's own if one is given.
 
     Raises:
         MethodError: No such method, or not for this task.
     """
     problem, note = _with_goal(opened, budget_of(options), options.seed)
-    result = solve_problem(problem, options, planner, opened.trial, progress=progress)
+    stage("searching a motion")
+    result = solve_problem(problem, options, planner, opened.trial)
     spent = {"evaluations": options.evaluations, "seconds": options.seconds}
     origin = opened.origin("plan solve", method=result.method, seed=options.seed, **spent)
     return replace(result, notes=(*note, *result.notes)).with_provenance(origin)
 
 
-def compare_task(opened: OpenedTask, options: CompareOptions, progress: Progress | None = None) -> Comparison:
+def compare_task(opened: OpenedTask, options: CompareOptions) -> Comparison:
     """Compares methods on an opened task.
 
     Raises:
         MethodError: No such method.
     """
     problem, _ = _with_goal(opened, Budget(), 0)
-    table = compare_methods(problem, opened.task.source.stem, options, opened.trial, progress)
+    table = compare_methods(problem, opened.task.source.stem, options, opened.trial)
     asked = {name: asdict(options)[name] for name in ("methods", "seeds", "evaluations", "seconds")}
     return table.with_provenance(opened.origin("plan compare", **asked))
 

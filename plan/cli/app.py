@@ -16,7 +16,7 @@ from ident.outputs import check_outputs
 from ident.process import run_command
 from ident.show.console import progress_line
 from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
-from plan.show.console import print_comparison, print_excitation, print_result, progress_bar
+from plan.show.console import print_comparison, print_excitation, print_result
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
 command = commands_of(app)
@@ -65,8 +65,8 @@ def solve(
 
         require_picture(picture)
     opened = open_task(task, model, options)
-    with progress_bar(console, options.method) as progress:
-        result = solve_task(opened, options, progress=progress)
+    with progress_line(console, f"solve by {options.method}"):
+        result = solve_task(opened, options)
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     save_outputs(opened, result, json_file, picture, rrd)
@@ -95,8 +95,8 @@ def compare(
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model, options.vias], {**written, "--json": json_file})
     opened = open_task(task, model, options)
-    with progress_bar(console, "compare") as progress:
-        table = compare_task(opened, options, progress)
+    with progress_line(console, "compare"):
+        table = compare_task(opened, options)
     print_comparison(console, table)
     save_comparison(opened, table, json_file, out)
 
@@ -113,8 +113,8 @@ def paper(
 
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
-    with progress_bar(console, "paper") as progress:
-        found = repeat_paper(fitted, options, progress)
+    with progress_line(console, "paper"):
+        found = repeat_paper(fitted, options)
     console.print(f"page written to {write_page(found, out)}")
 
 

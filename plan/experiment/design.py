@@ -14,6 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RobotError
+from ident.progress import step
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import PredictedDesign, Predictor
@@ -33,8 +34,6 @@ FINALISTS, STEP = 3, 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
 GROW, SHRINK = 1.5, 0.9
 
-Progress = Callable[[int, int, float], None]
-
 
 class RatedRuns(NamedTuple):
     """A set of runs with its score."""
@@ -50,7 +49,6 @@ def search(
     hinted: str,
     evaluations: int,
     seed: int,
-    progress: Progress | None = None,
 ) -> list[RatedRuns]:
     """The best set of each of the best families, by score; random motion is among them.
 
@@ -60,14 +58,12 @@ def search(
         hinted: The family that is known to suit: it is tried most often, every other in turn.
         evaluations: Most sets that are rated.
         seed: Of all chance.
-        progress: Called after each with evaluations, allowed, best score.
     """
     rng, done = np.random.default_rng(seed), list[RatedRuns]()
 
     def attempt(family: str, shares: Array) -> RatedRuns:
         done.append(RatedRuns(rate(family, shares), family, shares))
-        if progress is not None:
-            progress(len(done), evaluations, max(one.rate for one in done))
+        step(len(done), evaluations)
         return done[-1]
 
     count, names = max(len(FAMILIES), int(STARTS_SHARE * evaluations)), list(FAMILIES)
@@ -76,11 +72,11 @@ def search(
         attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
     finalists = _best_of_families(done)[:FINALISTS]
     for i, best in enumerate(finalists):  # a (1 + 1) evolution strategy in the unit cube
-        step = STEP
+        reach = STEP
         for _ in range((evaluations - len(done)) // (len(finalists) - i)):
-            move = step * rng.standard_normal(len(best.shares))
+            move = reach * rng.standard_normal(len(best.shares))
             trial = attempt(best.family, np.clip(best.shares + move, 0.0, 1.0))
-            step *= GROW if trial.rate > best.rate else SHRINK
+            reach *= GROW if trial.rate > best.rate else SHRINK
             best = trial if trial.rate > best.rate else best
     ranked = _best_of_families(done)
     return ranked[:FINALISTS] + [one for one in ranked[FINALISTS:] if one.family == BASELINE]
@@ -147,11 +143,8 @@ class Designer:
         runs = self.decode(family, shares).runs(TRIAL_RUNS, self.feasible)
         return 60.0 * self.hypotheses.score(self.see(runs)) / duration_of(runs) if runs else -np.inf
 
-    def best(self, progress: Progress | None = None) -> Excitation:
+    def best(self) -> Excitation:
         """The motion that a search finds, with random motion of its length beside it.
-
-        Args:
-            progress: Called after each evaluation with evaluations, allowed, best score.
 
         Raises:
             RobotError: No motion of this arm keeps its limits and its distance from itself.
@@ -160,7 +153,7 @@ class Designer:
         run_sets, evaluations, seed = [self.general], 0, self.options.seed
         if asked.testable != ():
             evaluations = self.options.evaluations
-            found = search(self.rate, self.arm.n, asked.family, evaluations, seed, progress)
+            found = search(self.rate, self.arm.n, asked.family, evaluations, seed)
             rng = np.random.default_rng([seed, 2])
             draws = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, RunSet.freedom(BASELINE, self.arm.n)))
             run_sets = [self.decode(one.family, one.shares) for one in found]

@@ -5,8 +5,10 @@ Each family has a few figures, for one joint of an arm in some pose.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -26,35 +28,10 @@ ATTEMPTS = 40
 SPREAD = "pose_spread"
 """The figure of all families that says how far a run's pose lies from home, as a share of the usual span."""
 FAMILIES: dict[str, dict[str, tuple[float, float]]] = {
-    "ladder": {"slowest_rad_s": (0.015, 0.2), "fastest_share": (0.1, 0.9), SPREAD: (0.0, 1.0)},
-    "vias": {"swing": (0.4, 1.0), "leg_s": (0.8, 3.0), "draw": (0.0, 1000.0), SPREAD: (0.0, 0.3)},
-    "random": {
-        "swing": (0.6, 1.0),
-        "leg_s": (1.0, 2.5),
-        "fast_share": (0.4, 1.0),
-        "draw": (0.0, 1000.0),
-        SPREAD: (0.0, 0.3),
-    },
-    "slow": {"slowest_rad_s": (0.015, 0.06), "ratio": (1.3, 3.0), SPREAD: (0.0, 1.0)},
-    "poses": {"speed_share": (0.05, 0.6), "reach": (0.2, 1.0), SPREAD: (0.0, 1.0)},
-    "reversals": {
-        "first_rad": (0.02, 0.6),
-        "last_rad": (0.002, 0.02),
-        "ratio": (0.4, 0.9),
-        "speed_rad_s": (0.03, 0.5),
-        SPREAD: (0.0, 1.0),
-    },
-    "chirp": {
-        "lowest_hz": (0.2, 3.0),
-        "highest_hz": (4.0, 15.0),
-        "swing_rad": (0.03, 0.5),
-        "neighbours": (0.0, 0.8),
-        SPREAD: (0.0, 1.0),
-    },
-    "holds": {"dwell_s": (0.3, 1.0), "speed_rad_s": (0.05, 0.4), SPREAD: (0.0, 1.0)},
-    "wide": {"base_hz": (0.08, 0.25), "swing": (0.4, 1.0), SPREAD: (0.0, 1.0)},
+    family: {name: (low, high) for name, (low, high) in ranges.items()}
+    for family, ranges in tomllib.loads(Path(__file__).with_name("families.toml").read_text(encoding="utf-8")).items()
 }
-"""Each family, as in `ident.effects.effect_info`, with the ranges of the figures that a search may choose."""
+"""Each family, as in `ident.effects.effect_info`, with the ranges of the numbers that a search may choose."""
 # Ends of the names of figures that are searched on a logarithmic scale.
 LOGARITHMIC = ("_rad", "_rad_s", "_hz", "leg_s", "speed_share")
 

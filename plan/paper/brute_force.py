@@ -58,8 +58,6 @@ class BruteForce(Planner):
             if ledger.remaining == 0 and i + COSTS < points:
                 ledger.notes.append("the budget ended the search")
                 break
-            if ledger.progress is not None:
-                ledger.progress(ledger.evaluations, points, float(costs[rows].min()))
         order = np.argsort(costs)
         for i in range(0, len(order), CHECKED):
             rows = order[i : i + CHECKED]

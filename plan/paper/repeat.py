@@ -16,6 +16,7 @@ from jinja2 import Environment, StrictUndefined
 from ident.arrays import Array
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
+from ident.progress import stage
 from plan.geometry.solids import Box
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
@@ -24,7 +25,7 @@ from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
-from plan.planners.base import Planner, Progress
+from plan.planners.base import Planner
 from plan.planners.compressed import start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
@@ -70,19 +71,24 @@ class Repeat:
     effort: PaperOptions  # how much was run
 
 
-def repeat_paper(model: HybridModel | None, effort: PaperOptions, progress: Progress | None = None) -> Repeat:
+def repeat_paper(model: HybridModel | None, effort: PaperOptions) -> Repeat:
     """Runs the paper's experiments on a fitted model of the TM5-900.
 
     Raises:
         TaskError: The model is another robot's.
     """
-    runs = _Experiments(model, effort, progress)
+    runs = _Experiments(model, effort)
+    stage("Table 3", 0.0, 0.2)
     runs.optimise_small_task()
     blocked = runs.problem(1.0, (OBSTACLE,))
+    stage("Fig. 10", 0.2, 0.4)
     search = runs.compare_searches(blocked)
+    stage("Fig. 11", 0.4, 0.5)
     runs.shorten_from_the_task(blocked)
     slow = runs.problem(4.0, (OBSTACLE,))
+    stage("Tables 4 and 5", 0.5, 0.7)
     learned, improved = runs.improve_the_taught(slow)
+    stage("Tables 6 and 7", 0.7)
     runs.shorten_from_energy_optima("Table 6", slow, learned)
     runs.shorten_from_energy_optima("Table 7", slow, improved)
     return Repeat(runs.tables, search, runs.motions, effort)
@@ -94,7 +100,6 @@ class _Experiments:
 
     model: HybridModel | None
     effort: PaperOptions
-    progress: Progress | None
     tables: dict[str, list[Line]] = field(default_factory=dict)
     motions: dict[str, tuple[PlanningProblem, PlanResult]] = field(default_factory=dict)
 
@@ -111,7 +116,7 @@ class _Experiments:
     ) -> PlanResult:
         """One search, from given initial trajectories if that is wanted."""
         options = SolveOptions(seed=seed, evaluations=10**8, seconds=LONGEST, gap=False)
-        return solve(problem, options, planner, None, starts, self.progress)
+        return solve(problem, options, planner, None, starts)
 
     def enter(self, table: str, *lines: Line) -> None:
         self.tables.setdefault(table, []).extend(lines)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from importlib import import_module
-from typing import Any
 
 from plan.errors import MethodError
 from plan.options import SolveOptions
@@ -14,21 +11,16 @@ from plan.planners.base import Budget, Candidate, Ledger, Planner
 __all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "budget_of", "make_planner"]
 
 
-def _planner(module: str, name: str, **options: Any) -> Planner:
-    """A planner from its file, which is loaded now: the libraries of some take seconds to load."""
-    found: Planner = getattr(import_module(f"plan.{module}"), name)(**options)
-    return found
-
-
-METHODS: dict[str, Callable[[], Planner]] = {
-    "sqp": partial(_planner, "planners.sequential", "Sequential"),
-    "reference": partial(_planner, "planners.reference", "Reference"),
-    "cma": partial(_planner, "planners.evolution", "Evolution"),
-    "ppo": partial(_planner, "paper.ppo", "Ppo"),
-    "ga": partial(_planner, "paper.genetic", "Genetic"),
-    "brute": partial(_planner, "paper.brute_force", "BruteForce"),
-    "compress": partial(_planner, "paper.compression", "Compression"),
-    "toppra": partial(_planner, "paper.toppra", "Toppra"),
+# Where each method's planner stands; it is loaded when it is made: the libraries of some take seconds to load.
+METHODS = {
+    "sqp": "planners.sequential:Sequential",
+    "reference": "planners.reference:Reference",
+    "cma": "planners.evolution:Evolution",
+    "ppo": "paper.ppo:Ppo",
+    "ga": "paper.genetic:Genetic",
+    "brute": "paper.brute_force:BruteForce",
+    "compress": "paper.compression:Compression",
+    "toppra": "paper.toppra:Toppra",
 }
 # Methods that shorten time only.
 TIME_ONLY = ("compress", "toppra")
@@ -44,7 +36,9 @@ def make_planner(method: str, objective: str) -> Planner:
         raise MethodError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
     if method in TIME_ONLY and objective != "time":
         raise MethodError("--method", f"{method} shortens time only", "use --objective time, or another method")
-    return METHODS[method]()
+    module, name = METHODS[method].split(":")
+    planner: Planner = getattr(import_module(f"plan.{module}"), name)()
+    return planner
 
 
 def budget_of(options: SolveOptions) -> Budget:

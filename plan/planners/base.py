@@ -6,7 +6,7 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -14,11 +14,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.model.net_options import torch_threads
+from ident.progress import step
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
-# Called with the evaluations so far, the evaluations allowed, and the best cost.
-Progress = Callable[[int, int, float], None]
 # Seconds between two questions to the system what was spent: each may wait behind all other processes.
 LOOK_EVERY = 0.01
 
@@ -74,7 +73,7 @@ class Ledger:
     """Counts evaluations and time, keeps the best candidate and the history."""
 
     budget: Budget  # what may be spent
-    progress: Progress | None = None  # called after each batch
+    shown: bool = False  # whether whoever listens is told how much of the budget is spent
     evaluations: int = 0
     best: Candidate | None = None
     best_of: dict[str, Candidate] = field(default_factory=dict)
@@ -118,12 +117,10 @@ class Ledger:
         if len(x) == 0:
             raise BudgetSpentError
         found = problem.evaluate(x)
-        self.evaluations += len(x)
+        self.count(len(x))
         violation = found.violation
         first = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))[0]
         self.offer(Candidate(problem, x[first].copy(), float(found.cost[first]), float(violation[first])))
-        if self.progress is not None and self.best is not None:
-            self.progress(self.evaluations, self.budget.evaluations, self.best.cost)
         return found
 
     def penalised(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Float[Array, " b"]:
@@ -131,8 +128,11 @@ class Ledger:
         return problem.penalised(self.evaluate(problem, x))
 
     def count(self, evaluations: int) -> None:
-        """Adds evaluations that a solver made by itself."""
+        """Adds evaluations, those that a solver made by itself too."""
         self.evaluations += evaluations
+        if self.shown:
+            share = max(self.evaluations / self.budget.evaluations, self._spent / max(self.budget.seconds, 1e-9))
+            step(min(round(1000.0 * share), 1000), 1000)
 
     def offer(self, candidate: Candidate) -> None:
         """Enters a candidate that was evaluated elsewhere."""

@@ -1,54 +1,22 @@
-"""What the commands print: tables, progress, and the plain lines of `lines.jinja`."""
+"""What the commands print: tables, and the plain lines of `lines.jinja`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ident.console import styled
 
 if TYPE_CHECKING:  # a help text needs none of them
     from plan.experiment.result import Excitation
-    from plan.planners.base import Progress as Callback
     from plan.problem.result import PlanResult
     from plan.solving.compare import Comparison
 
 UNITS = {"energy": "J", "time": "s"}
 LINES = Path(__file__).with_name("lines.jinja")
-
-
-@contextmanager
-def progress_bar(console: Console, label: str) -> Iterator[Callback]:
-    """Lends a callback (evaluations, allowed, best cost): a bar on a terminal, lines at powers of ten elsewhere."""
-    if not console.is_terminal:
-        said = [1000]
-
-        def line(done: int, total: int, cost: float) -> None:
-            if done >= said[0]:
-                said[0] *= 10
-                console.print(f"{label}: {done} evaluations, best {cost:.4g}")
-
-        yield line
-        return
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.completed}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(label, total=None)
-
-        def bar(done: int, total: int, cost: float) -> None:
-            progress.update(task, completed=done, description=f"{label} (best {cost:.4g})")
-
-        yield bar
 
 
 def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> None:

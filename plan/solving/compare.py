@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ident.progress import stage
 from ident.results import Result
 from plan.errors import MethodError
 from plan.options import CompareOptions, SolveOptions
 from plan.planners import METHODS, TIME_ONLY, make_planner
-from plan.planners.base import Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Trial
@@ -102,7 +102,6 @@ def compare(
     name: str,
     options: CompareOptions,
     trial: Trial | None = None,
-    progress: Progress | None = None,
 ) -> Comparison:
     """Runs every method from the same initial trajectories, seed by seed.
 
@@ -111,7 +110,6 @@ def compare(
         name: Its name.
         options: The methods, all that can do the task if none is named; seeds; and where costs are compared.
         trial: Taught via points to start from.
-        progress: Called while searching.
 
     Raises:
         MethodError: No such method, or not for this task.
@@ -125,11 +123,12 @@ def compare(
     for method in chosen:
         make_planner(method, problem.objective)
     starts = cache(lambda seed: find_starts(problem, np.random.default_rng(seed), trial))
-    results = [
-        solve(problem, SolveOptions(method=method, seed=seed, gap=False), None, trial, starts(seed), progress)
-        for method in chosen
-        for seed in range(1 if method in FIXED else options.seeds)
-    ]
+    runs = [(method, seed) for method in chosen for seed in range(1 if method in FIXED else options.seeds)]
+    results = []
+    for number, (method, seed) in enumerate(runs):
+        stage(f"{method}, seed {seed}", number / len(runs), (number + 1) / len(runs))
+        options_of_run = SolveOptions(method=method, seed=seed, gap=False)
+        results.append(solve(problem, options_of_run, None, trial, starts(seed)))
     return Comparison(name, problem.objective, options.evaluations, options.seconds, tuple(results))
 
 

@@ -12,7 +12,7 @@ from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
 from plan.options import DEFAULT_METHOD, SolveOptions
 from plan.planners import Budget, Candidate, Ledger, budget_of, make_planner
-from plan.planners.base import Planner, Progress
+from plan.planners.base import Planner
 from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
@@ -97,7 +97,6 @@ def solve(
     planner: Planner | None = None,
     trial: Trial | None = None,
     starts: Starts | None = None,
-    progress: Progress | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
@@ -107,7 +106,6 @@ def solve(
         planner: A planner with other options than the method's default.
         trial: Taught via points to start from.
         starts: Initial trajectories, if they are known already.
-        progress: Called while searching.
 
     Raises:
         MethodError: No such method, or not for this task.
@@ -131,7 +129,7 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = Ledger(budget_of(options), progress)
+    ledger = Ledger(budget_of(options), shown=True)
     if starts is None and planner.explores:
         starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
