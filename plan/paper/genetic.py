@@ -27,7 +27,6 @@ class Genetic(Planner):
     generations: int = 200  # generations
     crossover: float = 0.8  # share of parents that exchange bits
     flip: float = 0.004  # probability that a bit flips
-    serial: bool = False  # evaluate one child at a time, as the paper had to on its graphics card
     name: ClassVar[str] = "ga"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -44,8 +43,7 @@ class Genetic(Planner):
 
     def _cost(self, problem: PlanningProblem, genes: Int[Array, "P d b"], ledger: Ledger) -> Float[Array, " P"]:
         x = self._decode(problem, genes)
-        batches = [x[i : i + 1] for i in range(len(x))] if self.serial else [x]
-        found = np.concatenate([ledger.penalised(problem, batch) for batch in batches])
+        found = ledger.penalised(problem, x)
         return np.concatenate([found, np.full(len(x) - len(found), np.inf)])
 
     def _offspring(self, genes: Array, cost: Array, rng: np.random.Generator) -> Array:

@@ -7,14 +7,17 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
+from ident.robot.urdf import rpy_to_matrix
 from plan.errors import SceneError
 
-Kind = Literal["any", "text", "flag", "number", "angle", "whole", "numbers", "angles", "rows", "scale"]
+# A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
+ROUNDED = 0.01
 
 
 @dataclass(frozen=True)
@@ -23,19 +26,22 @@ class SceneKey:
 
     says: str  # its meaning, for people
     # What it holds: one number or several, degrees that become radians (`angle`, `angles`, `rows` of them), one number
-    # for three (`scale`); what is `any` is looked at by whoever reads it.
-    kind: Kind = "any"
+    # for three (`scale`), a unit vector (`direction`), a rotation matrix (`turn`, `quaternion`), `text`, a `flag`, a
+    # `whole` number; what is `any` is looked at by whoever reads it.
+    kind: str = "any"
     default: Any = None  # its value where it is left out; None for none
     needed: bool = False  # whether it may not be left out
     least: float = 0.0  # of a number the least, or, if `above`, what it has to lie above
     above: bool = False
+    most: float = math.inf  # the largest that a number, or the modulus of any of several, may be
     count: int | str | None = None  # how many numbers; `joints` for as many as joints move
     positive: bool = False  # whether all of several numbers have to lie above zero
+    without: tuple[str, ...] = ()  # keys that may not stand beside it
 
 
 Keys = Mapping[str, SceneKey]
 KEYS: dict[str, Keys] = {
-    table: {name: SceneKey(**row) for name, row in rows.items()}
+    table: {name: SceneKey(**row | {"without": tuple(row.get("without", ()))}) for name, row in rows.items()}
     for table, rows in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items()
 }
 
@@ -60,6 +66,10 @@ class SceneTable:
         if unknown:
             what = f"{name or 'file'}: unknown key {unknown[0]!r}"
             raise SceneError(file, what, f"keys are: {', '.join(sorted(self.keys))}")
+        for key in entry:
+            for other in self.keys[key].without:
+                if other in entry:
+                    raise SceneError(file, f"{name} has both {other} and {key}", "give one of them")
 
     def __contains__(self, key: str) -> bool:
         return key in self.entry
@@ -78,6 +88,13 @@ class SceneTable:
             return self[key]
         text = f'add {key} = "…"' if self.keys[key].kind == "text" else "add it, in metres" * key.endswith("_m")
         raise self.fault(key, "is missing", text or "add it")
+
+    def one_of(self, *keys: str) -> str:
+        """The key that is given, of some that exclude each other."""
+        given = [key for key in keys if key in self]
+        if not given:
+            raise SceneError(self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them")
+        return given[0]
 
     def path(self, key: str) -> str:
         """A key as messages name it."""
@@ -111,7 +128,11 @@ class SceneTable:
             return math.radians(value) if known.kind == "angle" else value
         if known.kind in ("numbers", "angles"):
             values = self._numbers(key, found, count, known.positive)
+            if np.abs(values).max() > known.most:
+                raise self.fault(key, f"has {np.abs(values).max():.3g}, beyond {known.most:g}", "give metres")
             return np.radians(values) if known.kind == "angles" else values
+        if known.kind in ("direction", "turn", "quaternion"):
+            return self._turned(key, self._numbers(key, found, count), known.kind)
         if known.kind == "scale":
             return self._numbers(key, found if isinstance(found, list) else [found] * 3, 3, True)
         if known.kind == "rows":
@@ -129,10 +150,24 @@ class SceneTable:
 
     def _number(self, key: str, found: Any, known: SceneKey) -> float:
         right = not isinstance(found, bool) and isinstance(found, int | float) and math.isfinite(found)
-        if not right or found < known.least or (known.above and found == known.least):
-            wanted = "above zero" if known.above else f"of {known.least:g} or more"
+        if not right or not known.least <= found <= known.most or (known.above and found == known.least):
+            top = "or more" if known.most == math.inf else f"to {known.most:g}"
+            wanted = "above zero" if known.above else f"of {known.least:g} {top}"
             raise self.fault(key, f"is {found!r}, not a number {wanted}", "give a number")
         return float(found)
+
+    def _turned(self, key: str, values: Float[Array, " k"], kind: str) -> Array:
+        """A unit vector, or a rotation matrix."""
+        length = float(np.linalg.norm(values))
+        if kind == "turn":
+            return freeze(rpy_to_matrix(values))
+        if kind == "quaternion":
+            if abs(length - 1.0) > ROUNDED:
+                raise self.fault(key, f"has length {length:.3g}, not 1", "give x, y, z, w of a unit quaternion")
+            return freeze(pin.Quaternion(values / length).toRotationMatrix())
+        if length < 1e-6:
+            raise self.fault(key, f"is {values.tolist()}, no direction", "give a vector that is not nought")
+        return freeze(values / length)
 
     def _numbers(self, key: str, found: Any, count: Any, positive: bool = False) -> Float[Array, " k"]:
         try:

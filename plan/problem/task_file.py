@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.recordings.recording import Payload
-from ident.robot.urdf import rpy_to_matrix
 from ident.safe_read import read_toml
 from plan.errors import SceneError
 from plan.geometry.obstacle_files import read_cloud, read_mesh
@@ -80,7 +79,7 @@ def _shape(table: SceneTable, carried: bool = False) -> Box:
     else:
         lengths = () if kind == "sphere" else (table["length_m"] / 2,)
         solid = Solid.simple(cast("Kind", kind), table["radius_m"], *lengths)
-    rotation = rpy_to_matrix(table["rpy_rad"])
+    rotation = table["rpy_rad"]
     # What was scanned is given in the base frame, where nothing else is said.
     centre = np.zeros(3) if kind == "cloud" and "xyz_m" not in table else table.need("xyz_m")
     return Box.around(str(table.entry.get("name", table.name)), solid, 0, rotation, centre + rotation @ middle)
@@ -157,8 +156,6 @@ def load_task(path: str | Path) -> Task:
     top.joints = len(start)
     task, limits = top.table("task"), top.table("limits")
     poses = read_poses(task)
-    if "goal_deg" in task and "goals_deg" in task:
-        raise SceneError(task.file, "task has both goal_deg and goals_deg", "give one of them")
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
     taught = (_trial(task),) if "via_points_deg" in task else ()
     return Task(
