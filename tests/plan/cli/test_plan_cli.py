@@ -1,20 +1,20 @@
 """The `plan` command, from scene file to exit status."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from ident.errors import InputError
-from plan.api.planning import OpenedTask, open_task, solve_task
+from plan.api.planning import OpenedTask, compare_task, open_task, solve_task
 from plan.cli.app import app, main
-from plan.options import SolveOptions, TaskOptions
-from plan.problem.task_file import load_task, load_trials
+from plan.options import CompareOptions, SolveOptions, TaskOptions
+from plan.problem.task_file import load_trials
 from tests.schemas import check_file
 
 DATA = Path(__file__).parents[1] / "data"
@@ -100,36 +100,27 @@ def test_bad_options() -> None:
             opened(path, **changes)
     with pytest.raises(InputError, match="use one of: sqp"):
         solve_task(opened(path), SolveOptions(method="magic"))
+    with pytest.raises(InputError, match="use some of: sqp"):  # before it spends any time
+        compare_task(opened(path), CompareOptions(methods="cma,magic"))
 
 
-def test_model_of_another_robot(tmp_path: Path) -> None:
-    """A model fitted for another robot is refused."""
+def test_a_model_is_planned_with_where_it_is_this_robots(tmp_path: Path) -> None:
+    """Its losses raise the energy; a model fitted for another robot, and a folder that holds none, are refused."""
     from ident.model.hybrid import HybridModel
     from ident.model.loss import LossParameters
     from ident.robot.arm import ArmModel
 
-    arm = ArmModel.load("ur10")
-    HybridModel(arm, arm, arm, LossParameters.zero(arm.n)).save(tmp_path / "model")
+    for name in ("ur10", "tm5-900"):
+        arm = ArmModel.load(name)
+        loss = LossParameters(*(np.full(arm.n, value) for value in (0.5, 5.0, 5.0, 0.0, 0.01)))
+        HybridModel(arm, arm, arm, loss).save(tmp_path / name)
     with pytest.raises(InputError, match="fit a model for this robot"):
-        opened(DATA / "table3.toml", model=tmp_path / "model")
+        opened(DATA / "table3.toml", model=tmp_path / "ur10")
     with pytest.raises(InputError, match="not a model folder"):
         opened(DATA / "table3.toml", model=tmp_path)
-
-
-def test_model_of_this_robot(tmp_path: Path) -> None:
-    """A saved model of the robot is planned with: its losses raise the energy."""
-    from ident.model.hybrid import HybridModel
-    from ident.model.loss import LossParameters
-    from ident.robot.arm import ArmModel
-
-    arm = ArmModel.load("tm5-900")
-    import numpy as np
-
-    loss = LossParameters(*(np.full(6, value) for value in (0.5, 5.0, 5.0, 0.0, 0.01)))
-    HybridModel(arm, arm, arm, loss).save(tmp_path / "model")
     with_loss, without = (
         solve_task(opened(DATA / "table3.toml", model=folder), SolveOptions(method="reference", gap=False))
-        for folder in (tmp_path / "model", None)
+        for folder in (tmp_path / "tm5-900", None)
     )
     assert with_loss.cost > without.cost + 5.0
 
@@ -156,32 +147,6 @@ def test_taught_files(tmp_path: Path) -> None:
         opened(DATA / "table3.toml", vias=scene(tmp_path, "[[trial]]\nvia_points_deg = [[60, 10, -110]]"), trial=2)
 
 
-def test_scene_defaults() -> None:
-    """What a scene file leaves out has the documented defaults."""
-    task = load_task(DATA / "table3.toml")
-    assert task.clearance == 0.005
-    assert task.via_points == 2
-    assert task.obstacles == ()
-
-
-def test_exit_status_and_one_line(tmp_path: Path) -> None:
-    """The user's mistake ends the program with status 2, one line on standard error and nothing written."""
-    path = scene(tmp_path, TABLE3.replace("[80, 30, -90]", "[80, 300, -90]"))
-    out = tmp_path / "plan.json"
-    code = "import sys; from plan.cli.app import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, "solve", str(path), "--json", str(out)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "task.goal_deg" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not out.exists()
-
-
 CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '
 
 
@@ -189,6 +154,7 @@ CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '
     ("old", "new", "options", "words"),
     [
         ("[50, 0, -120]", "[50, 0, -300]", (), "stay within"),
+        ("[80, 30, -90]", "[80, 300, -90]", (), "task.goal_deg"),
         ("[50, 0, -120]", "[50, 100, 150]", (), "move that position or the obstacle"),
         ("[80, 30, -90]", "[80, 100, 150]", (), "move that position or the obstacle"),
         ("via_points = 2", f"via_points = 2\n{CRATE}[0, 0.1, 0.1]", (), "give lengths"),
@@ -215,13 +181,6 @@ def test_solve_ends_with_status_two(
     assert words in said
     assert said.count("\n") == 1
     assert not (tmp_path / "plan.json").exists()
-
-
-def test_compare_of_unknown_methods() -> None:
-    """A comparison names the methods there are, before it spends any time."""
-    outcome = CliRunner().invoke(app, ["compare", str(DATA / "table3.toml"), "--methods", "cma,magic"])
-    assert isinstance(outcome.exception, InputError)
-    assert "use some of: sqp" in str(outcome.exception)
 
 
 def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

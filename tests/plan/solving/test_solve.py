@@ -213,31 +213,6 @@ def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
     assert own.evaluations < 300
 
 
-def test_six_joints() -> None:
-    """A task of all six joints is solved and certified."""
-    from ident.robot.arm import ArmModel
-    from plan.dynamics.power import torque_of_robot
-    from plan.geometry.scene import Scene
-    from plan.problem.problem import Limits, PlanningProblem
-
-    arm = ArmModel.load("tm5-900")
-    start = np.radians([50.0, 0.0, -120.0, 10.0, 60.0, 0.0])
-    goal = np.radians([80.0, 30.0, -90.0, -20.0, 80.0, 40.0])
-    task = PlanningProblem(
-        Scene.build(arm, [MONITOR]),
-        torque_of_robot(arm),
-        Limits(arm.lower, arm.upper, arm.velocity_limit, arm.effort_limit, 0.005),
-        start,
-        goal,
-        straight(start, goal, 2),
-        np.full(3, 0.5),
-    )
-    result = solve(task, SolveOptions(method="cma", evaluations=6000, seconds=60.0, gap=False))
-    assert result.solved
-    assert result.certificate is not None
-    assert certify(task, result.splines).broken == []  # type: ignore[arg-type]
-
-
 def test_comparison_counts_alike() -> None:
     """Every method has its row; costs at equal evaluations never lie below the end's; the best is zero above itself."""
     table = compare(problem(), "table 3", CompareOptions(methods="cma,ppo,ga", seeds=2, evaluations=300, seconds=0.5))
