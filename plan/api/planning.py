@@ -21,11 +21,11 @@ from plan.planners.base import Planner, processor_seconds
 from plan.problem.extrapolation import require_inside
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.problem.task_file import Task, Trial, load_task, load_trials
+from plan.problem.task_file import Task, load_task, load_trials
 from plan.solving.compare import Comparison
 from plan.solving.compare import compare as compare_methods
 from plan.solving.goals import rank_goals, reach_goals
-from plan.solving.set_up import require_valid_ends, set_up
+from plan.solving.set_up import from_trial, require_valid_ends, set_up
 from plan.solving.solve import solve as solve_problem
 
 Scene = Task | str | Path
@@ -40,8 +40,7 @@ class OpenedTask:
     """A task that was read and checked."""
 
     task: Task  # the scene file's contents
-    problem: PlanningProblem  # the problem, started from the straight line
-    trial: Trial | None  # taught via points, if the user gave some
+    problem: PlanningProblem  # the problem, started from the straight line, or from the way that the user taught
     # The same problem with the other goals, or those that bring a frame to the task's pose.
     others: tuple[PlanningProblem, ...] = ()
     model: str | None = None  # what the model is called in results
@@ -116,7 +115,9 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
             raise SceneError(options.vias, what, f"use --trial 1 to {len(trials)}")
         taught = trials[options.trial - 1]
     named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)
-    return OpenedTask(task, problem, taught, tuple(others), named)
+    if taught is not None:
+        problem, *others = (from_trial(one, taught) for one in (problem, *others))
+    return OpenedTask(task, problem, tuple(others), named)
 
 
 def solve_task(opened: OpenedTask, options: SolveOptions, planner: Planner | None = None) -> PlanResult:
@@ -127,7 +128,7 @@ def solve_task(opened: OpenedTask, options: SolveOptions, planner: Planner | Non
     """
     problem, note = _with_goal(opened, budget_of(options), options.seed)
     stage("searching a motion")
-    result = solve_problem(problem, options, planner, opened.trial)
+    result = solve_problem(problem, options, planner)
     spent = {"evaluations": options.evaluations, "seconds": options.seconds}
     origin = opened.origin("plan solve", method=result.method, seed=options.seed, **spent)
     return replace(result, notes=(*note, *result.notes)).with_provenance(origin)
@@ -140,7 +141,7 @@ def compare_task(opened: OpenedTask, options: CompareOptions) -> Comparison:
         MethodError: No such method.
     """
     problem, _ = _with_goal(opened, Budget(), 0)
-    table = compare_methods(problem, opened.task.source.stem, options, opened.trial)
+    table = compare_methods(problem, opened.task.source.stem, options)
     asked = {name: asdict(options)[name] for name in ("methods", "seeds", "evaluations", "seconds")}
     return table.with_provenance(opened.origin("plan compare", **asked))
 

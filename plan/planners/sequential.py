@@ -18,7 +18,7 @@ from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, de
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.transcription import Grid
-from plan.problem.problem import SHARE, PlanningProblem
+from plan.problem.problem import SHARE, STRAIGHT, PlanningProblem
 from plan.spline import Splines
 
 # Via points of the first grid, and its fewest sections, for energy and for time, whatever the task asks for: more of
@@ -163,7 +163,7 @@ class Sequential(Planner):
         self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator, vias: int = FIRST_VIAS
     ) -> Iterator[PlanningProblem]:
         first = problems[0]
-        if len(problems) > 1 or first.label != "straight":
+        if len(problems) > 1 or first.label != STRAIGHT:
             yield from problems
             return
         count = vias + 1

@@ -41,6 +41,8 @@ TICK = 1e-3
 SINGULAR = 0.02
 SINGULAR_PENALTY = 0.2
 NO_RULES = WayRules()
+# Label of the paper's initial trajectory.
+STRAIGHT = "straight"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,7 @@ class PlanningProblem:
     metric: Metric = "absolute"  # how energy is counted
     free: Free = "vias"  # what is searched
     radius: float = np.pi / 2  # how far a via angle may go from the initial one [rad]
-    label: str = "straight"  # where the initial trajectory comes from
+    label: str = STRAIGHT  # where the initial trajectory comes from
     grows: bool = True  # whether a planner may insert via points and move stamps beyond what is named free
     trained: TrainingRange | None = None  # where the model was fitted; None where that is not known
     avoid_singular: bool = False  # whether singular positions are fined, as in the paper's section 2.2

@@ -15,7 +15,6 @@ from plan.options import CompareOptions, SolveOptions
 from plan.planners import METHODS, TIME_ONLY, make_planner
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.problem.task_file import Trial
 from plan.solving.solve import find_starts, solve
 
 SCHEMA = "plan.comparison/1"
@@ -101,7 +100,6 @@ def compare(
     problem: PlanningProblem,
     name: str,
     options: CompareOptions,
-    trial: Trial | None = None,
 ) -> Comparison:
     """Runs every method from the same initial trajectories, seed by seed.
 
@@ -109,7 +107,6 @@ def compare(
         problem: The task, started from the straight line.
         name: Its name.
         options: The methods, all that can do the task if none is named; seeds; and where costs are compared.
-        trial: Taught via points to start from.
 
     Raises:
         MethodError: No such method, or not for this task.
@@ -122,13 +119,13 @@ def compare(
     chosen = named or able(problem)
     for method in chosen:
         make_planner(method, problem.objective)
-    starts = cache(lambda seed: find_starts(problem, np.random.default_rng(seed), trial))
+    starts = cache(lambda seed: find_starts(problem, np.random.default_rng(seed)))
     runs = [(method, seed) for method in chosen for seed in range(1 if method in FIXED else options.seeds)]
     results = []
     for number, (method, seed) in enumerate(runs):
         stage(f"{method}, seed {seed}", number / len(runs), (number + 1) / len(runs))
         options_of_run = SolveOptions(method=method, seed=seed, gap=False)
-        results.append(solve(problem, options_of_run, None, trial, starts(seed)))
+        results.append(solve(problem, options_of_run, starts=starts(seed)))
     return Comparison(name, problem.objective, options.evaluations, options.seconds, tuple(results))
 
 

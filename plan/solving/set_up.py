@@ -16,12 +16,12 @@ from plan.errors import MethodError, TaskError
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import name_links, place_payload, record_carried
-from plan.initial.starts import straight
+from plan.initial.starts import from_vias, straight
 from plan.options import TaskOptions
 from plan.problem.extrapolation import stay_inside
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
-from plan.problem.task_file import Task
+from plan.problem.task_file import Task, Trial
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
@@ -95,6 +95,14 @@ def set_up(
         not_the_arms=frozenset(robot.locked_joints),
         notes=said if model is not None else (*said, NO_FRICTION),
     )
+
+
+def from_trial(problem: PlanningProblem, trial: Trial) -> PlanningProblem:
+    """The problem started from taught via points, the whole duration kept."""
+    taught = from_vias(problem, trial.vias, f"taught: {trial.name}", len(trial.vias))
+    if trial.times is None:
+        return taught
+    return replace(taught, durations=np.diff([0.0, *trial.times, problem.durations.sum()]))
 
 
 def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:

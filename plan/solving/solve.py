@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from plan.initial.rrt_starts import Seed, find_seeds
-from plan.initial.starts import from_seeds, from_vias
+from plan.initial.starts import from_seeds
 from plan.options import DEFAULT_METHOD, SolveOptions
 from plan.planners import Budget, Candidate, Ledger, budget_of, make_planner
 from plan.planners.base import Planner
 from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.problem import PlanningProblem
+from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
-from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
 from plan.solving.set_up import find_obstruction
 from plan.spline import Splines
@@ -47,35 +46,25 @@ class Starts:
     seeds: tuple[Seed, ...] = ()  # the ways round obstacles that were looked for, and why some were not found
 
 
-def find_starts(
-    problem: PlanningProblem, rng: np.random.Generator, trial: Trial | None = None, seconds: float = STARTS_SECONDS
-) -> Starts:
+def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS) -> Starts:
     """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
 
     For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
     together in time by one factor: what the time compression of the paper's baseline gives for nothing.
 
     Args:
-        problem: The task, started from the straight line.
+        problem: The task, started from the straight line, or from the taught way.
         rng: Source of randomness.
-        trial: Taught via points.
         seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
     """
     timed, seeds = problem.objective == "time", list[Seed]()
     base = replace(problem, objective="energy", free="vias") if timed else problem
-    if trial is None and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
+    if base.label == STRAIGHT and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
         seeds = find_seeds(base, rng, seconds=seconds / 2)
-    problems = from_seeds(base, seeds) if trial is None else [_taught(base, trial)]
+    problems = from_seeds(base, seeds)
     if timed:
         problems = _energy_first(problem, problems, rng, seconds / 2)
     return Starts(tuple(problems), tuple(seeds))
-
-
-def _taught(base: PlanningProblem, trial: Trial) -> PlanningProblem:
-    problem = from_vias(base, trial.vias, trial.name, len(trial.vias))
-    if trial.times is None:
-        return problem
-    return replace(problem, durations=np.diff([0.0, *trial.times, base.durations.sum()]))
 
 
 def _energy_first(
@@ -95,7 +84,6 @@ def solve(
     problem: PlanningProblem,
     options: SolveOptions = USUAL,
     planner: Planner | None = None,
-    trial: Trial | None = None,
     starts: Starts | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
@@ -104,7 +92,6 @@ def solve(
         problem: The task, started from the straight line.
         options: How it is looked for; how the task is taken stands in the problem.
         planner: A planner with other options than the method's default.
-        trial: Taught via points to start from.
         starts: Initial trajectories, if they are known already.
 
     Raises:
@@ -131,8 +118,8 @@ def solve(
     rng = np.random.default_rng(options.seed)
     ledger = Ledger(budget_of(options), shown=True)
     if starts is None and planner.explores:
-        starts = Starts((problem if trial is None else _taught(problem, trial),))
-    starts = starts or find_starts(problem, rng, trial, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
+        starts = Starts((problem,))
+    starts = starts or find_starts(problem, rng, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
     planner.run(starts.problems, ledger, rng)
     best, certificate = _certified(ledger, rng)
     result = replace(

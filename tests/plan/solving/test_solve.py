@@ -15,7 +15,7 @@ from plan.planners.evolution import Evolution
 from plan.problem.result import certify
 from plan.problem.task_file import Trial
 from plan.solving.compare import compare, cost_at
-from plan.solving.set_up import find_obstruction
+from plan.solving.set_up import find_obstruction, from_trial
 from plan.solving.solve import _certified, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
@@ -163,10 +163,11 @@ def test_taught_vias_are_improved() -> None:
     """From taught via points with time stamps, energy falls and the number of via points stays."""
     taught = Trial("hand", np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
     task = problem(MONITOR, duration=4.0)
-    start = find_starts(task, np.random.default_rng(0), taught).problems
+    task = from_trial(task, taught)
+    start = find_starts(task, np.random.default_rng(0)).problems
     assert len(start) == 1
     assert start[0].durations == pytest.approx([1.5, 1.2, 1.3])
-    result = solve(task, SolveOptions(method="cma", gap=False), trial=taught)
+    result = solve(task, SolveOptions(method="cma", gap=False))
     assert result.solved
     assert result.cost < start[0].initial_evaluation.cost[0]
     assert result.splines is not None
