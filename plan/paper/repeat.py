@@ -116,7 +116,7 @@ class _Experiments:
     ) -> PlanResult:
         """One search, from given initial trajectories if that is wanted."""
         options = SolveOptions(seed=seed, evaluations=10**8, seconds=LONGEST, gap=False)
-        return solve(problem, options, planner, None, starts)
+        return solve(problem, options, planner, starts)
 
     def enter(self, table: str, *lines: Line) -> None:
         self.tables.setdefault(table, []).extend(lines)
