@@ -12,7 +12,7 @@ from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque, differentiate_torque, find_kinks, rounded
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
-from plan.planners.velocity_reversals import Turns, find_dips, find_turns
+from plan.planners.velocity_reversals import FULLY, Turns, find_dips, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
@@ -107,8 +107,7 @@ class LocalModel:
         tau = self._model.torque(q[None], dq[None], ddq[None])[0]
         cost = duration if self.timed else float(self._quadrature * duration @ self._rate(tau, dq)[0])
         shares = [np.abs(tau) / self._torque_limit, np.abs(dq) / self._speed_limit]
-        turns = self._turns(coefficients, dq, ddq, duration)
-        at_turns, first = self._states_at(turns.shares, coefficients, duration)
+        turns, at_turns, first = self._turns(coefficients, dq, ddq, duration)
         shares.append(np.abs(turns.torque(self.problem.model, at_turns)) / self._turn_limit(turns, first))
         shares += [np.abs(value) / limit for value, limit in self._rates(coefficients, duration, ddq)]
         limits = self.problem.limits
@@ -271,8 +270,7 @@ class LocalModel:
 
     def _turn_rows(self, coefficients: Array, states: tuple[Array, Array, Array], duration: float) -> ConstraintRows:
         """Torque where joints turn round, friction fully there on either side."""
-        turns = self._turns(coefficients, *states[1:], duration)
-        at, first = self._states_at(turns.shares, coefficients, duration)
+        turns, at, first = self._turns(coefficients, *states[1:], duration)
         near = np.abs(turns.torque(self.problem.model, at)) > WATCHED_SHARE * self._turn_limit(turns, first)
         if not near.any():
             return ConstraintRows.none(self.size)
@@ -283,8 +281,19 @@ class LocalModel:
         bases, first = self.grid.at(turns.shares)
         return ConstraintRows(self._rows(bases, first, local, list(at), duration), 1.0 - np.abs(tau) / limit)
 
-    def _turns(self, coefficients: Array, dq: Array, ddq: Array, duration: float) -> Turns:
-        return find_turns(self.grid.shares, dq, ddq).settled(self.grid, coefficients, duration)
+    def _turns(
+        self, coefficients: Array, dq: Array, ddq: Array, duration: float
+    ) -> tuple[Turns, tuple[Array, Array, Array], Int[Array, " m"]]:
+        """Turns, the states there, and their sections; none that are so slow that the nodes see friction come and go.
+
+        A joint that waits may creep either way: were each crossing of zero a turn with friction fully there, a step
+        that changes next to nothing would pass a limit by all of it, and no step would be allowed.
+        """
+        turns = find_turns(self.grid.shares, dq, ddq).settled(self.grid, coefficients, duration)
+        at, first = self._states_at(turns.shares, coefficients, duration)
+        gained = np.abs(at[2][turns.rows, turns.joints]) * duration / len(self.grid.shares)
+        fast = ~turns.inside | (gained >= FULLY * self.problem.model.losses.transition_speed[turns.joints])
+        return turns.only(fast), (at[0][fast], at[1][fast], at[2][fast]), first[fast]
 
     def _turn_limit(self, turns: Turns, first: Int[Array, " m"]) -> Float[Array, " m"]:
         limit: Array = SHARE * (self.torque_aim * self.problem.limits.torque)[first, turns.joints]

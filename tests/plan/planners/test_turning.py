@@ -27,8 +27,7 @@ def bent(local: LocalModel) -> np.ndarray:
 def shares(local: LocalModel, x: np.ndarray) -> np.ndarray:
     """Torque at the turns as shares of the limits."""
     coefficients, duration = local.split(x)
-    turns = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
-    at, first = local._states_at(turns.shares, coefficients, duration)
+    turns, at, first = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
     return np.abs(turns.torque(local.problem.model, at)) / local._turn_limit(turns, first)  # type: ignore[arg-type]
 
 
@@ -53,9 +52,21 @@ def test_no_peak_where_a_joint_turns_is_missed(local: LocalModel) -> None:
     q, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, 1000)))
     tau = np.abs(local.problem.model.torque(q[None], dq[None], ddq[None])[0])
     coefficients, duration = local.split(x)
-    turns = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
-    at, _ = local._states_at(turns.shares, coefficients, duration)
+    turns, at, _ = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
     found = np.abs(turns.torque(local.problem.model, at))  # type: ignore[arg-type]
     for j in range(local.n):
         slow = np.abs(dq[:, j]) < 0.02
         assert tau[slow, j].max() < 1.02 * found[turns.joints == j].max()
+
+
+def test_a_joint_that_waits_does_not_turn(local: LocalModel) -> None:
+    """Creeping to and fro slower than friction takes to change sides is no turn: no limit jumps with it."""
+    x = bent(local)
+    moved = x[:-1].reshape(-1, local.n)
+    moved[:, 0] = local.problem.start[0] + 1e-6 * np.random.default_rng(2).normal(size=len(moved))
+    coefficients, duration = local.split(x)
+    _, dq, ddq = local.grid.states(coefficients, duration)
+    assert (dq[:-1, 0] * dq[1:, 0] < 0.0).any()
+    turns = local._turns(coefficients, dq, ddq, duration)[0]
+    assert 0 not in turns.joints[turns.inside]
+    assert {1, 2} & set(turns.joints[turns.inside])
