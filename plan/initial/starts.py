@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float
 from plan.initial.inverse_kinematics import PoseSolver
-from plan.initial.rrt_starts import Seed, iterate_seeds
-from plan.initial.trees import Trees, endless
+from plan.initial.trees import Seed, Trees, endless, iterate_seeds
 from plan.problem.problem import PlanningProblem
 from plan.problem.rule_values import TURNING, Rules
 from plan.problem.rules import Pose

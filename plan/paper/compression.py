@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
-from plan.planners.compressed import shortest
+from plan.planners.evolution import shortest
 from plan.problem.problem import PlanningProblem
 
 # A section keeps at least this share of itself in one pass.

@@ -18,15 +18,15 @@ from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from plan.geometry.solids import Box
-from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
+from plan.initial.trees import find_seeds
 from plan.options import PaperOptions, SolveOptions, TaskOptions
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.planners.base import Planner
-from plan.planners.compressed import start_compressed
+from plan.planners.evolution import start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify

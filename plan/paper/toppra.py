@@ -17,7 +17,7 @@ from ident.arrays import Array
 from ident.model.loss import LossParameters
 from plan.dynamics.power import ChainTorque
 from plan.planners.base import Ledger, Planner
-from plan.planners.compressed import shortest
+from plan.planners.evolution import shortest
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds
+from plan.initial.trees import Seed, find_seeds
 from plan.options import DEFAULT_METHOD, SolveOptions
 from plan.planners import Budget, Candidate, Ledger, budget_of, make_planner
 from plan.planners.base import Planner
-from plan.planners.compressed import start_compressed
-from plan.planners.evolution import Evolution
+from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from plan.geometry.solids import Box
-from plan.initial.rrt_starts import find_seeds, midplane_targets, tip_solver
 from plan.initial.starts import MOST_VIAS, follow_closely, from_seeds, from_vias, iterate_ways, straight, time_stamps
-from plan.initial.trees import STEP, Trees
+from plan.initial.trees import STEP, Trees, find_seeds, midplane_targets, tip_solver
 from plan.problem.problem import PlanningProblem
 from plan.problem.rules import Pose
 from tests.plan.worlds import GOAL, MONITOR, START, problem
