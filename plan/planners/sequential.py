@@ -75,16 +75,14 @@ class Sequential(Planner):
     kept: tuple[int, ...] = (4, 2, 1)
     # Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
     gains: tuple[float, float] = (0.005, 0.001)
-    levels: tuple[int, int] = (3, 3)  # most refinements, for energy and for time
-    # Whether to search what is named free and no more, though the task would allow it: for comparisons.
-    named: bool = False
+    levels: int = 3  # most refinements
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Tries the given starts, and further ones where only the straight line is given."""
         given = problems[0]
-        if self.named or not given.grows or given.free == "times":
+        if not given.grows or given.free == "times":
             self._search_named(problems, ledger, rng)
             return
         ways = self._initial(problems, ledger, rng)
@@ -107,7 +105,7 @@ class Sequential(Planner):
             courses: list[Course] = []
             ways = self._initial(problems, ledger, rng, first.via_count)
             for problem in islice(ways, max(self.starts, len(problems))):
-                courses.append(self._try(begin_course(problem, named=True), ledger, courses))
+                courses.append(self._try(begin_course(problem), ledger, courses))
                 if ledger.remaining == 0:
                     return
             for course in sorted(courses, key=lambda one: one.rank)[: self.kept[0]]:
@@ -133,7 +131,7 @@ class Sequential(Planner):
                 self._finer([best], ledger, known, LEADS[best.local.timed])
         if courses:
             courses.sort(key=lambda course: course.rank)
-            self._finer(courses, ledger, known, self.levels[courses[0].local.timed])
+            self._finer(courses, ledger, known, self.levels)
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
@@ -223,20 +221,17 @@ class Sequential(Planner):
         return cost, refined
 
 
-def begin_course(problem: PlanningProblem, named: bool = False) -> Course:
+def begin_course(problem: PlanningProblem) -> Course:
     """A problem's initial trajectory on a grid of its own knots.
 
-    Args:
-        problem: The task.
-        named: Whether the knots are those that the user has named; else long sections are parted, and acceleration is
-            zero at both ends.
+    Where these may grow, long sections are parted, and acceleration is zero at both ends.
     """
     problem = at_its_limits(problem) if problem.objective == "time" else problem
     knots = np.round(np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum(), 12)
     knots[-1] = 1.0
-    knots = knots if named else _parted(knots, COARSE[problem.objective == "time"])
+    knots = _parted(knots, COARSE[problem.objective == "time"]) if problem.grows else knots
     nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)
-    grid = Grid(freeze(knots), not named or problem.limits.jerk is not None, nodes)
+    grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes)
     aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
     start = Splines(np.concatenate([[problem.start], problem.vias, [problem.goal]])[None], problem.durations[None])

@@ -19,7 +19,7 @@ from plan.problem.rules import Pose
 from plan.problem.task_file import Task
 
 # What is tried for each way before one is chosen, and how long in processor time [s].
-QUICK = Sequential(starts=2, first=18, kept=(1,), levels=(0, 0))
+QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
 QUICK_SECONDS = 3.0
 
 

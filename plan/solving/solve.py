@@ -187,7 +187,7 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
             yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
     ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
     if problem.grows and problem.free != "times":
-        ways.insert(0, Sequential(starts=1, levels=(0, 0)))
+        ways.insert(0, Sequential(starts=1, levels=0))
     for planner in ways:
         for turn in range(MENDS):
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):

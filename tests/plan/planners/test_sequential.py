@@ -19,7 +19,7 @@ from plan.problem.result import certify
 from plan.problem.time_law import find_time_law
 from tests.plan.worlds import GOAL, MONITOR, START, dense_net, joint_nets, ledger, model, problem
 
-QUICK = Sequential(starts=2, kept=(1,), levels=(1, 1))
+QUICK = Sequential(starts=2, kept=(1,), levels=1)
 
 
 def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]:
@@ -88,7 +88,7 @@ def test_better_than_few_vias(objective: str) -> None:
     """Free knots reach at least what five via points reach, and what they reach is allowed."""
     task = problem(vias=5, objective=objective, free="vias" if objective == "energy" else "both")
     task = replace(task, limits=replace(task.limits, jerk=np.full(3, 1e6)))  # ends without acceleration for both
-    known = Sequential(named=True).run([task], ledger(), np.random.default_rng(0)).best
+    known = Sequential().run([replace(task, grows=False)], ledger(), np.random.default_rng(0)).best
     best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
     assert best.feasible
     assert best.cost <= known.cost * 1.001
@@ -143,7 +143,7 @@ def test_steps_end_with_the_budget() -> None:
 def test_first_step_is_taken_from_the_start() -> None:
     """A course before its first step is the initial trajectory, on knots that are named."""
     task = problem(duration=1.0)
-    course = begin_course(task, named=True)
+    course = begin_course(replace(task, grows=False))
     assert begin(course.local, course.x).look.cost == course.look.cost
     points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
     assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)

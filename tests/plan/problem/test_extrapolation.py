@@ -65,7 +65,7 @@ def test_staying_inside_is_a_limit_like_any_other() -> None:
     trained = known(speed=1.2, acceleration=8.0)
     task = replace(problem(objective="time", free="both"), trained=trained)
     task = replace(task, limits=stay_inside(task.limits, trained))
-    best = Sequential(starts=1, kept=(1,), levels=(1, 1)).run([task], ledger(), np.random.default_rng(0)).best
+    best = Sequential(starts=1, kept=(1,), levels=1).run([task], ledger(), np.random.default_rng(0)).best
     assert best is not None
     certificate = certify(best.problem, best.splines)
     assert certificate.broken == []

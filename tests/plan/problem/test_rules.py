@@ -17,7 +17,7 @@ from plan.problem.rules import Cone, ViaPoint, WayRules
 from tests.plan.checker import World, rule_faults
 
 SCENES = Path(__file__).parents[3] / "examples" / "scenes"
-QUICK = Sequential(starts=3, kept=(1,), levels=(1, 1))
+QUICK = Sequential(starts=3, kept=(1,), levels=1)
 TIPS = {"tm5-900": "flange", "ur10": "tool0", "panda": "panda_hand_tcp"}
 DOWN = np.array([0.0, 0.0, -1.0])
 

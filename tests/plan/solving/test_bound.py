@@ -39,7 +39,7 @@ def test_the_energy_bound_is_what_steady_motion_needs() -> None:
 def test_no_plan_is_faster_than_the_bound() -> None:
     """A time plan lies above the bound, and a task limited by speed alone takes its way by its speed."""
     task = problem(objective="time", free="both")
-    best = Sequential(starts=1, kept=(1,), levels=(1, 1)).run([task], ledger(), np.random.default_rng(0)).best
+    best = Sequential(starts=1, kept=(1,), levels=1).run([task], ledger(), np.random.default_rng(0)).best
     bound = lower_bound(task)
     assert bound is not None
     assert best is not None
