@@ -44,6 +44,8 @@ SPREAD, LONGEST = np.radians(12.0), 3600.0
 # So many times as many epochs as on Table 3's task does PPO take where there is more to choose.
 MORE = 4.2
 _PRINTED = tomllib.loads(Path(__file__).with_name("paper.toml").read_text(encoding="utf-8"))
+# Via points [deg], seconds, and gain over the initial motion as a share.
+Details = tuple[list[list[float]], float | None, float]
 PAPER: dict[str, tuple[float, ...]] = {name: tuple(values) for name, values in _PRINTED["values"].items()}
 
 
@@ -56,8 +58,8 @@ class Line:
     paper: tuple[float, ...]  # the paper's figures, trial by trial; empty where it has none
     ours: tuple[float, ...] = ()  # ours; infinite where there was no plan
     cpu_seconds: float = 0.0  # processor time of all trials [s]
-    # Via points, seconds and gain in words, the paper's and ours; empty where the paper prints none.
-    details: tuple[str, str] = ("", "")
+    # Of Table 3 the paper's and ours; None where the paper prints none.
+    details: tuple[Details, Details] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,17 +204,9 @@ def _line(name: str, unit: str, paper: Sequence[float], *runs: PlanResult) -> Li
     return Line(name, unit, tuple(paper), tuple(run.cost for run in runs), sum(run.cpu_seconds for run in runs))
 
 
-def _details(key: str, vias: Array, seconds: float | None, gain: float) -> tuple[str, str]:
-    """Via points, seconds and gain over the initial motion in words: the paper's, and ours."""
+def _details(key: str, vias: Array, seconds: float | None, gain: float) -> tuple[Details, Details]:
     printed, theirs = _PRINTED["table3"][key], 1.0 - PAPER[key][0] / PAPER["initial"][0]
-    pairs = (printed["vias_deg"], printed.get("seconds"), theirs), (np.degrees(vias), seconds, gain)
-    paper, ours = (
-        " ".join(f"({', '.join(f'{angle:.1f}' for angle in via)})" for via in points)
-        + " deg"
-        + ("" if took is None else f"; {took:.3g} s; gain {100 * gained:.1f} %")
-        for points, took, gained in pairs
-    )
-    return paper, ours
+    return (printed["vias_deg"], printed.get("seconds"), theirs), (np.degrees(vias).tolist(), seconds, gain)
 
 
 def _teach(problem: PlanningProblem, tester: int, trial: int) -> PlanningProblem:
@@ -251,19 +245,9 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         effort=repeat.effort,
         full=PaperOptions(),
         tables=repeat.tables,
+        inf=np.inf,
         pictures={name: words for name, words in PICTURES.items() if name in drawn},
-        cells=_cells,
-        mean=_mean,
     )
     with atomic_write(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
     return out / PAGE
-
-
-def _cells(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:.2f}" if np.isfinite(value) else "no plan" for value in values) or "–"
-
-
-def _mean(values: Sequence[float]) -> str:
-    kept = [value for value in values if np.isfinite(value)]
-    return f"{np.mean(kept):.2f}" if kept else "–"
