@@ -23,6 +23,8 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 SAMPLES = 400
+# A motion that takes so many times longer than the other one has a time axis of its own.
+OWN_AXIS = 1.5
 # Where each kind of picture says who made it.
 MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap"}}
 BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
@@ -60,8 +62,11 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     before, found, words = problem.decode(problem.initial), problem.initial_evaluation, f"initial ({problem.label})"
     if not found.feasible[0]:
         words += ": not allowed, it " + ("hits something" if found.collision[0] > 0 else "breaks a limit")
+    slower = float(before.total[0] / max(result.splines.total[0], 1e-9))
+    slower = slower if not 1.0 / OWN_AXIS < slower < OWN_AXIS else 1.0
     for splines, colour, label in ((before, BEFORE, words), (result.splines, AFTER, "this plan")):
         times, q, dq, tau = _profiles(problem, splines)
+        times = times / slower if splines is before else times
         for j in range(n):
             axes[0, j].plot(times, np.degrees(q[:, j]), color=colour, label=label)
             axes[1, j].plot(times, tau[:, j], color=colour)
@@ -72,6 +77,10 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
             angles = np.degrees(result.splines.points[0, 1:-1, j])
             axes[0, j].plot(stamps, angles, "o", color=AFTER, ms=4, label="via points")
         _draw_limits(axes[1, j], problem.limits.torque[j])
+        if slower != 1.0:
+            top = axes[0, j].secondary_xaxis("top", functions=(lambda t: t * slower, lambda t: t / slower))
+            top.set_xlabel("initial: time [s]", color=BEFORE)
+            top.tick_params(colors=BEFORE)
         axes[0, j].set_title(problem.scene.arm.joint_names[j], parse_math=False)  # a name is no formula
         axes[2, j].set_xlabel("time [s]")
         axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
