@@ -100,12 +100,11 @@ class ComparisonOptions(FilterOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class WriteOptions(ReadOptions):
-    """On which recordings written files are measured, and what else gets what was identified."""
+    """On which recordings written files are measured."""
 
     on: Any = option(
         None, "Sessions to measure the files on: the best of their candidates is written.", typed=list[Path] | None
     )
-    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.")
 
 
 @dataclass(frozen=True, kw_only=True)

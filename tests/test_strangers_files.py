@@ -19,7 +19,6 @@ import pytest
 from ident.api.inspecting import inspect
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
-from ident.export.mjcf_merge import open_mjcf
 from ident.export.write import write_export, write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.process import USER
@@ -168,23 +167,6 @@ def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path
     assert guard.done == []
     assert str(secret) not in guard.read
     assert "mine" not in str(told.value)
-
-
-@pytest.mark.parametrize(
-    "part",
-    [
-        '<asset><mesh file="pipe.stl"/></asset>',
-        '<asset><model file="other.xml"/></asset>',
-        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
-        '<worldbody><replicate count="9999"><replicate count="9999"><body/></replicate></replicate></worldbody>',
-    ],
-)
-def test_an_mjcf_waits_for_nothing_and_multiplies_nothing(part: str, tmp_path: Path) -> None:
-    """Law: pipes, other files and elements repeated beyond any scene are refused before MuJoCo reads them."""
-    os.mkfifo(tmp_path / "pipe.stl")
-    (tmp_path / "arm.xml").write_text(f"<mujoco>{part}</mujoco>")
-    with pytest.raises(InputError):
-        open_mjcf(tmp_path / "arm.xml")
 
 
 CALL = 'subprocess.run([sys.executable, "-c", "import joblib, struct"]).returncode'

@@ -72,7 +72,7 @@ def patch(
         diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`.
         robot: The robot that was diagnosed.
         out: Folder of the patch.
-        options: Fields of `ident.options.PatchOptions`: `on`, `into`, `catalogue`, `topic`, `session_file`.
+        options: Fields of `ident.options.PatchOptions`: `on`, `catalogue`, `topic`, `session_file`.
 
     Raises:
         InputError: The diagnosis names nothing or is of another robot, or the folder holds something else.
@@ -99,8 +99,7 @@ def patch(
     settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
     origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
-    into = None if chosen.into is None else Path(chosen.into)
-    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin, into), provenance=origin)
+    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin), provenance=origin)
 
 
 def export(model: Model, out: str | Path, **options: Any) -> Written:
@@ -109,7 +108,7 @@ def export(model: Model, out: str | Path, **options: Any) -> Written:
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        options: Fields of `ident.options.ExportOptions`: `formats`, `nearest`, `on`, `into`, `topic`, `session_file`.
+        options: Fields of `ident.options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`.
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
@@ -121,9 +120,8 @@ def export(model: Model, out: str | Path, **options: Any) -> Written:
     settings = {"model": loaded.robot.name if loaded is model else str(model), "nearest": chosen.nearest}
     origin = Provenance("ident export", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
-    into = None if chosen.into is None else Path(chosen.into)
     formats = tuple(FILES if chosen.formats is None else chosen.formats)
-    record = write_export(loaded, Path(out), formats, chosen.nearest, motions, into, origin)
+    record = write_export(loaded, Path(out), formats, chosen.nearest, motions, origin)
     return Written(Path(out), record, provenance=origin)
 
 

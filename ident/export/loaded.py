@@ -34,8 +34,10 @@ FILE_OF = {"urdf": "robot.urdf", "mjcf": "robot.xml"}
 ROLLOUT_STEP = 2.5e-4
 # What a motion is off by that grows without bound [rad].
 LOST = 2.0 * np.pi
-# The deflection of an elastic joint is integrated with steps no longer than this [s].
-SPRING_STEP = 1e-3
+# The deflection of an elastic joint is integrated with steps no longer than this [s], and than so much of its swing.
+SPRING_STEP, SPRING_TURN = 1e-3, 0.1
+# Newton's steps to their balance at the start, and by how much a spring is bent for its slope [rad].
+BALANCE_STEPS, BALANCE_SLOPE = 4, 1e-6
 
 
 class SimulatorModel(Protocol):
@@ -180,7 +182,7 @@ class LoadedMjcf(LoadedModel):
         named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
         self.main = np.array([self.model.jnt_dofadr[named[name]] for name in joints])
         springs = [named[name + SPRING_SUFFIX] for name in joints if name + SPRING_SUFFIX in named]
-        self.springs = self.model.jnt_dofadr[springs]
+        self.springs, self.stiffness = self.model.jnt_dofadr[springs], self.model.jnt_stiffness[springs]
         motors = [self.model.actuator(name).id for name in joints]
         self.motors = np.array(motors)
         self.gear, self.bias = self.model.actuator_gear[motors, 0], self.model.actuator_biasprm[motors, 0]
@@ -205,21 +207,38 @@ class LoadedMjcf(LoadedModel):
         found = np.zeros((len(q), 3, len(self.springs)))
         if len(self.springs) == 0 or interval <= 0.0:
             return found
-        states, steps = np.stack([q, dq, ddq], axis=1), max(1, int(np.ceil(interval / SPRING_STEP)))
-        stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
-        first, second = (-self._on_springs(states[k], found[0, 0], found[0, 1]) / stiffness for k in (0, 1))
-        found[0, :2] = first, (second - first) / interval
+        states = np.stack([q, dq, ddq], axis=1)
+        found[0] = self._at_start(states, interval)
+        x, v, _ = found[0]
+        with_one, left = (self._on_springs(states[0], x, v, own) for own in (1.0, 0.0))
+        swing = float(np.sqrt(np.max(self.stiffness / (with_one - left))))
+        steps = max(1, int(np.ceil(interval / min(SPRING_STEP, SPRING_TURN / swing))))
         for k in range(1, len(q)):
             x, v, change = found[k - 1]
             for step in range(1, steps + 1):
                 v = v + interval / steps * change
                 x = x + interval / steps * v
                 state = states[k - 1] + step / steps * (states[k] - states[k - 1])
-                # By what two inverse dynamics leave on the springs; each spring feels its own acceleration only.
-                left, with_one = (self._on_springs(state, x, v, own) for own in (0.0, 1.0))
-                change = -left / (with_one - left)
+                change = self._acceleration(state, x, v)
             found[k] = x, v, change
+        # Between straight lines a spring jerks at each sample; what it does on the whole is in its rates.
+        found[:, 2] = np.gradient(found[:, 1], interval, axis=0)
         return found
+
+    def _at_start(self, states: Float[Array, "T 3 n"], interval: float) -> Float[Array, "3 s"]:
+        """Springs in balance under the load, that give way as it grows: nothing swings."""
+        none = np.zeros(len(self.springs))
+        loads = [-self._on_springs(states[k], none, none) for k in (0, 1)]
+        x, rate = loads[0] / self.stiffness, (loads[1] - loads[0]) / (self.stiffness * interval)
+        for _ in range(BALANCE_STEPS):  # the load changes with the deflection
+            left, ahead = (self._on_springs(states[0], x + step, none) for step in (0.0, BALANCE_SLOPE))
+            x = x - BALANCE_SLOPE * left / (ahead - left)
+        return np.stack([x, rate, self._acceleration(states[0], x, rate)])
+
+    def _acceleration(self, state: Float[Array, "3 n"], x: Array, v: Array) -> Float[Array, " s"]:
+        """By what two inverse dynamics leave on the springs; each spring feels its own acceleration only."""
+        left, with_one = (self._on_springs(state, x, v, own) for own in (0.0, 1.0))
+        return -left / (with_one - left)
 
     def _place(self, state: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
         targets = self.data.qpos, self.data.qvel, self.data.qacc

@@ -90,9 +90,6 @@ def write(console: Console, result: Any) -> None:
         )
     for name, error in record.get("torque_rmse_Nm", {}).items():
         lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
-    if "merged" in record:
-        far = record["merged"]["torque_difference_Nm"]
-        lines.append(f"merged.xml: your file with what was identified, torque within {far:.1e} N m")
     if record.get("changed_links"):
         lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
     lines += [f"left out: {line}" for line in record.get("left_out", ())]

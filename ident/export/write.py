@@ -20,7 +20,6 @@ from ident.export.controllers import InFile, write_cpp, write_isaac, write_limit
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
-from ident.export.mjcf_merge import merge_mjcf
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
@@ -30,7 +29,6 @@ from ident.robot.arm import ArmModel
 
 PATCH, EXPORT = "ident.patch/1", "ident.export/1"
 PATCH_KIND, EXPORT_KIND = "patch", "export"
-MERGED = "merged.xml"
 PATCH_FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
 FILES = {
     **FILE_OF,
@@ -62,7 +60,6 @@ def write_patch(
     out: Path,
     motions: Sequence[Motion] = (),
     provenance: Provenance | None = None,
-    into: Path | None = None,
 ) -> dict[str, Any]:
     """Writes the patch of a diagnosis.
 
@@ -72,7 +69,6 @@ def write_patch(
         out: Folder of the patch; an earlier patch there is replaced.
         motions: Recordings to measure it on; none for the structural check alone.
         provenance: Where it comes from.
-        into: The user's own MJCF of this arm, of which a copy gets what was found.
 
     Returns:
         What `patch.json` holds.
@@ -100,7 +96,6 @@ def write_patch(
             "told": (notes := _notes(options["after"], module)),
             "structure": arm.structure(module),
         }
-        record |= arm.merged(into, out, record["files"], notes)
         record |= arm.measured(module, bool(diagnosed.runs & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
         arm.write("patch.json", json.dumps(record, indent=1) + "\n")
@@ -113,7 +108,6 @@ def write_export(
     formats: Sequence[str] = tuple(FILES),
     nearest: bool = False,
     motions: Sequence[Motion] = (),
-    into: Path | None = None,
     origin: Provenance | None = None,
 ) -> dict[str, Any]:
     """Writes the arm of a fitted model.
@@ -123,7 +117,8 @@ def write_export(
         out: Folder; an earlier export there is replaced.
         formats: Which of `FILES`.
         nearest: Whether links that no body could be are written as the nearest bodies.
-        motions, into, origin: As of `write_patch`.
+        motions: As of `write_patch`.
+        origin: Where it comes from.
 
     Returns:
         What `export.json` holds.
@@ -159,7 +154,6 @@ def write_export(
                 form: {"before": one.gaps["before"].rms, "after": one.gaps["after"].rms}
                 for form, one in arm.chosen.items()
             }
-        record |= arm.merged(into, out, record["files"], notes)
         record |= arm.measured(module, bool(files_of(model.provenance) & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
         arm.write("export.json", json.dumps(record, indent=1) + "\n")
@@ -245,15 +239,6 @@ class _Files:
             numbers = None if same else self.nominal.inertial_parameters.reshape(-1, 10) + links
             files[form] = [k for k, one in enumerate(owners) if one in held], stated.losses, numbers
         return write_module(self.identified, files)
-
-    def merged(self, into: Path | None, out: Path, files: list[str], told: list[str]) -> dict[str, Any]:
-        """Merges into the user's own MJCF, if there is one, and adds to the files and to what is told of them."""
-        if into is None:
-            return {}
-        found = merge_mjcf(into, self.folder / MERGED, self.stated("mjcf"), out / MERGED)
-        files.append(MERGED)
-        told += [f"{MERGED}: left out {one}" for one in found["left_out"]]
-        return {"merged": found}
 
     def structure(self, module: str | None) -> dict[str, Any]:
         """How near each loaded file is to what it should hold [N m]."""

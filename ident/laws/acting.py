@@ -1,10 +1,7 @@
-"""What the log tells of a torque: gain, offset, lateness, flat tops.
-
-Bodies, gravity and angles that are not where the model has them: torque on all joints, together.
+"""Laws of the log (gain, offset, lateness, flat tops), and of bodies, gravity and angles that are not as modelled.
 
 A payload hangs under the gravity and at the angles that are there, so that these effects are one change of the arm.
-
-All laws by the ids of their effects, and the torque of some of them together.
+Beside them all laws by the ids of their effects, and the torque of some of them together.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from ident.laws.motion import Array, MovingArm, rigid_torque, rotation_about
 
 # An effect: its id, its joint's index (-1 for the whole arm), its figures.
 Effect = tuple[str, int, dict[str, float]]
-# What the log tells of a torque, against what turns the joint.
+# What the log reports of a torque, against what turns the joint, in the order in which it does.
 SENSING = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation")
 
 
@@ -30,35 +27,35 @@ def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array
     The offset is that of the middle of the diagnosed session; its drift is left out.
     """
     log = np.array(torque, dtype=float)
-    for name, joint, figures in effects:
+    for name, joint, p in _sensing(effects):
         if name == "torque_gain_error":
-            log[:, joint] *= 1.0 + figures["gain"]
-    for name, joint, figures in effects:
-        if name == "torque_offset":
-            log[:, joint] += figures["offset_Nm"]
-    log = shifted(log, total_delay(effects), interval)
-    for name, joint, figures in effects:
-        if name == "torque_saturation":
-            above = np.maximum(np.abs(log[:, joint]) - figures["knee_Nm"], 0.0)
-            log[:, joint] -= figures["lost"] * np.sign(log[:, joint]) * above
+            log[:, joint] *= 1.0 + p["gain"]
+        elif name == "torque_offset":
+            log[:, joint] += p["offset_Nm"]
+        elif name == "torque_delay":
+            log = shifted(log, p["delay_s"], interval)
+        else:
+            above = np.maximum(np.abs(log[:, joint]) - p["knee_Nm"], 0.0)
+            log[:, joint] -= p["lost"] * np.sign(log[:, joint]) * above
     return log
 
 
 def undo_log(effects: Sequence[Effect], log: Array, interval: float) -> Array:
     """The inverse: torque behind a log, but for what flat tops cut off [N m]."""
-    torque = shifted(np.array(log, dtype=float), -total_delay(effects), interval)
-    for name, joint, figures in effects:
-        if name == "torque_offset":
-            torque[:, joint] -= figures["offset_Nm"]
-    for name, joint, figures in effects:
+    torque = np.array(log, dtype=float)
+    for name, joint, p in reversed(_sensing(effects)):
         if name == "torque_gain_error":
-            torque[:, joint] /= 1.0 + figures["gain"]
+            torque[:, joint] /= 1.0 + p["gain"]
+        elif name == "torque_offset":
+            torque[:, joint] -= p["offset_Nm"]
+        elif name == "torque_delay":
+            torque = shifted(torque, -p["delay_s"], interval)
     return torque
 
 
-def total_delay(effects: Sequence[Effect]) -> float:
-    """Lateness of the torque log [s]."""
-    return sum(figures["delay_s"] for name, _, figures in effects if name == "torque_delay")
+def _sensing(effects: Sequence[Effect]) -> list[Effect]:
+    """What the log reports of a torque, in the order in which it does."""
+    return [one for name in SENSING for one in effects if one[0] == name]
 
 
 def shifted(values: Array, delay: float, interval: float) -> Array:
@@ -167,16 +164,12 @@ LAWS: dict[str, Law] = {
     "torque_ripple": ripple,
     "spring_torque": spring,
 }
-
-
 KNOWN = frozenset({*LAWS, *BODIES, *SENSING})
 
 
 def acting_torque(effects: Sequence[Effect], motion: MovingArm) -> Array:
     """Torque of the effects that act on the joints; those of the log alone add nothing [N m]."""
-    total = np.zeros_like(motion.q)
-    for name, joint, p in effects:
-        if name in LAWS:
-            total += LAWS[name](motion, joint, p)
+    own = (LAWS[name](motion, joint, p) for name, joint, p in effects if name in LAWS)
+    total = sum(own, np.zeros_like(motion.q))
     bodies = [effect for effect in effects if effect[0] in BODIES]
     return total + changed_arm(bodies, motion) if bodies else total

@@ -4,7 +4,9 @@ The position is the motor's; the link lags by a deflection δ that follows from 
 
     M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
 
-M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint.
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. That is linear in small
+deflections; of a soft spring the equation is made linear anew about the deflection found before, until it is that of
+the link itself, `τ_rigid(q − δ) = τ_gear`.
 """
 
 from __future__ import annotations
@@ -15,23 +17,33 @@ import numpy as np
 
 from ident.laws.motion import Array, MovingArm, rigid_torque
 
-# The elastic joint is integrated with steps no longer than this [s].
-LONGEST_STEP = 0.001
+# An elastic joint is integrated with steps no longer than this [s], and than so much of its own swing [rad]; if made
+# linear so often, its equation is right to a thousandth for a third of a radian.
+LONGEST_STEP, LONGEST_TURN, LINEAR_ROUNDS = 0.001, 0.1, 3
 # Gear in contact behind its play: stiffness in rated torques a radian, and damping ratio.
 CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
 
 
 def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A spring and a damper between motor and link."""
-    return _felt(m, j, *_deflect(m, j, p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0))
+    gear, unit = (p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0), np.eye(m.q.shape[1])[j]
+    twist, link = np.zeros((3, len(m.q))), m
+    for _ in range(LINEAR_ROUNDS):
+        slopes = [part[:, j] for part in _slopes(link, j)]
+        load = link.rigid[:, j] + sum(slope * one for slope, one in zip(slopes, twist, strict=True))
+        twist = _deflect(m, load, slopes, gear)
+        q, dq, ddq = (one - by[:, None] * unit for one, by in zip((m.q, m.dq, m.ddq), twist, strict=True))
+        link = MovingArm(m.arm, m.losses, q, dq, ddq, m.interval)
+    return link.rigid - m.rigid
 
 
 def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """With and without the play, behind it the gear in contact."""
-    stiffness = CONTACT_STIFFNESS * float(m.arm.rated[j])
-    damping = 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(_slopes(m, j)[2][:, j])))
-    loose, tight = (_deflect(m, j, stiffness, damping, half) for half in (0.5 * p["gap_rad"], 0.0))
-    return _felt(m, j, loose[0] - tight[0], loose[1] - tight[1])
+    slopes, stiffness = _slopes(m, j), CONTACT_STIFFNESS * float(m.arm.rated[j])
+    own = [part[:, j] for part in slopes]
+    damping = 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(own[2])))
+    loose, tight = (_deflect(m, m.rigid[:, j], own, (stiffness, damping, gap)) for gap in (0.5 * p["gap_rad"], 0.0))
+    return -sum(part * one[:, None] for part, one in zip(slopes, loose - tight, strict=True))
 
 
 def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
@@ -43,20 +55,14 @@ def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Arr
     return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
 
 
-def _felt(m: MovingArm, j: int, twist: Array, rate: Array) -> Array:
-    """What all joints feel of a deflection of one, −(M δ'' + V δ' + P δ)."""
-    position, velocity, inertia = _slopes(m, j)
-    change = np.gradient(rate, m.interval)
-    return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
-
-
-def _deflect(m: MovingArm, j: int, stiffness: float, damping: float, half: float) -> tuple[Array, Array]:
-    """Deflection of an elastic joint with play and its rate [rad, rad/s]."""
-    interval = m.sampled("an elastic joint")
-    signals = [m.rigid[:, j].tolist(), *(part[:, j].tolist() for part in reversed(_slopes(m, j)))]
-    found = [[0.0] * len(m.q), [0.0] * len(m.q)]
-    integrate_twist(signals, (stiffness, damping, half), interval, max(1, ceil(interval / LONGEST_STEP)), found)
-    return np.array(found[0]), np.array(found[1])
+def _deflect(m: MovingArm, load: Array, slopes: list[Array], gear: tuple[float, float, float]) -> Array:
+    """Deflection of an elastic joint with play under a load, its rate and acceleration, shape (3, T)."""
+    interval, stiffness = m.sampled("an elastic joint"), gear[0]
+    step = min(LONGEST_STEP, LONGEST_TURN / float(np.sqrt(stiffness / np.mean(slopes[2]))))
+    found = [[0.0] * len(load), [0.0] * len(load)]
+    signals = [one.tolist() for one in (load, *reversed(slopes))]
+    integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), found)
+    return np.array([*found, np.gradient(found[1], interval)])
 
 
 def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-untyped-def]

@@ -6,25 +6,19 @@ import difflib
 import importlib
 import importlib.metadata
 import importlib.util
-import math
 import os
 import re
 import shlex
 import tomllib
 import xml.etree.ElementTree as ET
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 from ident.errors import InputError, RobotError, first_line
-from ident.safe_read import LARGEST_TEXT, require_regular
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
-# Repeated elements of an MJCF, and pixels of a picture or field, at most; attributes that name files.
-MOST_PARTS, MOST_PIXELS = 100_000, 1 << 26
-FILES = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 # The files in which an .obj's materials stand, which its reader opens, too.
 MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
 
@@ -46,30 +40,6 @@ def find_mesh(name: str, source: Path | None) -> Path | None:
     else:
         tried = [folder / relative for folder in here[:2]]
     return next((path for path in tried if path.is_file()), None)
-
-
-def require_bounded(root: ET.Element, source: Path) -> None:
-    """Passes if MuJoCo can read a file without waiting for a pipe, and makes no more of it than any scene has.
-
-    Raises:
-        InputError: It includes others, or names what is no plain file.
-        ValueError: Its elements repeat beyond `MOST_PARTS`, or a picture is announced as larger than `MOST_PIXELS`.
-    """
-    if any(root.find(f".//{tag}") is not None for tag in ("include", "model")):
-        raise InputError(source, "it includes other files", "give the file in which the arm's bodies stand")
-    folders = {one.get(key, "") for one in root.iter("compiler") for key in ("meshdir", "texturedir", "assetdir")}
-    waiting = [(root, 1)]
-    while waiting:
-        element, count = waiting.pop()
-        for key in ("count", "nuserdata", "nkey"):
-            count *= math.prod(max(1, abs(int(word))) for word in element.get(key, "1").split())
-        pixels = math.prod(abs(int(element.get(key, "1"))) for key in ("nrow", "ncol", "width", "height"))
-        if count > MOST_PARTS or pixels > MOST_PIXELS:
-            raise ValueError(f"its <{element.tag}> is beyond {MOST_PARTS} parts or {MOST_PIXELS} pixels")
-        for name, folder in product(filter(None, map(element.get, FILES)), {"", *folders}):
-            if (place := source.parent / folder / name).exists():
-                require_regular(place, "give plain files", largest=LARGEST_TEXT)
-        waiting += [(child, count) for child in element]
 
 
 def require_mesh(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:

@@ -19,9 +19,6 @@ from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
 from scipy.io import savemat
 
-from ident.export.identified import IdentifiedArm
-from ident.export.mjcf import write_mjcf
-from ident.laws.motion import Losses
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
 from ident.monitor.store import Store
@@ -168,8 +165,6 @@ def _records(folder: Path, arm: ArmModel) -> None:
         finding["class"] = [finding["effect"], "torque_gain_error"]
     untold = [{"effect": "backlash", "joints": ["joint_2"], "reason": "no reversals"}]
     (folder / "question.json").write_text(json.dumps({**asked, "gap": gap, "not_testable": untold}))
-    losses = Losses(*np.zeros((3, arm.n)), np.full(arm.n, 1e-6), np.zeros(arm.n))
-    (folder / "arm.xml").write_text(write_mjcf(IdentifiedArm.with_losses(arm, losses)))
     (folder / "commands.csv").write_text(_commands(arm))
     (folder / "plan.json").write_text(json.dumps(_plan(arm)))
     (folder / "sealed").mkdir()

@@ -17,7 +17,6 @@ from ident.checks import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
-from ident.export.mjcf_merge import open_mjcf
 from ident.model.evaluation import load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.net_options import NAME as CHECKPOINT
@@ -312,6 +311,5 @@ def records(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("question.json", folder / "question.json", question, check_question),
         Kind("commands.csv", folder / "commands.csv", lambda path: read_commands(path, arm), check_motions),
         Kind("plan.json", folder / "plan.json", lambda path: read_plan(path, arm), check_motions),
-        Kind("mjcf", folder / "arm.xml", open_mjcf, share=0.3),
         Kind("envelope", folder / "sealed" / ENVELOPE_NAME, sealed),
     ]

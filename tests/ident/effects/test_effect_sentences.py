@@ -20,7 +20,6 @@ from ident.laws.acting import (
     link_change,
     payload_parameters,
     read_log,
-    total_delay,
     turned_gravity,
 )
 from ident.laws.acting import Effect as Law
@@ -136,7 +135,7 @@ EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
     "gravity_misalignment": tilt,
     "torque_gain_error": lambda p: [100.0 * (read("torque_gain_error", p, 1.0) - 1.0)],
     "torque_offset": lambda p: [read("torque_offset", p, 0.0)],
-    "torque_delay": lambda p: [1e3 * total_delay([("torque_delay", -1, p)])],
+    "torque_delay": lambda p: [1e3 * p["delay_s"]],
     "torque_saturation": lambda p: [
         read("torque_saturation", p, p["at_knee_Nm"]),
         read("torque_saturation", p, p["at_peak_Nm"]),

@@ -77,9 +77,7 @@ def test_every_file_says_its_effect_or_that_it_does_not(
         assert formats[form]["how"]
         if formats[form]["expressed"] != "no":
             assert (tmp_path / "patch" / name).read_text() != (plain / name).read_text()
-        # MuJoCo's second joint has its own steps.
-        stated = formats[form]["expressed"] in ("yes", "approximate")
-        assert formats[form].get("off", 0.0) < (0.05 if effect == "joint_elasticity" else 0.01) or not stated
+        assert formats[form].get("off", 0.0) < 0.01 or formats[form]["expressed"] == "no"
         left = record["structure"][form]["torque_difference_Nm"]
         # A payload's extent of a centimetre is not the law's point; a gear that gives way has no torque of a state.
         twists = effect == "joint_elasticity" and form == "mjcf"

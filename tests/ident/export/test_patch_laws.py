@@ -28,7 +28,7 @@ CASES = [
     ("position_dependent_friction", 2, [1.0, 2.0], 1, 1e-9),
     ("asymmetric_friction", 2, [1.0, 0.5], 0, 1e-9),
     ("joint_coupling", 2, [1.0, 2.0, 0.3], 0, 1e-9),
-    ("joint_elasticity", 1, [1.0], 1, 1e-3),
+    ("joint_elasticity", 1, [1.0], 1, 2e-2),
     ("backlash", 1, [5e-4], 0, 1e-2),
     ("torque_ripple", 1, [1.0, 0.5], 0, 1e-9),
     ("torque_ripple", 1, [1.0, 0.5], 1, 1e-9),
