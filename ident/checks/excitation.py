@@ -42,7 +42,10 @@ class Independence:
             if np.ptp(q[:, j]) >= self._travel:
                 table = np.column_stack([np.ones(len(q)), q[:, j], np.sin(q[:, j]), np.cos(q[:, j]), ddq[:, j]])
                 self._sums[j].append(np.stack([part.T @ part for part in np.array_split(table, PARTS)]))
-            self._strokes[:, j] += count_strokes(q[:, j], dq[:, j], self._travel)
+            # Pieces of motion between reversals that go far enough, up and down.
+            cuts = np.r_[0, np.flatnonzero(np.diff(np.sign(dq[:, j]))) + 1, len(q) - 1]
+            gone = np.diff(q[cuts, j])
+            self._strokes[:, j] += (gone > self._travel).sum(), (gone < -self._travel).sum()
 
     def shown(self) -> tuple[Float[Array, " n"], Int[Array, "2 n"]]:
         """What all recordings together show of each joint.
@@ -57,13 +60,6 @@ class Independence:
             shares = _shares(parts.sum(axis=0) - parts) if taken else np.empty(0)
             least.append(float(np.min(shares[np.isfinite(shares)])) if np.isfinite(shares).any() else np.nan)
         return np.array(least), self._strokes
-
-
-def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) -> tuple[int, int]:
-    """Pieces of motion between reversals that go far enough, in the positive and in the negative direction."""
-    cuts = np.r_[0, np.flatnonzero(np.diff(np.sign(dq))) + 1, len(q) - 1]
-    gone = np.diff(q[cuts])
-    return int((gone > travel).sum()), int((gone < -travel).sum())
 
 
 def _shares(sums: Float[Array, "p 5 5"]) -> Float[Array, " p"]:

@@ -218,7 +218,7 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
         counts = (left[1:, joint] != 0.0) & (left[:-1, joint] != 0.0)
         steps = np.diff(left[:, joint])[counts]
         felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
-        change = np.diff(run.motion.filtered_together(felt), axis=0)[counts]
+        change = np.diff(run.motion.lowpass.together(felt), axis=0)[counts]
         along += steps @ change
         power += np.sum(change**2, axis=0)
     score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)

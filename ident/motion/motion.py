@@ -100,10 +100,6 @@ class Motion:
         """Any signal of this run through the common filter."""
         return self.lowpass(values)
 
-    def filtered_together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
-        """Several signals through the common filter, all of their columns side by side."""
-        return self.lowpass.together(parts)
-
     @cached_property
     def tau_filtered(self) -> Float[Array, "t n"]:
         """Measured torque through the common filter [N m]."""

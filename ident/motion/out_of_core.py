@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import chain, pairwise
@@ -47,12 +47,19 @@ class OnDemand(Sequence[T], ABC, Generic[T]):
 
 
 class SpooledArrays(OnDemand[Float[Array, "..."]]):
-    """Arrays of any shape in one temporary file; entries are read-only maps of it."""
+    """Arrays of any shape and kind of numbers in one temporary file; entries are read-only maps of it, or changed ones.
 
-    def __init__(self) -> None:
+    Attributes:
+        change: What is made of an array when it is asked for, by its index; nothing if None.
+    """
+
+    def __init__(self, arrays: Iterable[Float[Array, "..."]] = ()) -> None:
+        self.change: Callable[[int, Array], Array] | None = None
         self._file = tempfile.TemporaryFile(prefix="armgap-")  # noqa: SIM115 (closes with the last reference to it)
-        self._spots: list[tuple[int, tuple[int, ...]]] = []
+        self._spots: list[tuple[int, tuple[int, ...], np.dtype[Any]]] = []
         self._end = 0
+        for values in arrays:
+            self.append(values)
 
     def __len__(self) -> int:
         return len(self._spots)
@@ -63,7 +70,7 @@ class SpooledArrays(OnDemand[Float[Array, "..."]]):
         Raises:
             InputError: The disk of temporary files is full.
         """
-        content = np.ascontiguousarray(values, dtype=float).tobytes()
+        content = np.asarray(values).tobytes()
         try:
             self._file.seek(self._end)
             self._file.write(content)
@@ -71,14 +78,15 @@ class SpooledArrays(OnDemand[Float[Array, "..."]]):
         except OSError as error:
             remedy = "free some space there, or name a roomier folder in the variable TMPDIR"
             raise InputError(tempfile.gettempdir(), f"can't hold a long session: {error.strerror}", remedy) from None
-        self._spots.append((self._end, np.shape(values)))
+        self._spots.append((self._end, np.shape(values), np.asarray(values).dtype))
         self._end += len(content)
 
     def _make(self, index: int) -> Float[Array, "..."]:
-        offset, shape = self._spots[index]
+        offset, shape, kind = self._spots[index]
         if 0 in shape:
-            return np.zeros(shape)
-        return np.asarray(np.memmap(self._file, dtype=float, mode="r", offset=offset, shape=shape))
+            return np.zeros(shape, dtype=kind)
+        found = np.asarray(np.memmap(self._file, dtype=kind, mode="r", offset=offset, shape=shape))
+        return found if self.change is None else self.change(index, found)
 
 
 class SpooledMotions(OnDemand[Motion]):

@@ -164,7 +164,7 @@ def layout_of(
     own_joints = [(effect, j) for effect in beside for j in range(session.n) if effect.untestable(session, j) is None]
     nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
     std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
-    sample = replace(session, runs=session.runs[:1], every=1)
+    sample = replace(session, runs=(session.runs[0].copied(),), every=1)  # what it computes goes with it
     start = rank + LOSS_PARAMETERS * session.n
     groups: list[Group] = []
     own: list[list[int]] = [[] for _ in range(session.n)]

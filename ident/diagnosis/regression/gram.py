@@ -32,7 +32,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_products, half_size, pack
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
@@ -40,7 +40,7 @@ from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, 
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import Partition, build_partition
-from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, rescale
+from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, rescale, waiting
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
@@ -136,8 +136,7 @@ class Evidence:
     @cached_property
     def parts(self) -> tuple[FoldSums, ...]:
         """For each joint, the whitened sums of every fold, and of all but it."""
-        folds = range(int(self.fold_of_block.max()) + 1)
-        members = [np.flatnonzero(self.fold_of_block == fold) for fold in folds]
+        members = [np.flatnonzero(self.fold_of_block == fold) for fold in range(int(self.fold_of_block.max()) + 1)]
         cut, found = self.friction.is_cut(self.fold_of_block), []
         for j, sums in enumerate(self.free):
             whole = np.stack([sums.over(blocks) for blocks in members])
@@ -188,7 +187,8 @@ class Evidence:
         total = np.zeros((self.layout.size + 1, self.layout.size + 1))
         for local, sums in zip(self.layout.local, self.total, strict=True):
             total[np.ix_(local, local)] += sums.over()
-        return freeze(total)
+        total.setflags(write=False)
+        return total
 
 
 def gather(
@@ -220,20 +220,18 @@ def gather(
     scale: Array | None = None
     sums: _Sums | None = None
     held: list[Rows] = []
-    seen = 0
     for rows in compute_rows(session, baseline, layout, partition):
         if sums is None:
-            held.append(rows)
-            seen += len(rows.counts)
-            if seen < settings.noise_samples and rows.run < len(session.runs) - 1:
+            held.append(waiting(layout, held, rows))
+            if sum(len(one.counts) for one in held) < settings.noise_samples and rows.run < len(session.runs) - 1:
                 continue
             scale = column_scale(layout, held)
             for kept in held:
                 rescale(layout, kept, scale)
             sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
             batch, held = held, []
-        else:
-            assert scale is not None
+            del kept
+        elif scale is not None:
             rescale(layout, rows, scale)
             batch = [rows]
         while batch:  # each run's tables go when their sums come

@@ -17,13 +17,15 @@ from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
+from ident.motion.out_of_core import SpooledArrays
 from ident.robot.chain import PER_LINK
 
 # Samples (after decimation) times squared joints that are in memory at once, unless a run has more: their regressors
 # and tables (some MiB a joint) fit into memory that the chunk before has just let go.
 CHUNK_SIZE = 2_000 * 36
-# Samples (after decimation) of a session whose baseline's columns are kept from pass to pass: some 100 MiB at the most.
-KEPT_SAMPLES = 30_000
+# The same of a session whose baseline's columns are kept from pass to pass, some 100 MiB at the most; and of runs whose
+# tables wait in memory until noise and scale are known: those of more wait on disk.
+KEPT_SIZE, WAITING_SIZE = 30_000 * 36, 4_000 * 36
 # Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
 BATCH_COLUMNS = 64
 
@@ -38,10 +40,10 @@ class Rows:
 
     run: int
     rank: int
-    tables: tuple[Float[Array, "t p"], ...]
+    tables: Sequence[Float[Array, "t p"]]
     counts: Bool[Array, "t n"]
     blocks: Int[Array, " t"]
-    noise: tuple[Float[Array, "t p"], ...] | None = None
+    noise: Sequence[Float[Array, "t p"]] | None = None
     weight: float = 1.0
 
 
@@ -56,15 +58,11 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
     drawn = [int(i) for i in np.flatnonzero(weights)]
     again = compute_tables(session, baseline, layout, groups, drawn, noisier=True)
     for i, run, tables in seen:
-        noise = _difference(next(again)[2], tables) if weights[i] else None
-        blocks = partition.blocks_of(i, len(tables[0]))
+        noise, blocks = None, partition.blocks_of(i, len(tables[0]))
+        if weights[i]:  # in half the room: its squares are a small share of the columns'
+            pairs = zip(next(again)[2], tables, strict=True)
+            noise = tuple(np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs)
         yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks, noise, float(weights[i]))
-
-
-def _difference(more: Sequence[Float[Array, "t p"]], tables: Sequence[Float[Array, "t p"]]) -> tuple[Array, ...]:
-    """What one more draw adds, in half the room: its squares are a small share of the columns'."""
-    pairs = zip(more, tables, strict=True)
-    return tuple(np.subtract(one, table, out=one).astype(np.float32) for one, table in pairs)
 
 
 def compute_tables(
@@ -162,7 +160,8 @@ def _kept_columns(
         runs: The same, as they are to be seen.
         noisier: Whether that is with one more draw of the encoder noise.
     """
-    if not (isinstance(session.runs, tuple) and sum(r.motion.filtered_length for r in session.runs) <= KEPT_SAMPLES):
+    held = session.runs if isinstance(session.runs, tuple) else ()
+    if not 0 < sum(run.motion.filtered_length for run in held) * session.n**2 <= KEPT_SIZE:
         return [baseline_columns(baseline, run) for run in runs]
     found = []
     for i, run in zip(chunk, runs, strict=True):
@@ -193,19 +192,17 @@ class _Batch:
         """Filters what waits and writes it into the tables of the joints that it acts on."""
         if not self.waiting:
             return
-        filtered = self.run.motion.filtered_together([columns for _, columns in self.waiting])
+        filtered = self.run.motion.lowpass.together([columns for _, columns in self.waiting])
         start = 0
         for group, columns in self.waiting:
             end = start + columns[0].size
-            self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
+            found = filtered[:, start:end].reshape(-1, *columns.shape[1:])
+            for j in group.acts_on(self.layout.n):
+                at = self.layout.places[j][int(group.columns[0])]
+                own = found if group.effect.rows == "own" else found[:, j]
+                self.tables[j][:, at : at + len(group.columns)] = own
             start = end
         self.waiting, self.width = [], 0
-
-    def _write(self, group: Group, columns: Float[Array, "t ..."]) -> None:
-        for j in group.acts_on(self.layout.n):
-            at = self.layout.places[j][int(group.columns[0])]
-            own = columns if group.effect.rows == "own" else columns[:, j]
-            self.tables[j][:, at : at + len(group.columns)] = own
 
 
 def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
@@ -221,8 +218,19 @@ def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
     return np.where(scale > 1e-12, scale, 1.0)
 
 
+def waiting(layout: Layout, held: Sequence[Rows], rows: Rows) -> Rows:
+    """A run that is held until scale and noise are known: on disk where those before it fill the memory."""
+    if sum(len(one.counts) for one in held) * layout.n**2 < WAITING_SIZE:
+        return rows
+    noise = None if rows.noise is None else SpooledArrays(rows.noise)
+    return replace(rows, tables=SpooledArrays(rows.tables), noise=noise)
+
+
 def rescale(layout: Layout, rows: Rows, scale: Array) -> None:
-    """Divides a run's columns by their scale, in place."""
+    """Divides a run's columns by their scale, in place; those on disk whenever they are read."""
     for tables in (rows.tables, rows.noise or ()):
+        if isinstance(tables, SpooledArrays):
+            tables.change = lambda j, table: (table / scale[layout.local[j]]).astype(table.dtype)
+            continue
         for j, table in enumerate(tables):
             table /= scale[layout.local[j]]

@@ -218,7 +218,7 @@ def test_a_model_that_is_asked_for_again_has_its_score(healthy: Analysis) -> Non
 
 
 def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: how many runs are in memory at once changes neither the rows nor, in N m, their sums."""
+    """Law: how many runs are in memory, and wait there, changes neither the rows nor, in N m, their sums."""
     monkeypatch.setattr(rows_module, "CHUNK_SIZE", 500 * 9)
     layout = healthy.evidence.layout
     partition = build_partition(healthy.session)
@@ -228,6 +228,7 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
         assert np.array_equal(one.blocks, other.blocks)
         for a, b in zip(one.tables, other.tables, strict=True):
             assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
+    monkeypatch.setattr(rows_module, "WAITING_SIZE", 0)  # and on disk they wait as in memory
     chunked = gather(healthy.session, healthy.baseline, layout).with_run_spread(healthy.evidence.spread)
     assert np.array_equal(chunked.weights, healthy.evidence.weights)
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
@@ -242,7 +243,7 @@ def test_a_later_pass_has_the_rows_of_the_first(
     session = replace(healthy.session, runs=tuple(replace(run) for run in healthy.session.runs))
     partition = build_partition(session)
     for most in (0, 10**9, 10**9):  # not kept, kept, and found again
-        monkeypatch.setattr(rows_module, "KEPT_SAMPLES", most)
+        monkeypatch.setattr(rows_module, "KEPT_SIZE", most)
         again = compute_rows(session, healthy.baseline, healthy.evidence.layout, partition)
         for one, other in zip(again, all_rows, strict=True):
             for ours, theirs in ((one.tables, other.tables), (one.noise or (), other.noise or ())):
