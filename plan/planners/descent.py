@@ -125,7 +125,8 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
             if local.timed:
                 span[-1] = min(reach, 0.2) * x[-1]
             bounds = np.maximum(low - x, -span), np.minimum(high - x, span)
-            found = solve_step(gradient / scale, curvature + bend, [rows, clear, ruled], prices, *bounds)
+            groups = [rows, clear, ruled]
+            found = solve_step(gradient / scale, curvature + bend, groups, prices, bounds, local.timed)
             if found is None:
                 reach *= 0.3
                 continue

@@ -14,7 +14,7 @@ from ident.arrays import Array, Float
 # Second derivative of a slack's price: little beside the price itself, yet enough that the active-set method seldom
 # goes round in circles. How closely an inequality is kept, a tenth of what a course's own checks look at.
 BENT, CLOSE = 1e-2, 1e-6
-# Variables beyond which an interior point is quicker.
+# Variables beyond which an interior point is quicker where the cost is hardly bent, as that of the shortest time.
 MANY = 150
 
 
@@ -55,8 +55,8 @@ def solve_step(
     hessian: Float[Array, "d d"],
     groups: list[ConstraintRows],
     weights: Float[Array, " g"],
-    low: Float[Array, " d"],
-    high: Float[Array, " d"],
+    bounds: tuple[Float[Array, " d"], Float[Array, " d"]],
+    flat: bool = False,
 ) -> Step | None:
     """Minimises g·s + ½ sᵀHs + Σ weight · slack, each set of inequalities with one slack of its own.
 
@@ -64,11 +64,13 @@ def solve_step(
         gradient, hessian: The cost's.
         groups: Sets of inequalities.
         weights: Price of each set's largest shortfall.
-        low, high: Bounds of the step.
+        bounds: Of the step.
+        flat: Whether the cost is hardly bent.
 
     Returns:
         The step; None where the solver gives none.
     """
+    low, high = bounds
     plain = _unhindered(gradient, hessian, groups, low, high)
     if plain is not None:
         return plain
@@ -80,9 +82,9 @@ def solve_step(
     matrix = np.zeros((sum(lengths), size + count))
     matrix[:, :size] = np.concatenate([rows.matrix for rows in groups])
     matrix[np.arange(len(matrix)), size + np.repeat(np.arange(count), lengths)] = -1.0
-    bounds = np.append(low, np.zeros(count)), np.append(high, np.full(count, np.inf))
-    given = whole, np.concatenate([gradient, weights]), matrix, np.concatenate([rows.room for rows in groups]), *bounds
-    x = _active_set(*given) if size <= MANY else None
+    sides = np.append(low, np.zeros(count)), np.append(high, np.full(count, np.inf))
+    given = whole, np.concatenate([gradient, weights]), matrix, np.concatenate([rows.room for rows in groups]), *sides
+    x = _active_set(*given) if size <= MANY or not flat else None
     x = _interior_point(*given) if x is None else x
     if x is None:
         return None

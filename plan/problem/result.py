@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.files import atomic_write
 from ident.records import as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
@@ -268,8 +265,3 @@ class PlanResult(Result):
             "via_points_rad": points[1:-1].tolist(),
             "times_s": np.cumsum(splines.durations[0])[:-1].tolist(),
         }
-
-    def save(self, path: str | Path) -> None:
-        """Writes the record as JSON, whole or not at all."""
-        with atomic_write(path) as part:
-            part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")

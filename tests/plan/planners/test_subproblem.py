@@ -7,7 +7,7 @@ from numpy.random import Generator
 from plan.planners import subproblem
 from plan.planners.subproblem import ConstraintRows, Step, solve_step
 
-Programme = tuple[np.ndarray, np.ndarray, list[ConstraintRows], np.ndarray, np.ndarray, np.ndarray]
+Programme = tuple[np.ndarray, np.ndarray, list[ConstraintRows], np.ndarray, tuple[np.ndarray, np.ndarray]]
 
 
 def draw(rng: Generator, broken: float) -> Programme:
@@ -15,12 +15,12 @@ def draw(rng: Generator, broken: float) -> Programme:
     size, root = 12, rng.normal(size=(12, 12))
     groups = [ConstraintRows(rng.normal(size=(30, size)), rng.uniform(-broken, 1.0, 30)) for _ in range(2)]
     span = rng.uniform(0.1, 0.5, size)
-    return 5.0 * rng.normal(size=size), root @ root.T + 0.1 * np.eye(size), groups, np.array([4.0, 20.0]), -span, span
+    return 5.0 * rng.normal(size=size), root @ root.T + 0.1 * np.eye(size), groups, np.array([4.0, 20.0]), (-span, span)
 
 
 def price(programme: Programme, step: np.ndarray) -> float:
     """What is to be minimised, the shortfalls at their price."""
-    gradient, hessian, groups, weights, _, _ = programme
+    gradient, hessian, groups, weights, _ = programme
     slack = [max(0.0, float((rows.matrix @ step - rows.room).max())) for rows in groups]
     return float(gradient @ step + 0.5 * step @ hessian @ step + weights @ slack)
 
@@ -33,7 +33,7 @@ def test_nothing_near_a_step_costs_less(broken: float) -> None:
         programme = draw(rng, broken)
         found = solve_step(*programme)
         assert found is not None
-        low, high = programme[-2:]
+        low, high = programme[-1]
         assert np.all(found.step >= low)
         assert np.all(found.step <= high)
         best = price(programme, found.step)
