@@ -16,7 +16,7 @@ from plan.experiment.design import Designer
 from plan.experiment.feasible import surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
-from plan.geometry.tool import place_payload
+from plan.geometry.tool import hang
 from plan.options import ExciteOptions
 
 
@@ -41,8 +41,8 @@ def excite(
     """
     chosen, arm = ExciteOptions(**options), load_robot(robot, ())
     around = surroundings_of(arm, chosen)
-    if around.payload is not None:
-        arm = arm.with_payload(place_payload(arm, around.payload, around.payload_link))
+    _, payload, _ = hang(arm, around.attached, around.payload, around.payload_link)
+    arm = arm if payload is None else arm.with_payload(payload)
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
     stage("searching motions")

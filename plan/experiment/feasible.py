@@ -16,7 +16,7 @@ from ident.trajectories.reference import ReferenceMotion
 from plan.errors import MethodError, SceneError
 from plan.geometry.pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
-from plan.geometry.tool import record_carried
+from plan.geometry.tool import hang
 from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings, floor_box, load_surroundings
 
@@ -53,7 +53,7 @@ class Feasibility:
         if len(empty):
             what = f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
             raise SceneError(around.source, what, "widen lower_deg and upper_deg")
-        self.carried = record_carried(arm, around.attached, around.payload, around.payload_link)
+        _, _, self.carried = hang(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
             arm,
             around.obstacles,

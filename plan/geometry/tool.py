@@ -67,18 +67,32 @@ def find_frame(arm: ArmModel, link: str | None, key: str) -> pin.Frame:
     return found[-1]
 
 
-def place_payload(arm: ArmModel, payload: Payload, link: str | None) -> Payload:
-    """A payload given in some frame, in that of the last link.
+def hang(
+    arm: ArmModel, carried: Sequence[Carried], payload: Payload | None, link: str | None
+) -> tuple[tuple[Carried, ...], Payload | None, tuple[dict[str, object], ...]]:
+    """What is carried, each with the name of its frame; a payload in that of the last link; and both for results.
+
+    Args:
+        arm: The arm.
+        carried: Shapes.
+        payload: Mass, its centre in the frame of `link`.
+        link: That frame; the tip frame if None.
 
     Raises:
-        RobotError: No such frame, or one that the last joint does not move.
+        RobotError: No such frame, or one of the payload that the last joint does not move.
     """
+    named = tuple(replace(one, link=str(find_frame(arm, one.link, f"{one.box.name}: link").name)) for one in carried)
+    found: list[dict[str, object]] = [{"name": one.box.name, "link": one.link} for one in named]
+    if payload is None:
+        return named, None, tuple(found)
     frame = find_frame(arm, link, "payload.link")
     if frame.parentJoint != arm.n:
         what = f"payload.link: {frame.name!r} is not moved by the last joint, {arm.joint_names[-1]}"
         raise RobotError(arm.source or arm.name, what, f"name a link beyond it, such as {find_tip(arm)}")
     com = frame.placement.act(np.array(payload.com_m, dtype=float))
-    return replace(payload, com_m=(float(com[0]), float(com[1]), float(com[2])))
+    placed = replace(payload, com_m=(float(com[0]), float(com[1]), float(com[2])))
+    mass = {"mass_kg": payload.mass_kg, "com_m": list(payload.com_m)}  # as it was given
+    return named, placed, (*found, {"name": "payload", "link": str(frame.name), **mass})
 
 
 def place_carried(arm: ArmModel, links: Sequence[Box], carried: Sequence[Carried]) -> list[Box]:
@@ -99,23 +113,3 @@ def place_carried(arm: ArmModel, links: Sequence[Box], carried: Sequence[Carried
         at: tuple[Array, Array] = (turn @ box.rotation, turn @ box.centre + place)
         placed.append(Box(box.name, frame.parentJoint, *at, box.half, CARRIED + 2 * number, box.solid))
     return sorted([*links, *placed], key=lambda box: box.joint)
-
-
-def name_links(arm: ArmModel, carried: Sequence[Carried]) -> tuple[Carried, ...]:
-    """What is carried, each with the name of the frame on which it hangs.
-
-    Raises:
-        RobotError: The arm has no frame of that name.
-    """
-    return tuple(replace(one, link=str(find_frame(arm, one.link, f"{one.box.name}: link").name)) for one in carried)
-
-
-def record_carried(
-    arm: ArmModel, carried: Sequence[Carried], payload: Payload | None, link: str | None
-) -> tuple[dict[str, object], ...]:
-    """What is carried and on which frame it hangs, for results; the payload as it was given, in that frame."""
-    found: list[dict[str, object]] = [{"name": one.box.name, "link": one.link} for one in name_links(arm, carried)]
-    if payload is None:
-        return tuple(found)
-    mass = {"name": "payload", "link": str(find_frame(arm, link, "payload.link").name)}
-    return (*found, {**mass, "mass_kg": payload.mass_kg, "com_m": list(payload.com_m)})

@@ -15,7 +15,7 @@ from plan.dynamics.power import METRICS, ChainTorque, Metric, reduce_arm, torque
 from plan.errors import MethodError, TaskError
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
-from plan.geometry.tool import name_links, place_payload, record_carried
+from plan.geometry.tool import hang
 from plan.initial.starts import from_vias, straight
 from plan.options import TaskOptions
 from plan.problem.extrapolation import stay_inside
@@ -54,10 +54,8 @@ def set_up(
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
-    hung, payload = name_links(robot, task.attached), None
-    if task.payload is not None:
-        payload = place_payload(robot, task.payload, task.payload_link)
-        robot = robot.with_payload(payload)
+    hung, payload, carried = hang(robot, task.attached, task.payload, task.payload_link)
+    robot = robot if payload is None else robot.with_payload(payload)
     arm = _moving_arm(task, robot)
     trained, makers = None if model is None else model.trained, find_makers_limits(robot)
     doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
@@ -91,7 +89,7 @@ def set_up(
         trained=trained,
         avoid_singular=task.avoid_singular,
         way=task.way,
-        carried=record_carried(robot, hung, task.payload, task.payload_link),
+        carried=carried,
         not_the_arms=frozenset(robot.locked_joints),
         notes=said if model is not None else (*said, NO_FRICTION),
     )

@@ -12,7 +12,7 @@ from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.obstacle_files import holds, read_mesh
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box, Solid
-from plan.geometry.tool import Carried, name_links
+from plan.geometry.tool import Carried, hang
 from plan.problem.task_file import load_task
 from plan.solving.set_up import require_valid_ends, set_up
 from tests.plan.geometry.worlds import CUBE, TASK
@@ -139,7 +139,7 @@ def test_a_tool_is_where_its_frame_is(robot: str, link: str | None, tip: str) ->
     """What hangs on a frame, the URDF's tip if none is named, is placed as Pinocchio places that frame."""
     arm, place, rng = ArmModel.load(robot), np.array([0.01, -0.02, 0.05]), np.random.default_rng(0)
     tool = Box("tool", 0, random_rotation(rng), place, np.full(3, 0.02))
-    scene = Scene.build(arm, carried=name_links(arm, [Carried(tool, link)]))
+    scene = Scene.build(arm, carried=hang(arm, [Carried(tool, link)], None, None)[0])
     (box,) = (box for box in scene.boxes if box.name == "tool")
     q = rng.uniform(-1.0, 1.0, arm.n)
     data = arm.model.createData()
