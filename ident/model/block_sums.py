@@ -43,22 +43,14 @@ class BlockSums:
     """Sums over the rows that count; b blocks, n joints, k = r + 4 columns and the torque as the last one.
 
     Columns: the r base parameters' regressor columns, then acceleration, speed, direction and one.
-
-    Attributes:
-        moments: XᵀX of each block and joint, shape (b, n, k + 1, k + 1).
-        rows: Number of rows, shape (b, n).
-        run: Index of the run that each block lies in.
-        through_reversals: Joints for which samples near reversals had to be used too.
-        rank: Number r of base parameters.
-        shared: Number of columns of named laws and of a coupling, between those of the losses and the torque.
     """
 
-    moments: Float[Array, "b n c c"]
-    rows: Int[Array, "b n"]
-    run: Int[Array, " b"]
-    through_reversals: tuple[str, ...]
-    rank: int
-    shared: int = 0
+    moments: Float[Array, "b n c c"]  # XᵀX of each block and joint, shape (b, n, k + 1, k + 1)
+    rows: Int[Array, "b n"]  # number of rows, shape (b, n)
+    run: Int[Array, " b"]  # index of the run that each block lies in
+    through_reversals: tuple[str, ...]  # joints for which samples near reversals had to be used too
+    rank: int  # number r of base parameters
+    shared: int = 0  # number of columns of named laws and of a coupling, between those of the losses and the torque
 
     def of(self, columns: Sequence[int]) -> tuple[Float[Array, "b n p p"], Float[Array, "b n p"], Float[Array, "b n"]]:
         """XᵀX, Xᵀy and yᵀy of some columns."""
@@ -81,21 +73,14 @@ class BlockSums:
 
 @dataclass(frozen=True, eq=False)
 class FitColumns:
-    """What a fit asks of a run.
+    """What a fit asks of a run."""
 
-    Attributes:
-        arm: The arm as its URDF describes it; the torque is what it leaves.
-        base: Its base parameters.
-        shaft: Joints that share a shaft, if any.
-        named: Laws of joints whose coefficients are parameters too; their columns stand before a shaft's.
-        bearing: The arm whose rigid torque is the joints' load; the arm itself if None.
-    """
-
-    arm: ArmModel
-    base: BaseParameters
-    shaft: Shaft | None = None
+    arm: ArmModel  # the arm as its URDF describes it; the torque is what it leaves
+    base: BaseParameters  # its base parameters
+    shaft: Shaft | None = None  # joints that share a shaft, if any
+    # Laws of joints whose coefficients are parameters too; their columns stand before a shaft's.
     named: Sequence[NamedLaw] = ()
-    bearing: ArmModel | None = None
+    bearing: ArmModel | None = None  # the arm whose rigid torque is the joints' load; the arm itself if None
 
     @property
     def shared(self) -> int:

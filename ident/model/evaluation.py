@@ -44,15 +44,10 @@ SCHEMA = "ident.evaluation/1"
 
 @dataclass(frozen=True, eq=False)
 class RunTrace:
-    """One run through every rung, for scores and pictures.
+    """One run through every rung, for scores and pictures."""
 
-    Attributes:
-        motion: The run, with the model's joints.
-        rungs: Torque of each rung, not filtered, shape (T, n) [N m].
-    """
-
-    motion: Motion
-    rungs: dict[str, Float[Array, "T n"]]
+    motion: Motion  # the run, with the model's joints
+    rungs: dict[str, Float[Array, "T n"]]  # torque of each rung, not filtered, shape (T, n) [N m]
 
     @cached_property
     def filtered(self) -> dict[str, Float[Array, "t n"]]:
@@ -72,29 +67,18 @@ class RunTrace:
 
 @dataclass(frozen=True, eq=False)
 class SessionScore:
-    """Scores of one group of runs; R rungs, K runs, n joints.
+    """Scores of one group of runs; R rungs, K runs, n joints."""
 
-    Attributes:
-        name: Name of the session, or of the sessions taken together.
-        joints: Joint names.
-        runs: Run names.
-        rungs: Rung names, from the analytic model up.
-        payload_kg: Known mass at the flange [kg].
-        energy_error: Energy error, shape (R, K, n) [J].
-        squares: Mean square torque error where the joint moves, shape (R, K, n); NaN if it never does [N² m²].
-        rest_squares: The same where it rests [N² m²].
-        r2: Coefficient of determination where the joint moves, shape (R, n).
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    runs: tuple[str, ...]
-    rungs: tuple[str, ...]
-    payload_kg: float
-    energy_error: Float[Array, "R K n"]
+    name: str  # name of the session, or of the sessions taken together
+    joints: tuple[str, ...]  # joint names
+    runs: tuple[str, ...]  # run names
+    rungs: tuple[str, ...]  # rung names, from the analytic model up
+    payload_kg: float  # known mass at the flange [kg]
+    energy_error: Float[Array, "R K n"]  # energy error, shape (R, K, n) [J]
+    # Mean square torque error where the joint moves, shape (R, K, n); NaN if it never does [N² m²].
     squares: Float[Array, "R K n"]
-    rest_squares: Float[Array, "R K n"]
-    r2: Float[Array, "R n"]
+    rest_squares: Float[Array, "R K n"]  # the same where it rests [N² m²]
+    r2: Float[Array, "R n"]  # coefficient of determination where the joint moves, shape (R, n)
 
     @property
     def energy_mean(self) -> Float[Array, "R n+1"]:
@@ -253,17 +237,11 @@ LARGEST, LEAST = ("torque_rmse_Nm", "energy_error_J"), ("r2_moving",)
 
 @dataclass(frozen=True)
 class Limit:
-    """One figure and the value that it must keep to.
+    """One figure and the value that it must keep to."""
 
-    Attributes:
-        figure: A table of the file.
-        joint: A joint's name, or `total`.
-        bound: Largest value, or least value of an R².
-    """
-
-    figure: str
-    joint: str
-    bound: float
+    figure: str  # a table of the file
+    joint: str  # a joint's name, or `total`
+    bound: float  # largest value, or least value of an R²
 
 
 @dataclass(frozen=True)
@@ -286,15 +264,10 @@ class Check:
 
 @dataclass(frozen=True)
 class ModelLimits:
-    """All limits of a file.
+    """All limits of a file."""
 
-    Attributes:
-        limits: In the file's order.
-        rung: Rung of the ladder that must keep them; None for the last.
-    """
-
-    limits: tuple[Limit, ...]
-    rung: str | None = None
+    limits: tuple[Limit, ...]  # in the file's order
+    rung: str | None = None  # rung of the ladder that must keep them; None for the last
 
     def check(self, score: SessionScore) -> tuple[Check, ...]:
         """Every limit on one session."""

@@ -55,39 +55,24 @@ FIT_SCHEMA = "ident.fit/1"
 
 @dataclass(frozen=True, eq=False)
 class HybridModel:
-    """A fitted arm.
+    """A fitted arm."""
 
-    Attributes:
-        robot: The whole arm as its URDF describes it; geometry comes from here.
-        nominal: The rigid arm before identification: the robot, or its lumped three-joint model.
-        arm: The rigid arm with identified inertias; its joints are those that the model speaks of.
-        loss: Loss figures.
-        net: Residual net, or None.
-        links: 6 for the full arm, 3 for the lumped one.
-        inertia: How the inertias were found.
-        figures: Loss figures with intervals.
-        inertias: Base parameters with intervals; none where the URDF's inertias were kept.
-        trained: Where the training runs went; None where that is not known.
-        coupling: A shaft that two joints share, where one was asked for; its torque is part of the loss.
-        named: Laws of joints that a diagnosis named.
-        alone: Where there are such laws, the arm and its losses as the same runs have them without.
-        provenance: Data hashes, versions, options, figures of the fit.
-    """
-
-    robot: ArmModel
-    nominal: ArmModel
-    arm: ArmModel
-    loss: LossParameters
-    net: ResidualNet | None = None
-    links: int = 6
-    inertia: str = "nominal"
-    figures: tuple[LossFigure, ...] = ()
-    inertias: tuple[InertiaFigure, ...] = ()
-    trained: TrainingRange | None = None
+    robot: ArmModel  # the whole arm as its URDF describes it; geometry comes from here
+    nominal: ArmModel  # the rigid arm before identification: the robot, or its lumped three-joint model
+    arm: ArmModel  # the rigid arm with identified inertias; its joints are those that the model speaks of
+    loss: LossParameters  # loss figures
+    net: ResidualNet | None = None  # residual net, or None
+    links: int = 6  # 6 for the full arm, 3 for the lumped one
+    inertia: str = "nominal"  # how the inertias were found
+    figures: tuple[LossFigure, ...] = ()  # loss figures with intervals
+    inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
+    trained: TrainingRange | None = None  # where the training runs went; None where that is not known
+    # A shaft that two joints share, where one was asked for; its torque is part of the loss.
     coupling: Coupling | None = None
-    named: tuple[NamedLaw, ...] = ()
+    named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
+    # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, figures of the fit
 
     @property
     def joint_names(self) -> tuple[str, ...]:

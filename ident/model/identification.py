@@ -55,50 +55,32 @@ ON_BOUND = 1e-3
 
 @dataclass(frozen=True)
 class InertiaFigure:
-    """One base parameter of the identified arm with its 95 % interval.
+    """One base parameter of the identified arm with its 95 % interval."""
 
-    Attributes:
-        name: Link and number of the independent column; other links' numbers may be added to it.
-        value, low, high: SI units.
-        informed: Share of its prior variance that the recordings take away: near 0 it is the URDF's.
-    """
-
-    name: str
+    name: str  # link and number of the independent column; other links' numbers may be added to it
+    # SI units.
     value: float
     low: float
     high: float
-    informed: float
+    informed: float  # share of its prior variance that the recordings take away: near 0 it is the URDF's
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was identified.
+    """What was identified."""
 
-    Attributes:
-        inertia: The arm and its base parameters.
-        loss: Loss figures.
-        inertias: Base parameters with intervals.
-        tied: Pairs of figures that these recordings can't tell apart, with their correlation.
-        spread: Relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2).
-        urdf_share: How far the URDF's inertias are off, as a share of each link's scale; as the recordings have it.
-        through_reversals: Joints whose samples near reversals had to be used.
-        estimate: The unbounded joint estimate.
-        coupling: Figures of a shaft that two joints share, where one was asked for.
-        named: Laws that were given, with their figures.
-        lossless: Joints whose effort holds neither friction nor a rotor: torque at the link.
-    """
-
-    inertia: InertiaResults
-    loss: LossResults
-    inertias: tuple[InertiaFigure, ...]
+    inertia: InertiaResults  # the arm and its base parameters
+    loss: LossResults  # loss figures
+    inertias: tuple[InertiaFigure, ...]  # base parameters with intervals
+    # Pairs of figures that these recordings can't tell apart, with their correlation.
     tied: tuple[tuple[str, str, float], ...]
-    spread: Float[Array, "n 2"]
-    urdf_share: float
-    through_reversals: tuple[str, ...]
-    estimate: JointEstimate
-    coupling: Coupling | None = None
-    named: tuple[NamedLaw, ...] = ()
-    lossless: tuple[str, ...] = ()
+    spread: Float[Array, "n 2"]  # relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2)
+    urdf_share: float  # how far the URDF's inertias are off, as a share of each link's scale; as the recordings have it
+    through_reversals: tuple[str, ...]  # joints whose samples near reversals had to be used
+    estimate: JointEstimate  # the unbounded joint estimate
+    coupling: Coupling | None = None  # figures of a shaft that two joints share, where one was asked for
+    named: tuple[NamedLaw, ...] = ()  # laws that were given, with their figures
+    lossless: tuple[str, ...] = ()  # joints whose effort holds neither friction nor a rotor: torque at the link
 
     def record(self) -> dict[str, Any]:
         """What a model keeps of it beside its figures."""
@@ -115,19 +97,12 @@ class Identified:
 
 @dataclass(frozen=True)
 class HowToIdentify:
-    """Options of an identification.
+    """Options of an identification."""
 
-    Attributes:
-        mode: `nominal`, `base` or `consistent`.
-        offset: Whether a constant torque is a loss parameter too.
-        robust: Whether stretches that fit badly lose their pull.
-        shaft: Joints that share a shaft, if any.
-    """
-
-    mode: Mode
-    offset: bool = False
-    robust: bool = False
-    shaft: Shaft | None = None
+    mode: Mode  # `nominal`, `base` or `consistent`
+    offset: bool = False  # whether a constant torque is a loss parameter too
+    robust: bool = False  # whether stretches that fit badly lose their pull
+    shaft: Shaft | None = None  # joints that share a shaft, if any
 
 
 def identify(

@@ -48,17 +48,11 @@ STATES_FOR_RANK = 200
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """Which combinations of inertial numbers act on the joint torques: β = B π.
+    """Which combinations of inertial numbers act on the joint torques: β = B π."""
 
-    Attributes:
-        columns: Indices of the r independent regressor columns.
-        mapping: B, shape (r, 10n).
-        names: Names of the independent columns, such as `link_2.mx`.
-    """
-
-    columns: tuple[int, ...]
-    mapping: Float[Array, "r 10n"]
-    names: tuple[str, ...]
+    columns: tuple[int, ...]  # indices of the r independent regressor columns
+    mapping: Float[Array, "r 10n"]  # B, shape (r, 10n)
+    names: tuple[str, ...]  # names of the independent columns, such as `link_2.mx`
 
     @property
     def rank(self) -> int:
@@ -67,23 +61,15 @@ class BaseParameters:
 
 @dataclass(frozen=True, eq=False)
 class InertiaResults:
-    """An arm's inertias as they were identified.
+    """An arm's inertias as they were identified."""
 
-    Attributes:
-        arm: The arm with its identified inertias.
-        base: The base parameters.
-        change: Change of the base parameters against the URDF, shape (r,).
-        std: Their standard deviations; the prior's where the data are silent.
-        informed: Share of each base parameter's prior variance that the data take away, 0 (silent) to 1.
-        condition_number: Of the column-scaled, whitened base regressor: over 100 is poor excitation.
-    """
-
-    arm: ArmModel
-    base: BaseParameters
-    change: Float[Array, " r"]
-    std: Float[Array, " r"]
+    arm: ArmModel  # the arm with its identified inertias
+    base: BaseParameters  # the base parameters
+    change: Float[Array, " r"]  # change of the base parameters against the URDF, shape (r,)
+    std: Float[Array, " r"]  # their standard deviations; the prior's where the data are silent
+    # Share of each base parameter's prior variance that the data take away, 0 (silent) to 1.
     informed: Float[Array, " r"]
-    condition_number: float
+    condition_number: float  # of the column-scaled, whitened base regressor: over 100 is poor excitation
 
 
 def base_parameters(arm: ArmModel) -> BaseParameters:

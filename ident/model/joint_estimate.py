@@ -46,35 +46,24 @@ LEAST_LEFT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """All figures: r changes of base parameters, then p loss figures a joint.
+    """All figures: r changes of base parameters, then p loss figures a joint."""
 
-    Attributes:
-        values: The figures, shape (m,).
-        covariance: Their covariance, shape (m, m).
-        dof: Degrees of freedom behind each standard deviation.
-        information, score: Weighted normal equations of the data alone, without prior.
-        wandering: Variance of each figure that is left however many runs there are, as friction wanders over them.
-        noise: Residual standard deviation of each joint, runs' changes taken out [N m].
-        spread: Relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2).
-        rank: Number r of base parameters.
-        per_joint: Number p of loss figures a joint.
-        blocks, runs: How many there were.
-        shared: Number of figures of named laws and, last, of a coupling.
-    """
-
-    values: Float[Array, " m"]
-    covariance: Float[Array, "m m"]
-    dof: Float[Array, " m"]
+    values: Float[Array, " m"]  # the figures, shape (m,)
+    covariance: Float[Array, "m m"]  # their covariance, shape (m, m)
+    dof: Float[Array, " m"]  # degrees of freedom behind each standard deviation
+    # Weighted normal equations of the data alone, without prior.
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
+    # Variance of each figure that is left however many runs there are, as friction wanders over them.
     wandering: Float[Array, " m"]
-    noise: Float[Array, " n"]
-    spread: Float[Array, "n 2"]
-    rank: int
-    per_joint: int
+    noise: Float[Array, " n"]  # residual standard deviation of each joint, runs' changes taken out [N m]
+    spread: Float[Array, "n 2"]  # relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2)
+    rank: int  # number r of base parameters
+    per_joint: int  # number p of loss figures a joint
+    # How many there were.
     blocks: int
     runs: int
-    shared: int = 0
+    shared: int = 0  # number of figures of named laws and, last, of a coupling
 
     @property
     def std(self) -> Float[Array, " m"]:

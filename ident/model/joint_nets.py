@@ -38,17 +38,14 @@ class JointNets:
 
     A joint sees its own features only. On real arms that carries over to new motions, while one net over the whole
     state learns the training paths by heart.
-
-    Attributes:
-        members, joints: How many.
-        weights: One array a layer, shape (members · joints, in, out).
-        biases: One array a layer, shape (members · joints, 1, out).
     """
 
+    # How many.
     members: int
     joints: int
+    # One array a layer, shape (members · joints, in, out).
     weights: tuple[Float[Array, "k i o"], ...] = field(repr=False)
-    biases: tuple[Float[Array, "k 1 o"], ...] = field(repr=False)
+    biases: tuple[Float[Array, "k 1 o"], ...] = field(repr=False)  # one array a layer, shape (members · joints, 1, out)
 
     def __post_init__(self) -> None:
         for name in ("weights", "biases"):
@@ -120,12 +117,9 @@ TAILS = 0.001
 
 @dataclass(frozen=True, eq=False)
 class NetBounds:
-    """Least and largest speed, acceleration and rigid torque of each joint that its net is told of.
+    """Least and largest speed, acceleration and rigid torque of each joint that its net is told of."""
 
-    Attributes:
-        low, high: Shape (3, n): dq [rad/s], ddq [rad/s²], rigid torque [N m].
-    """
-
+    # Shape (3, n): dq [rad/s], ddq [rad/s²], rigid torque [N m].
     low: Float[Array, "3 n"]
     high: Float[Array, "3 n"]
 
@@ -194,19 +188,12 @@ FEWEST_ROWS = 8
 
 @dataclass(frozen=True, eq=False)
 class SolvedNet:
-    """Layers of one joint's net, and what it says of rows that it was not solved with.
+    """Layers of one joint's net, and what it says of rows that it was not solved with."""
 
-    Attributes:
-        weights: (inputs, width) and (width, 1).
-        biases: (width,) and (1,).
-        unseen: Prediction of every row by the net of the folds that it does not lie in, shape (T,).
-        error: Mean square of what is left on rows left out, in units of the target's.
-    """
-
-    weights: tuple[Float[Array, "f w"], Float[Array, "w 1"]]
-    biases: tuple[Float[Array, " w"], Float[Array, " 1"]]
-    unseen: Float[Array, " T"]
-    error: float
+    weights: tuple[Float[Array, "f w"], Float[Array, "w 1"]]  # (inputs, width) and (width, 1)
+    biases: tuple[Float[Array, " w"], Float[Array, " 1"]]  # (width,) and (1,)
+    unseen: Float[Array, " T"]  # prediction of every row by the net of the folds that it does not lie in, shape (T,)
+    error: float  # mean square of what is left on rows left out, in units of the target's
 
 
 def width_of(inputs: int) -> int:

@@ -201,15 +201,10 @@ def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
 
 @dataclass(frozen=True, eq=False)
 class Sliding:
-    """How each of n joints turns its friction round: over a range, or, where that is zero, over a speed.
+    """How each of n joints turns its friction round: over a range, or, where that is zero, over a speed."""
 
-    Attributes:
-        range: Displacement r [rad].
-        speed: v₀ [rad/s].
-    """
-
-    range: Float[Array, " n"]
-    speed: Float[Array, " n"]
+    range: Float[Array, " n"]  # displacement r [rad]
+    speed: Float[Array, " n"]  # v₀ [rad/s]
 
     def __post_init__(self) -> None:
         for name in ("range", "speed"):

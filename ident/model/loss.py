@@ -38,20 +38,13 @@ TRANSITION_GRID = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 
 @dataclass(frozen=True, eq=False)
 class LossParameters:
-    """Loss figures of n joints, in SI units for revolute joints.
+    """Loss figures of n joints, in SI units for revolute joints."""
 
-    Attributes:
-        motor_inertia: B_m, rotor inertia seen at the joint [kg m²].
-        viscous: C_m [N m s/rad].
-        coulomb: f_c [N m].
-        offset: Constant torque [N m].
-        transition_speed: Width v₀ of the sign's transition, tanh(dq / v₀); 0 is a pure sign, as in the paper [rad/s].
-    """
-
-    motor_inertia: Float[Array, " n"]
-    viscous: Float[Array, " n"]
-    coulomb: Float[Array, " n"]
-    offset: Float[Array, " n"]
+    motor_inertia: Float[Array, " n"]  # B_m, rotor inertia seen at the joint [kg m²]
+    viscous: Float[Array, " n"]  # C_m [N m s/rad]
+    coulomb: Float[Array, " n"]  # f_c [N m]
+    offset: Float[Array, " n"]  # constant torque [N m]
+    # Width v₀ of the sign's transition, tanh(dq / v₀); 0 is a pure sign, as in the paper [rad/s].
     transition_speed: Float[Array, " n"]
 
     def __post_init__(self) -> None:
@@ -71,23 +64,15 @@ class LossParameters:
 
 @dataclass(frozen=True, eq=False)
 class LossResults:
-    """Losses of n joints as they were fitted, with their covariance.
+    """Losses of n joints as they were fitted, with their covariance."""
 
-    Attributes:
-        params: The figures.
-        joints: Joint names.
-        covariance: Covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4).
-        residual_rms: Root mean square of what is left, where the joint moves [N m].
-        at_bound: Names of figures that came to rest on zero, per joint: the data wanted them negative.
-        dof: Degrees of freedom of each standard deviation.
-    """
-
-    params: LossParameters
-    joints: tuple[str, ...]
-    covariance: Float[Array, "n 4 4"]
-    residual_rms: Float[Array, " n"]
+    params: LossParameters  # the figures
+    joints: tuple[str, ...]  # joint names
+    covariance: Float[Array, "n 4 4"]  # covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4)
+    residual_rms: Float[Array, " n"]  # root mean square of what is left, where the joint moves [N m]
+    # Names of figures that came to rest on zero, per joint: the data wanted them negative.
     at_bound: tuple[tuple[str, ...], ...]
-    dof: Float[Array, "n 4"]
+    dof: Float[Array, "n 4"]  # degrees of freedom of each standard deviation
 
     def conf_int(self, level: float = 0.95) -> Float[Array, "n 4 2"]:
         """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t with each one's degrees of freedom."""
@@ -148,16 +133,12 @@ SHAFT_UNITS = ("kg m²", "N m s/rad", "N m")
 
 @dataclass(frozen=True)
 class Shaft:
-    """Which joints share a shaft.
+    """Which joints share a shaft."""
 
-    Attributes:
-        first, second: Their numbers in the arm, from zero: a and b.
-        sign: s, 1 or -1.
-    """
-
+    # Their numbers in the arm, from zero: a and b.
     first: int
     second: int
-    sign: float = 1.0
+    sign: float = 1.0  # s, 1 or -1
 
     @classmethod
     def parse(cls, text: str, joints: Sequence[str]) -> Shaft:
@@ -192,21 +173,13 @@ class Shaft:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A shaft's figures, each as (value, low, high) of its 95 % interval.
+    """A shaft's figures, each as (value, low, high) of its 95 % interval."""
 
-    Attributes:
-        shaft: The joints.
-        inertia: I [kg m²].
-        viscous: v [N m s/rad].
-        coulomb: f [N m].
-        transition_speed: Width of the sign's transition [rad/s].
-    """
-
-    shaft: Shaft
-    inertia: tuple[float, float, float]
-    viscous: tuple[float, float, float]
-    coulomb: tuple[float, float, float]
-    transition_speed: float = 0.0
+    shaft: Shaft  # the joints
+    inertia: tuple[float, float, float]  # i [kg m²]
+    viscous: tuple[float, float, float]  # v [N m s/rad]
+    coulomb: tuple[float, float, float]  # f [N m]
+    transition_speed: float = 0.0  # width of the sign's transition [rad/s]
 
     def torque(self, dq: Float[Array, "T n"], ddq: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """What the shaft adds to all joints' torque [N m]."""

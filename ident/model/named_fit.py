@@ -19,15 +19,10 @@ DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
 
 @dataclass(frozen=True)
 class NamedLaws:
-    """What a diagnosis names.
+    """What a diagnosis names."""
 
-    Attributes:
-        laws: Laws of joints that a model can carry, not fitted yet.
-        left_out: What else it names, in words, with the reason.
-    """
-
-    laws: tuple[NamedLaw, ...] = ()
-    left_out: tuple[str, ...] = ()
+    laws: tuple[NamedLaw, ...] = ()  # laws of joints that a model can carry, not fitted yet
+    left_out: tuple[str, ...] = ()  # what else it names, in words, with the reason
 
 
 def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:

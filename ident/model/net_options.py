@@ -20,29 +20,17 @@ from ident.outputs import MARKER, is_begun
 
 @dataclass(frozen=True)
 class NetOptions:
-    """How a net is built and trained; a net a joint is solved for, not trained, and takes of these the seed alone.
+    """How a net is built and trained; a net a joint is solved for, not trained, and takes of these the seed alone."""
 
-    Attributes:
-        preset: `default` (a net a joint) or `paper` (one dense net).
-        hidden: Widths of the hidden layers; a net a joint comes with its own when it is fitted.
-        members: Nets that are averaged; one is fitted, older models have more.
-        dropout: Dropout rate of the hidden layers while training.
-        epochs: Number of epochs.
-        batch: Most samples a step.
-        learning_rate: Of Adam.
-        validation_share: Share of single samples held back.
-        seed: Seeds the weights, the split and the order of the samples.
-    """
-
-    preset: str = "default"
-    hidden: tuple[int, ...] = (268,)
-    members: int = 1
-    dropout: float = 0.0
-    epochs: int = 100
-    batch: int = 256
-    learning_rate: float = 4e-3
-    validation_share: float = 0.0
-    seed: int = 0
+    preset: str = "default"  # `default` (a net a joint) or `paper` (one dense net)
+    hidden: tuple[int, ...] = (268,)  # widths of the hidden layers; a net a joint comes with its own when it is fitted
+    members: int = 1  # nets that are averaged; one is fitted, older models have more
+    dropout: float = 0.0  # dropout rate of the hidden layers while training
+    epochs: int = 100  # number of epochs
+    batch: int = 256  # most samples a step
+    learning_rate: float = 4e-3  # of Adam
+    validation_share: float = 0.0  # share of single samples held back
+    seed: int = 0  # seeds the weights, the split and the order of the samples
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> NetOptions:

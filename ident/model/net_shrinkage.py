@@ -37,20 +37,16 @@ WEIGHTS = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True)
 class JointGate:
-    """What a joint's net did on runs that it never saw, and what was decided.
+    """What a joint's net did on runs that it never saw, and what was decided."""
 
-    Attributes:
-        rmse_without, rmse_with: Torque error where the joint moves, without the net and with the share that was
-            decided on; with all of it where that is nothing [N m].
-        energy_without, energy_with: Root mean square over the runs of the energy error, where it moves, likewise [J].
-        weight: Share of the net that the joint keeps.
-    """
-
+    # Torque error where the joint moves, without the net and with the share that was decided on; with all of it where
+    # that is nothing [N m].
     rmse_without: float
     rmse_with: float
+    # Root mean square over the runs of the energy error, where it moves, likewise [J].
     energy_without: float
     energy_with: float
-    weight: float
+    weight: float  # share of the net that the joint keeps
 
     @property
     def kept(self) -> bool:

@@ -55,26 +55,19 @@ MOST_SAMPLES = 8000
 
 @dataclass(frozen=True, eq=False)
 class ResidualNet:
-    """A trained net.
+    """A trained net."""
 
-    Attributes:
-        options: How it was built.
-        network: A net a joint, or the dense net as a torch module in evaluation mode; treat as read-only.
-        input_mean, input_std: Standardisation of the features, shape (f,) for the dense net, (n, f) for a net a joint.
-        output_std: Scale of each joint's output [N m], shape (n,).
-        history: Errors while training, if it was trained here in steps.
-        gate: What the net did on runs that it never saw, joint by joint, if it was fitted here.
-        bounds: Where a net a joint was fitted; the paper's net has none.
-    """
-
-    options: NetOptions
+    options: NetOptions  # how it was built
+    # A net a joint, or the dense net as a torch module in evaluation mode; treat as read-only.
     network: JointNets | DenseNet
+    # Standardisation of the features, shape (f,) for the dense net, (n, f) for a net a joint.
     input_mean: Float[Array, "..."]
     input_std: Float[Array, "..."]
-    output_std: Float[Array, " n"]
-    history: TrainingHistory | None = None
+    output_std: Float[Array, " n"]  # scale of each joint's output [N m], shape (n,)
+    history: TrainingHistory | None = None  # errors while training, if it was trained here in steps
+    # What the net did on runs that it never saw, joint by joint, if it was fitted here.
     gate: tuple[JointGate, ...] = ()
-    bounds: NetBounds | None = None
+    bounds: NetBounds | None = None  # where a net a joint was fitted; the paper's net has none
 
     @property
     def n(self) -> int:

@@ -40,13 +40,9 @@ LOG_GAMMA = np.array([lgamma(0.5 * nu) for nu in NU])
 
 @dataclass(frozen=True, eq=False)
 class SharedVariance:
-    """What is known of the law, under each of w hypotheses of what the variances stand for.
+    """What is known of the law, under each of w hypotheses of what the variances stand for."""
 
-    Attributes:
-        weights: How likely each hypothesis and pair of ν and s² is, shape (w, k); they add up to one.
-    """
-
-    weights: Float[Array, "w k"]
+    weights: Float[Array, "w k"]  # how likely each hypothesis and pair of ν and s² is, shape (w, k); they add up to one
 
     @property
     def freedom(self) -> float:
@@ -114,22 +110,14 @@ class RunSums:
 
 @dataclass(frozen=True, eq=False)
 class RunEffect:
-    """What one joint's friction does from run to run.
+    """What one joint's friction does from run to run."""
 
-    Attributes:
-        columns: D, shape (p, 2).
-        spread: Standard deviations of the relative changes, (viscous, Coulomb).
-        noise: σ², what one row is worth [N² m²].
-        gain: For each run the matrix K of V⁻¹ = (I − X D K Dᵀ Xᵀ) / σ², shape (g, 2, 2).
-        change: Most probable relative change in each run, shape (g, 2).
-        dof: Degrees of freedom of the two spreads.
-    """
-
-    columns: Float[Array, "p 2"]
-    spread: Float[Array, " 2"]
-    noise: float
-    gain: Float[Array, "g 2 2"]
-    change: Float[Array, "g 2"]
+    columns: Float[Array, "p 2"]  # D, shape (p, 2)
+    spread: Float[Array, " 2"]  # standard deviations of the relative changes, (viscous, Coulomb)
+    noise: float  # σ², what one row is worth [N² m²]
+    gain: Float[Array, "g 2 2"]  # for each run the matrix K of V⁻¹ = (I − X D K Dᵀ Xᵀ) / σ², shape (g, 2, 2)
+    change: Float[Array, "g 2"]  # most probable relative change in each run, shape (g, 2)
+    # Degrees of freedom of the two spreads.
     dof: Float[Array, " 2"] = field(default_factory=lambda: np.full(2, float(USUAL_RUNS)))
 
     @property

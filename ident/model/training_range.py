@@ -26,18 +26,14 @@ STATES, COVERED = 2000, 0.95
 
 @dataclass(frozen=True, eq=False)
 class TrainingRange:
-    """The box of states that the training runs of n joints went through.
+    """The box of states that the training runs of n joints went through."""
 
-    Attributes:
-        joints: Names of the joints.
-        low, high: Least and largest position [rad], speed [rad/s] and acceleration [rad/s²], shape (3, n).
-        torque_half_width: Half of the 95 % interval of each joint's torque inside that box, from the covariance of all
-            figures and from friction that changes from run to run [N m]. Noise of the effort sensor is not in it.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # names of the joints
+    # Least and largest position [rad], speed [rad/s] and acceleration [rad/s²], shape (3, n).
     low: Float[Array, "3 n"]
     high: Float[Array, "3 n"]
+    # Half of the 95 % interval of each joint's torque inside that box, from the covariance of all figures and from
+    # friction that changes from run to run [N m]. Noise of the effort sensor is not in it.
     torque_half_width: Float[Array, " n"]
 
     def __post_init__(self) -> None:

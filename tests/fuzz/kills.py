@@ -40,18 +40,12 @@ Act = Callable[[Path], None]
 
 @dataclass(frozen=True)
 class Writing:
-    """Something that is written at `OWN` in a folder.
+    """Something that is written at `OWN` in a folder."""
 
-    Attributes:
-        name: In the table.
-        act: Writes it.
-        before: What is done before, so that there is something to be replaced; nothing if None.
-        steps: Whether the result fills step by step: a part of it is no fault then, as the next run completes it.
-    """
-
-    name: str
-    act: Act
-    before: Act | None = None
+    name: str  # in the table
+    act: Act  # writes it
+    before: Act | None = None  # what is done before, so that there is something to be replaced; nothing if None
+    # Whether the result fills step by step: a part of it is no fault then, as the next run completes it.
     steps: bool = False
 
 

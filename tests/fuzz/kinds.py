@@ -55,23 +55,14 @@ class WrongError(AssertionError):
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of file.
+    """One kind of file."""
 
-    Attributes:
-        name: In the table.
-        path: A good one.
-        read: Its reader, as a command calls it.
-        check: Raises WrongError where what was read must not have been taken.
-        share: How often it is drawn against the others.
-        writes: Whether the reader may write the file anew where it is damaged.
-    """
-
-    name: str
-    path: Path
-    read: Read
-    check: Callable[[Any], None] = lambda found: None
-    share: float = 1.0
-    writes: bool = False
+    name: str  # in the table
+    path: Path  # a good one
+    read: Read  # its reader, as a command calls it
+    check: Callable[[Any], None] = lambda found: None  # raises WrongError where what was read must not have been taken
+    share: float = 1.0  # how often it is drawn against the others
+    writes: bool = False  # whether the reader may write the file anew where it is damaged
 
 
 def must(holds: object, what: str) -> None:

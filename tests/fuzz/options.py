@@ -37,19 +37,12 @@ SKIPPED = ("help", "version", "install_completion", "show_completion")
 
 @dataclass(frozen=True)
 class Trial:
-    """One command line.
+    """One command line."""
 
-    Attributes:
-        command: Such as `ident fit`.
-        option: The option in question.
-        value: What it is given.
-        arguments: All of the command line.
-    """
-
-    command: str
-    option: str
-    value: str
-    arguments: tuple[str, ...]
+    command: str  # such as `ident fit`
+    option: str  # the option in question
+    value: str  # what it is given
+    arguments: tuple[str, ...]  # all of the command line
 
 
 def load_all() -> None:

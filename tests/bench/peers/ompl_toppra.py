@@ -36,16 +36,11 @@ class OmplToppra(Planner):
 
     OMPL draws by its own clock-seeded generator unless it is told a seed before its first use in a process: two runs of
     one seed may differ.
-
-    Attributes:
-        seconds: Longest search for a path [s].
-        resolution: Distance at which edges are checked [rad].
-        reach: Longest edge of the trees [rad].
     """
 
-    seconds: float = 5.0
-    resolution: float = 0.04
-    reach: float = 0.35
+    seconds: float = 5.0  # longest search for a path [s]
+    resolution: float = 0.04  # distance at which edges are checked [rad]
+    reach: float = 0.35  # longest edge of the trees [rad]
     name: ClassVar[str] = "ompl"
     explores: ClassVar[bool] = True
 

@@ -20,26 +20,17 @@ Run = tuple[Array, Array, Array]  # time, position, torque
 
 @dataclass(frozen=True)
 class Recorded:
-    """One set.
+    """One set."""
 
-    Attributes:
-        name: In the table.
-        urdf: The arm's description.
-        joints: Those that were recorded.
-        train, test: Runs.
-        truth: Torque of the test runs without noise, where it is known.
-        friction: Whether friction may be sought: an arm without is told so to peers that can't find out.
-        corner: Of the peers' filter [Hz].
-    """
-
-    name: str
-    urdf: Path
-    joints: tuple[str, ...]
+    name: str  # in the table
+    urdf: Path  # the arm's description
+    joints: tuple[str, ...]  # those that were recorded
+    # Runs.
     train: list[Run]
     test: list[Run]
-    truth: list[Array] | None = None
-    friction: bool = True
-    corner: float = 10.0
+    truth: list[Array] | None = None  # torque of the test runs without noise, where it is known
+    friction: bool = True  # whether friction may be sought: an arm without is told so to peers that can't find out
+    corner: float = 10.0  # of the peers' filter [Hz]
 
 
 def real_sets(folder: Path) -> Iterator[Recorded]:
