@@ -32,9 +32,9 @@ def option(default: Any, text: str, *names: str, typed: Any = None, place: str =
         place: The kind of a folder that the command writes; `read` of what it reads that is no path by its type.
         bounds: `min` and `max`.
     """
-    told = {"help": text, "names": names, "typed": typed, "bounds": bounds}
+    known = {"help": text, "names": names, "typed": typed, "bounds": bounds}
     reads = place == READ
-    return field(default=default, metadata={**told, "reads": reads, "writes": "" if reads else place})
+    return field(default=default, metadata={**known, "reads": reads, "writes": "" if reads else place})
 
 
 @dataclass(frozen=True, kw_only=True)

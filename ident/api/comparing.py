@@ -17,7 +17,7 @@ from ident.sessions import Given, Robot, Sources, load_robot
 
 
 def compare(before: Sources, after: Sources, robot: Robot | None = None, **options: Any) -> ArmComparison:
-    """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be told.
+    """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be tested.
 
     Args:
         before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).

@@ -37,11 +37,11 @@ def new(
 
     Args:
         session: Folder of tables, a single table, a bag or a data set; with `tables` a new folder.
-        robot: URDF path, name or arm; without it signs, gains and columns without names can't be told.
+        robot: URDF path, name or arm; without it signs, gains and columns without names can't be found.
         tables: Files that are copied into the new folder.
 
     Raises:
-        InputError: The tables can't be read or told, or something of the user's stands where the file is to go.
+        InputError: The tables can't be read or recognised, or something of the user's stands where the file is to go.
     """
     path = Path(session)
     if tables:
@@ -54,7 +54,7 @@ def new(
                 shutil.copy2(table, folder / table.name)
             try:
                 found = _guess(folder, robot, path.name)
-            except InputError as error:  # told of the table that was copied: the copy is gone by then
+            except InputError as error:  # it names the table that was copied: the copy is gone by then
                 copies = {str(folder / Path(table).name): str(table) for table in tables}
                 copy = next((copy for copy in copies if error.where.startswith(copy)), "")
                 where = copies.get(copy, "") + error.where.removeprefix(copy)
@@ -91,7 +91,7 @@ def servo(sessions: Goals | Sequence[Goals], robot: Robot | None = None, *, cuto
 
     Args:
         sessions: Folders or files of runs with `<joint>/position` and `<joint>/position_command`; no effort is needed.
-        robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not told.
+        robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not reported.
         cutoff: Corner of the filter for all signals [Hz].
 
     Raises:
@@ -152,7 +152,7 @@ def watch(
 
 
 def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ranges:
-    """How far each joint's figures are uncertain, or change from day to day; checked on days left out.
+    """How far each joint's estimates are uncertain, or change from day to day; checked on days left out.
 
     Args:
         sessions: One for each day, as folders or files of runs.

@@ -40,7 +40,7 @@ class Examined:
 
 
 def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Diagnosis:
-    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told.
+    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be tested.
 
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).

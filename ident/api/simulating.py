@@ -51,8 +51,8 @@ def blind(
     Args:
         cases: Number of cases.
         out: Folder for everything; a check that was stopped there goes on.
-        say: Told the seals, line by line, before any diagnosis.
-        progress: Told what is being done, how many cases are done, and of how many.
+        say: Called with the seals, line by line, before any diagnosis.
+        progress: Called with what is being done, how many cases are done, and of how many.
         options: Further fields of `ident.benchmark.run.BlindOptions`: seed, workers, robot, runs, duration, …
 
     Raises:

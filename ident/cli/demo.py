@@ -23,7 +23,7 @@ from ident.show.timeline import write_timeline
 
 TRAINING = ("T1", "T2")
 EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")
-# Recordings of arms with one effect each that nobody here was told of.
+# Recordings of arms with one effect each whose cause is withheld.
 SEALED = ("sealed_1", "sealed_2", "sealed_3")
 # The paper's figure 9: the same model trained on one group of trajectories, on the other, and on both.
 GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}

@@ -97,8 +97,8 @@ class Gap:
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
-        told = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
-        return {**told, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
+        errors = {key: dict(zip(joints, map(float, self.error(name)), strict=True)) for name, key in named}
+        return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
 
 
 def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = None) -> Gap:
@@ -146,7 +146,7 @@ class Chosen:
     stated: IdentifiedArm  # what it holds
     bodies: str  # whose bodies it has, a name of the candidates
     joints: tuple[str, ...]  # whose losses and laws each joint has
-    gaps: Mapping[str, Gap]  # its errors, and those of the candidates that are told beside it
+    gaps: Mapping[str, Gap]  # its errors, and those of the candidates that are reported beside it
     # Joints at which another candidate is nearer in some measure, with that measure and the largest ratio.
     worse: Mapping[str, tuple[str, float]]
 

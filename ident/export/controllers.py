@@ -63,13 +63,13 @@ def write_parameters(
         "effect": [],
     }
     for change in identified.changes:  # with its parameters, and the rest of its law
-        reported = {name: figure.to_dict() for name, figure in change.figures.items()}
-        rest = {name: float(value) for name, value in change.values.items() if name not in change.figures}
+        reported = {name: one.to_dict() for name, one in change.parameters.items()}
+        rest = {name: float(value) for name, value in change.values.items() if name not in change.parameters}
         law = {"law": rest} if change.law is not None and rest else {}
         record["effect"].append({"id": change.effect, "joints": list(change.joints), **reported, **law})
     for one in estimates:
-        told = {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
-        record.setdefault("estimates", {}).setdefault(one.joint, {})[one.name] = told
+        estimate = {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
+        record.setdefault("estimates", {}).setdefault(one.joint, {})[one.name] = estimate
     return _HEAD + tomli_w.dumps(record)
 
 
@@ -117,9 +117,9 @@ def write_isaac(identified: IdentifiedArm) -> str:
     return fill("isaaclab.py.txt", marks)
 
 
-def _tables(names: tuple[str, ...], figures: Mapping[str, Float[Array, " n"]]) -> str:
+def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -> str:
     lines = []
-    for key, values in figures.items():
+    for key, values in columns.items():
         table = ", ".join(f"{name!a}: {float(value)!r}" for name, value in zip(names, values, strict=True))
         lines.append(f'    "{key}": {{{table}}},\n')
     return "".join(lines)
@@ -139,7 +139,7 @@ def write_limits(identified: IdentifiedArm) -> str:
     ]
     for j, name in enumerate(arm.joint_names):
         low, high = float(arm.lower[j]), float(arm.upper[j])
-        figures: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = [
+        limits: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = [
             ("position", ("min_position", "max_position"), (low, high)),
             ("velocity", ("max_velocity",), (float(arm.velocity_limit[j]),)),
             ("acceleration", ("max_acceleration",), (float(acceleration[j]),)),
@@ -147,7 +147,7 @@ def write_limits(identified: IdentifiedArm) -> str:
         ]
         # A JSON string is a YAML string, whatever a joint is called.
         lines.append(f"      {json.dumps(name)}:")
-        for what, keys, values in figures:
+        for what, keys, values in limits:
             stated = all(abs(value) < UNLIMITED for value in values) and (what == "position" or values[0] > 0.0)
             lines.append(f"        has_{what}_limits: {str(stated).lower()}")
             lines += [f"        {key}: {value!r}" for key, value in zip(keys, values, strict=True) if stated]

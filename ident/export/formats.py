@@ -70,8 +70,8 @@ def describe(change: Change, off: dict[str, float]) -> dict[str, Any]:
             formats[form] |= {"off": off[form], "expressed": "yes" if off[form] <= SAME else near}
             if off[form] > SAME:
                 formats[form]["how"] += f"; off by {off[form]:.0%} of its torque along these motions"
-    figures = {name: figure.to_dict() for name, figure in change.figures.items()}
-    return {"effect": change.effect, "joints": list(change.joints), "parameters": figures, "formats": formats}
+    parameters = {name: one.to_dict() for name, one in change.parameters.items()}
+    return {"effect": change.effect, "joints": list(change.joints), "parameters": parameters, "formats": formats}
 
 
 def measure_off(identified: IdentifiedArm, form: str, runs: Sequence[Run], folder: Path) -> list[dict[str, float]]:

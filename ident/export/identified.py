@@ -49,7 +49,7 @@ class Change:
     effect: str  # its id
     joint: int  # index of its joint; -1 for the whole arm
     joints: tuple[str, ...]  # names of the joints where it shows
-    figures: Mapping[str, Interval]  # the reported parameters with their intervals
+    parameters: Mapping[str, Interval]  # the reported parameters with their intervals
     law: Mapping[str, Any] | None = None  # coefficients and shape of its law where the parameters leave them open
     kind: Effect | None = None  # the effect itself; None where it is none of those that are known
     probability: float = 1.0  # that it acts
@@ -72,10 +72,10 @@ class Change:
     @property
     def values(self) -> dict[str, float]:
         """The parameters' values, and what the law needs besides and follows from them."""
-        found = {name: figure.value for name, figure in self.figures.items()}
+        found = {name: one.value for name, one in self.parameters.items()}
         if self.kind is not None:
-            told = self.law or {"coefficients": (), "shape": {}}
-            found |= self.kind.law_figures(found, tuple(map(float, told["coefficients"])), told["shape"])
+            given = self.law or {"coefficients": (), "shape": {}}
+            found |= self.kind.law_figures(found, tuple(map(float, given["coefficients"])), given["shape"])
         return found
 
 
@@ -146,11 +146,11 @@ class IdentifiedArm:
         losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
         changes = []
         for law in model.named:  # its shape as parameters, its coefficients with their intervals
-            figures = {name: Interval(value, value, value) for name, value in law.shape.items()}
-            figures |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
+            parameters = {name: Interval(value, value, value) for name, value in law.shape.items()}
+            parameters |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
             known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
             where = (nominal.joint_names[law.joint],)
-            changes.append(Change(law.effect, law.joint, where, figures, known, find_effect(law.effect)))
+            changes.append(Change(law.effect, law.joint, where, parameters, known, find_effect(law.effect)))
         return cls(nominal, losses, links, tuple(changes))
 
     @classmethod
@@ -314,7 +314,7 @@ class Diagnosed:
 
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
     """A finding as an effect; a parameter that the law can't take is refused here."""
-    effect, where, figures = finding["effect"], tuple(finding["joints"]), {}
+    effect, where, parameters = finding["effect"], tuple(finding["joints"]), {}
     for name, value in finding["parameters"].items():
         if not isinstance(value, dict) or set(value) - {"open"} != {"value", "low", "high"}:
             raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
@@ -324,11 +324,11 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
             raise ValueError(f"{name} of {effect}: its interval begins above its end")
         if found.value < 0.0 and POSITIVE.search(name):
             raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
-        figures[name] = found
+        parameters[name] = found
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
     place = -1 if kind is not None and kind.scope == "arm" else joints.index(where[0])
     sure = require_finite(finding.get("probability", 1.0), f"probability of {effect}")
-    return Change(effect, place, where, figures, law, kind, sure)
+    return Change(effect, place, where, parameters, law, kind, sure)
 
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:

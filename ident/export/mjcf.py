@@ -36,8 +36,8 @@ CONSTRAINT_TIME = 0.002
 HARDNESS = 0.999
 SPRING_SUFFIX = "_spring"
 TIMESTEP = 0.001  # [s]
-# Spare samples of a delayed sensor's memory.
-SPARE_SAMPLES = 4
+# Further samples of a delayed sensor's memory.
+MORE_SAMPLES = 4
 # Joints without limits have these or wider ones [rad].
 UNLIMITED = 1e8
 # Imaginary part below which a root is real [rad].
@@ -67,8 +67,8 @@ def write_mjcf(identified: IdentifiedArm) -> str:
         if change.part("mjcf") == "load":
             link = payload_parameters(change.values)
             mass, moment = float(link[0]), repr(float(link[0]) * PAYLOAD_RADIUS**2)
-            told = {"pos": numbers(link[1:4] / mass), "mass": repr(mass), "diaginertia": f"{moment} {moment} {moment}"}
-            ET.SubElement(ET.SubElement(parent, "body", name=PAYLOAD), "inertial", told)
+            point = {"pos": numbers(link[1:4] / mass), "mass": repr(mass), "diaginertia": f"{moment} {moment} {moment}"}
+            ET.SubElement(ET.SubElement(parent, "body", name=PAYLOAD), "inertial", point)
     motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
     for name, own in zip(arm.joint_names, elements, strict=True):
         ET.SubElement(motors, "general", {"name": name, "joint": name, **own["motor"]})
@@ -82,7 +82,7 @@ def write_mjcf(identified: IdentifiedArm) -> str:
 Elements = dict[str, dict[str, str]]
 
 
-# Which element of its joint an effect's part of the file changes, and how, by its figures.
+# Which element of its joint an effect's part of the file changes, and how, by its parameters.
 PARTS: dict[str, tuple[str, Callable[[Mapping[str, float]], dict[str, str]]]] = {
     "gain": ("motor", lambda p: {"gear": repr(1.0 / (1.0 + p["gain"]))}),
     "bias": ("motor", lambda p: {"biastype": "affine", "biasprm": f"{-p['offset_Nm']!r} 0 0"}),
@@ -99,7 +99,7 @@ def joint_elements(identified: IdentifiedArm) -> list[Elements]:
     """Elements of every joint: its losses, its limits, and its effects on top."""
     arm, losses = identified.nominal, identified.losses
     delay = sum(change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay")
-    samples = str(ceil(delay / TIMESTEP) + SPARE_SAMPLES)
+    samples = str(ceil(delay / TIMESTEP) + MORE_SAMPLES)
     late = {"delay": repr(delay), "nsample": samples, "interp": "linear"} if delay > 0.0 else {}
     constraint = {"solreffriction": f"{CONSTRAINT_TIME!r} 1", "solimpfriction": f"{HARDNESS} {HARDNESS}"}
     found = []
@@ -125,19 +125,19 @@ def joint_elements(identified: IdentifiedArm) -> list[Elements]:
     return found
 
 
-def spring_at_rest(figures: Mapping[str, float]) -> tuple[tuple[float], tuple[float, ...]]:
+def spring_at_rest(parameters: Mapping[str, float]) -> tuple[tuple[float], tuple[float, ...]]:
     """Rest angle of a cubic spring and its coefficients there, as MuJoCo reads them: k₀ x + k₁ x² + k₂ x³.
 
     A spring without a rest, which no cubic with a cube is, counts as none.
     """
     names = ("constant_Nm", "linear_Nm_rad", "square_Nm_rad2", "cube_Nm_rad3")
-    law = np.polynomial.Polynomial([figures[name] for name in names]).trim()
+    law = np.polynomial.Polynomial([parameters[name] for name in names]).trim()
     roots = [float(root.real) for root in np.atleast_1d(law.roots()) if abs(root.imag) < REAL]
     if not roots:
-        return (figures["centre_rad"],), (0.0,)
+        return (parameters["centre_rad"],), (0.0,)
     rest = min(roots, key=abs)
     terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
-    return (figures["centre_rad"] + rest,), tuple(terms)
+    return (parameters["centre_rad"] + rest,), tuple(terms)
 
 
 def quaternion(rotation: Float[Array, "3 3"]) -> str:
@@ -218,7 +218,7 @@ NOTE = " written by `ident patch`; patch.json beside this file says what is in i
 PAYLOAD, LEVEL = UnknownPayload.id, "level"
 # Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
 LEFT = 1e-6
-# A payload is told as a point; simulators need some extent [m].
+# A payload is reported as a point; simulators need some extent [m].
 PAYLOAD_RADIUS = 0.01
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 ENTRIES = (np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2]))

@@ -79,7 +79,7 @@ def write(console: Console, result: Any) -> None:
         print_patch(console, record, result.folder)
         return
     for check in record.get("checks", ()):
-        value = "not told by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        value = "not tested by these recordings" if check["value"] is None else f"{check['value']:.4g}"
         mark = "kept" if check["passed"] else "NOT KEPT"
         place = f"{check['session']}: {check['figure']} {check['joint']}"
         lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
@@ -100,7 +100,7 @@ def write(console: Console, result: Any) -> None:
 
 
 def draw(result: Any) -> Any:
-    """Torque error of each file where it was measured, or each figure in shares of its limit."""
+    """Torque error of each file where it was measured, or each quantity in shares of its limit."""
     from ident.show.panels import draw_bars
 
     record = result.to_dict()

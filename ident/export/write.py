@@ -252,7 +252,7 @@ class _Files:
             found["python"] = {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
         return found
 
-    def measured(self, module: str | None, in_sample: bool, told: list[str]) -> dict[str, Any]:
+    def measured(self, module: str | None, in_sample: bool, notes: list[str]) -> dict[str, Any]:
         """Errors of the candidates and of the written files where there are recordings, and what was written."""
         if not self.chosen:
             return {}
@@ -264,8 +264,8 @@ class _Files:
                 helped = self.written[form].load(self.motions[0].payload, loaded)
                 found["after_with_module"] = measure_gap(helped, self.motions)
         rms = {form: {when: gap.rms for when, gap in one.items()} for form, one in gaps.items()}
-        told += [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
-        told += ["measured on recordings that it was made from: nothing is held out"] * in_sample
+        notes += [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
+        notes += ["measured on recordings that it was made from: nothing is held out"] * in_sample
         heldout = {
             "best": {form: min(one, key=one.__getitem__) for form, one in rms.items()},
             "in_sample": in_sample,

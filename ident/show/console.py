@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # a help text needs none of them
 
 # As wide as a table would like to be [columns].
 WIDEST = 10_000
-# In a log lines are so far apart [s]; from so long on, time is told in minutes [s].
+# In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
 BETWEEN_LINES, LONG = 5.0, 120.0
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 

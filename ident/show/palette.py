@@ -23,8 +23,8 @@ RUNG_MEANINGS = {
 
 def rung_colours(rungs: Sequence[str]) -> dict[str, str]:
     """Colour of each rung; a rung that is not one of these gets one of its own."""
-    spare = iter(OTHER_RUNGS * (1 + len(rungs)))
-    return {rung: RUNG_COLOURS.get(rung) or next(spare) for rung in rungs}
+    others = iter(OTHER_RUNGS * (1 + len(rungs)))
+    return {rung: RUNG_COLOURS.get(rung) or next(others) for rung in rungs}
 
 
 def rung_name(rung: str) -> str:

@@ -213,10 +213,10 @@ def headline(record: Mapping[str, Any]) -> str:
         elif change["effect"] not in OF_THE_ARM:
             effect = f"{effect} in {where}"
         named.append(effect)
-    told = join_words(named)
+    changes = join_words(named)
     more = len(record["changes"]) - 3
-    told += f", and {more} more" if more > 0 else ""
-    return str(TABLES["changes"][record["verdict"]]).format(told=told, colon=f": {told}" if told else "")
+    changes += f", and {more} more" if more > 0 else ""
+    return str(TABLES["changes"][record["verdict"]]).format(changes=changes, colon=f": {changes}" if changes else "")
 
 
 def places_of(change: Mapping[str, Any]) -> str:
@@ -234,8 +234,8 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     print_serious(console, record["telemetry"])
     console.print(styled((record["verdict"], "bold"), f": {headline(record)}"), soft_wrap=True)
     for change in record["changes"]:
-        told = f"  {describe_change(change)}\n    do: {change['action']}"
-        console.print(told, soft_wrap=True, highlight=False, markup=False)
+        words = f"  {describe_change(change)}\n    do: {change['action']}"
+        console.print(words, soft_wrap=True, highlight=False, markup=False)
     lines = [
         f"not reported: {effect_name(one['effect'])} in {join_words(one['joints'])}: {one['reason']}"
         for one in record["reservations"]
@@ -257,8 +257,8 @@ def describe_still(record: Mapping[str, Any]) -> list[str]:
 
 def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """What could not be tested for another reason than that a joint stood still."""
-    told = {one["reason"] for one in record.get("still", ())}
-    return [one for one in record["not_testable"] if one["reason"] not in told]
+    said = {one["reason"] for one in record.get("still", ())}
+    return [one for one in record["not_testable"] if one["reason"] not in said]
 
 
 def describe_change(change: Mapping[str, Any]) -> str:

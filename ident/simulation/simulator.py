@@ -15,7 +15,7 @@ from ident.simulation.laws import change_law, cool_down, make_law, no_contact
 from ident.simulation.loop import Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
-# What diverges is found here and reported; MuJoCo would tell it on standard error and in a file of its own.
+# What diverges is found here and reported; MuJoCo would print it on standard error and in a file of its own.
 mujoco.set_mju_user_warning(lambda message: None)
 LARGEST_STEP_S = 5e-4
 # The spring between motor and link must turn by less than this angle of its own oscillation in a step.

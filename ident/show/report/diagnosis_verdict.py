@@ -68,9 +68,9 @@ def opening(record: Mapping[str, Any]) -> str:
 
     Without such words what is to be done first, the first name and the first place of the map are about one joint.
     """
-    scale, told = _misread(record), first_action(record)
+    scale, action = _misread(record), first_action(record)
     named = [joint for one in record.get("findings", [])[:1] for joint in one["joints"]]
-    about = [one for one in record.get("joints", []) if re.search(rf"(?<!\w){re.escape(one)}(?!\w)", told)]
+    about = [one for one in record.get("joints", []) if re.search(rf"(?<!\w){re.escape(one)}(?!\w)", action)]
     first = f"What to do first is about {join_words(about)}"
     if scale:
         about, first = scale["joints"], f"The torque of {join_words(scale['joints'])} is off by a factor"
@@ -227,7 +227,7 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
         before, after = (significant(record["gap"][joint][key]) for key in ("fixed_rms_Nm", "rms_Nm"))
         parts.append(
             f"These recordings are too few to tune a model on: tuned on one part of them it is further off on the rest "
-            f"than as it was given ({joint}: {before} → {after} N m), so little can be told."
+            f"than as it was given ({joint}: {before} → {after} N m), so little can be concluded."
         )
     if hidden := tuned_away_joints(record):
         parts.append(

@@ -20,7 +20,7 @@ from ident.show.report.words import MINUS, fixed, glue, percent, places_for, tab
 FOLLOWS, IN_PART = 0.25, 0.7
 # A rung that leaves more than this share of both errors isn't worth a word in the lead.
 UNTOLD = 0.9
-# From here on a joint is told to be worse: less is within the scatter of the runs.
+# From here on a joint is called worse: less is within the scatter of the runs.
 WORSE = 1.02
 SUBJECTS = {"inertia": "fitting the inertias", "loss": "friction", "named": "named laws", "net": "the net"}
 MOST_NAMES = 8

@@ -74,11 +74,11 @@ def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
 
 
 def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
-    told, beta = finding.estimate.refined, finding.estimate.coefficients
+    law, beta = finding.estimate.refined, finding.estimate.coefficients
     session, series = analysis.session.survey, analysis.series
-    columns = told.effect.columns(session, told.joint, told.variant)
-    if told.effect.rows == "own":
-        joint = told.joint
+    columns = law.effect.columns(session, law.joint, law.variant)
+    if law.effect.rows == "own":
+        joint = law.joint
     else:
         falls = {name: before - finding.rms_after[name] for name, before in finding.rms_before.items()}
         joint = analysis.diagnosis.joints.index(max(falls, key=lambda name: falls[name]))

@@ -153,8 +153,8 @@ def _facts(model: HybridModel) -> dict[str, Any]:
         ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
     ]
     if past.get("accepted"):
-        told = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
-        facts.insert(3, ("refusals overruled", told))
+        accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
+        facts.insert(3, ("refusals overruled", accepted))
     return {"facts": facts, "data": past.get("data", [])}
 
 

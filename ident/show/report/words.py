@@ -149,13 +149,13 @@ def parameters_in_words(parameters: Mapping[str, Any]) -> str:
 def with_units(text: str) -> str:
     """A sentence whose figures go by their words and units instead of their keys: `stiffness -0.05 N m/rad lies …`."""
 
-    def told(found: re.Match[str]) -> str:
+    def worded(found: re.Match[str]) -> str:
         words, unit = parameter_name(found["key"])
         number = found["number"] or ""
         return f"{words}{number.replace('-', MINUS)} {unit}" if number else words
 
     keys = "|".join(sorted(TABLES["suffixes"], key=len, reverse=True))
-    return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", told, text)
+    return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", worded, text)
 
 
 def sentence(text: str) -> str:

@@ -180,8 +180,8 @@ def make_cases(
             _before_and_after(source, runs, rng) if paired else {"": _some(runs, rng) if not slot.effects else runs}
         )
         _write(out, slot.name, folders, urdf, answer, seals)
-        told = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
-        say(f"{slot.name} {source.name} {slot.kind} {told}")
+        truth = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
+        say(f"{slot.name} {source.name} {slot.kind} {truth}")
     write_record(out / "seals.json", seals)
 
 
@@ -216,20 +216,20 @@ def _make(
     arm: MovedArm, slot: CaseDraw, rng: np.random.Generator
 ) -> tuple[list[Recording], str, dict[str, Any]] | None:
     """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
-    told: list[dict[str, Any]] = []
+    truth: list[dict[str, Any]] = []
     urdf, shift, now = arm.source.urdf, np.zeros(arm.n), arm
     for effect, wanted in slot.effects:
-        found = sized(now, effect, wanted, rng, {joint for one in told for joint in one["joints"]})
+        found = sized(now, effect, wanted, rng, {joint for one in truth for joint in one["joints"]})
         if found is None:
             return None
         change, entry = found
-        told.append(entry)
+        truth.append(entry)
         now, shift, urdf = now.plus(change.torque), shift + change.shift, change.urdf or urdf
     runs = [
         replace(run, effort=now.tau[rows], position=run.position + shift)
         for run, rows in zip(arm.source.runs, arm.runs, strict=True)
     ]
-    return runs, urdf, _answer(slot.kind, arm.source, told, arm.noise)
+    return runs, urdf, _answer(slot.kind, arm.source, truth, arm.noise)
 
 
 def sized(

@@ -84,12 +84,12 @@ def plant_stribeck(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedCha
     speed, exponent = float(np.exp(draw.uniform(np.log(0.02), np.log(0.15)))), float(draw.uniform(0.9, 2.0))
     v = arm.v[:, j]
     level = size * np.exp(-(np.abs(v / speed) ** exponent))
-    told: Parameters = {"amplitude_Nm": size, "stribeck_velocity_rad_s": speed, "exponent": exponent}
-    return at_joint(arm, j, level * bristle(arm, v), told)
+    truth: Parameters = {"amplitude_Nm": size, "stribeck_velocity_rad_s": speed, "exponent": exponent}
+    return at_joint(arm, j, level * bristle(arm, v), truth)
 
 
 def plant_curved(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """A power of the speed, or the lubricant's own law (Eyring), which has no such figures."""
+    """A power of the speed, or the lubricant's own law (Eyring), which has no such parameters."""
     v, exponent = arm.v[:, j], float(draw.uniform(0.3, 0.8))
     if draw.random() < 0.5:
         return at_joint(arm, j, size * np.arcsinh(v / float(draw.uniform(0.03, 0.2))), {"eyring_Nm": size})
@@ -109,8 +109,8 @@ def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     warm = decay(arm, np.maximum(friction * v, 0.0), constant)
     warm = warm / max(float(warm.max()), 1e-9)
     torque = -size * warm * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
-    told: Parameters = {"viscous_change": -size, "coulomb_change": -dry * size, "time_constant_s": constant}
-    return at_joint(arm, j, torque, told)
+    truth: Parameters = {"viscous_change": -size, "coulomb_change": -dry * size, "time_constant_s": constant}
+    return at_joint(arm, j, torque, truth)
 
 
 def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -124,8 +124,8 @@ def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     order, phase = int(draw.integers(1, 3)), float(draw.uniform(-np.pi, np.pi))
     level = size * np.cos(order * arm.q[:, j] - phase)
-    told: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
-    return at_joint(arm, j, level * bristle(arm, arm.v[:, j]), told)
+    truth: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+    return at_joint(arm, j, level * bristle(arm, arm.v[:, j]), truth)
 
 
 def plant_asymmetric(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -135,8 +135,8 @@ def plant_asymmetric(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
     ahead = way * v > 0.0
     extra = dry * size * arm.coulomb[j] / arm.viscous[j]
     torque = np.where(ahead, size * v + extra * bristle(arm, v), 0.0)
-    told: Parameters = {"coulomb_difference_Nm": way * extra, "viscous_difference_Nms_rad": way * size}
-    return at_joint(arm, j, torque, told)
+    truth: Parameters = {"coulomb_difference_Nm": way * extra, "viscous_difference_Nms_rad": way * size}
+    return at_joint(arm, j, torque, truth)
 
 
 def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -146,8 +146,8 @@ def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedCha
     speed = arm.v[:, j] + way * arm.v[:, other]
     viscous, inertia = 0.4 * size * arm.viscous[j] / arm.coulomb[j], 0.002 * size
     turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
-    told: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "other_joint": arm.source.joints[other]}
-    return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, told)
+    truth: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "other_joint": arm.source.joints[other]}
+    return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, truth)
 
 
 def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
@@ -183,8 +183,8 @@ def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
     usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
     order = float(np.clip(round(2.0 * np.pi * draw.uniform(1.5, 5.0) / usual), 5, 160))
     phase = float(draw.uniform(-np.pi, np.pi))
-    told: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
-    return at_joint(arm, j, size * np.cos(order * arm.q[:, j] - phase), told)
+    truth: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+    return at_joint(arm, j, size * np.cos(order * arm.q[:, j] - phase), truth)
 
 
 def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -211,13 +211,13 @@ def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     place = np.array(body.lever) * draw.uniform(0.9, 1.1)
     if mass > 0.0:
         place = np.array(body.lever) + 0.06 * length_of(arm.model) * draw.uniform(-1.0, 1.0, 3)
-    told: Parameters = {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
+    truth: Parameters = {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
     if draw.random() < 0.5 and mass < 0.0:
         changed = with_body(arm.source.urdf, arm.source.joints[j], -mass, place, 0.0)
         unseen = arm.rigid - rigid_torque(model_of(changed), arm.q, arm.v, arm.a)
-        return PlantedChange(told, np.zeros_like(arm.tau), urdf=changed, unseen=unseen)
+        return PlantedChange(truth, np.zeros_like(arm.tau), urdf=changed, unseen=unseen)
     changed = with_body(arm.source.urdf, arm.source.joints[j], mass, place, 0.0)
-    return PlantedChange(told, rigid_torque(model_of(changed), arm.q, arm.v, arm.a) - arm.rigid)
+    return PlantedChange(truth, rigid_torque(model_of(changed), arm.q, arm.v, arm.a) - arm.rigid)
 
 
 def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -226,8 +226,8 @@ def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     askew = arm.model.copy()
     askew.gravity.linear = tilted(arm.model.gravity.linear, axis, size)
     # Gravity turns one way in the base's frame where the base stands askew the other way.
-    told: Parameters = {"tilt_x_rad": float(-size * axis[0]), "tilt_y_rad": float(-size * axis[1])}
-    return PlantedChange(told, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid)
+    truth: Parameters = {"tilt_x_rad": float(-size * axis[0]), "tilt_y_rad": float(-size * axis[1])}
+    return PlantedChange(truth, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid)
 
 
 def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -246,8 +246,8 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
         at_point = point.toActionMatrixInverse() @ jacobian
         world = data.oMi[j + 1].rotation @ at_point[:3]
         torque[run.start + k] = -window[k] * size * (world.T @ (way / np.linalg.norm(way)))
-    told: Parameters = {"start_s": start, "end_s": start + length, "force_N": size}
-    return PlantedChange(told, torque)
+    truth: Parameters = {"start_s": start, "end_s": start + length, "force_N": size}
+    return PlantedChange(truth, torque)
 
 
 # Sensors
@@ -286,7 +286,7 @@ def plant_encoder(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
     shift = np.zeros(arm.n)
     shift[j] = size * float(draw.choice([-1.0, 1.0]))
     unseen = arm.rigid - rigid_torque(arm.model, arm.q + shift, arm.v, arm.a)
-    # Told is what has to be added to a reading.
+    # Reported is what has to be added to a reading.
     return PlantedChange({"offset_rad": -float(shift[j])}, np.zeros_like(arm.tau), shift, unseen=unseen)
 
 

@@ -217,7 +217,7 @@ def test_map_has_a_strip_a_joint_and_axis(tmp_path: Path) -> None:
     assert page.count('class="strip"') == 2
     assert 'title="0 to 0.10 rad/s: 80 % of the gap, in 50 % of the time, −3.00 J, p = 0.002">80 %<' in page
     assert 'title="0.10 to 1.0 rad/s: 20 % of the gap, in 50 % of the time, 0.25 J, p = 1"><' in page
-    assert "held fast" in read(page).text
+    assert "inertias fixed" in read(page).text
 
 
 def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
