@@ -57,7 +57,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     size = f": {joint} is off by {significant(beyond)} N m beyond noise" if joint else ""
     findings = record.get("findings", [])
     more = f", and {len(findings) - 3} more" if len(findings) > 3 else ""
-    named = join_words([_finding(finding) for finding in findings[:3]]) + more
+    names = [_finding(finding) for finding in findings[:3]]
+    named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(one.get("probability", 1.0) >= LIKELY for one in findings) else "may have a name"
     words = str(TABLES["headlines"].get(verdict_key(record), record["verdict"].replace("_", " ")))
     return " ".join(filter(None, (opening(record), words.format(has=has, named=named, size=size))))

@@ -14,6 +14,8 @@ import numpy as np
 from ident.effects.effect_info import STATE
 
 MINUS, DASH = "−", "–"
+# A number below this is what sums leave of nothing, in any unit.
+ROUNDING = 1e-12
 UNITS = re.compile(r"(?<=\d) (N m|J|kg|g|s|%|Hz)\b|(?<=\d) %")
 
 
@@ -28,10 +30,10 @@ def fixed(value: float | None, places: int = 2) -> str:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """A number with so many significant digits, never in powers of ten between 0.0001 and 100,000."""
+    """A number with so many significant digits, never in powers of ten between 0.0001 and 100,000; rounding is 0."""
     if value is None or not math.isfinite(value):
         return DASH
-    if value == 0.0:
+    if abs(value) < ROUNDING:
         return "0"
     size = math.floor(math.log10(abs(value)))
     if not -5 < size < 5:
@@ -147,15 +149,17 @@ def parameters_in_words(parameters: Mapping[str, Any]) -> str:
 
 
 def with_units(text: str) -> str:
-    """A sentence whose figures go by their words and units instead of their keys: `stiffness -0.05 N m/rad lies …`."""
+    """A sentence whose figures go by their words and units instead of their keys: `stiffness −0.05 N m/rad lies …`."""
 
     def worded(found: re.Match[str]) -> str:
         words, unit = parameter_name(found["key"])
         number = found["number"] or ""
-        return f"{words}{number.replace('-', MINUS)} {unit}" if number else words
+        return f"{words}{number} {unit}" if number else words
 
     keys = "|".join(sorted(TABLES["suffixes"], key=len, reverse=True))
-    return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", worded, text)
+    number = r"(?P<number>(?: below)? -?\d[\d.e+-]*)?"
+    words = re.sub(rf"\b(?P<key>mu|[a-z]\w*(?:{keys}))\b{number}", worded, text)
+    return re.sub(r"(?<= )-(?=\d)", MINUS, words)
 
 
 def sentence(text: str) -> str:

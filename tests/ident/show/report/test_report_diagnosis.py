@@ -161,7 +161,9 @@ def test_every_cell_of_the_gap_tells_what_it_is_where_the_table_is_too_wide(tmp_
 def test_doubts_tell_figures_by_words_and_units() -> None:
     """Keys of figures become words, numbers get their units; other words with underscores stay."""
     text = with_units("wrist_2 would fit, but com_x_m -6.84 lies outside -0.48 to 0.48")
-    assert text == "wrist_2 would fit, but com x −6.84 m lies outside -0.48 to 0.48"
+    assert text == "wrist_2 would fit, but com x −6.84 m lies outside −0.48 to 0.48"
+    assert with_units("hides mass_change_kg below 78") == "hides mass change below 78 kg"
+    assert with_units("the interval of mu holds zero") == "the interval of friction per load holds zero"
     assert with_units("the 95 % interval of stiffness_Nm_rad holds zero") == "the 95 % interval of stiffness holds zero"
 
 
