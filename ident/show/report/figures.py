@@ -29,13 +29,6 @@ SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap"
 _counter = itertools.count()
 
 
-def without_formulas(figure: Figure) -> Figure:
-    """The same figure, its texts as they stand: a joint's name is no formula, whatever signs are in it."""
-    for text in figure.findobj(Text):
-        text.set_parse_math(False)
-    return figure
-
-
 def make_panel(
     x_label: str, y_label: str, size: tuple[float, float] = PANEL, left: float = 0.6, bottom: float = 0.42
 ) -> tuple[Figure, Axes]:
@@ -61,7 +54,8 @@ def make_panel(
 def to_svg(figure: Figure, description: str) -> Markup:
     """The figure as an inline SVG element that fills its column."""
     buffer = io.StringIO()
-    without_formulas(figure)
+    for written in figure.findobj(Text):  # a joint's name is no formula, whatever signs are in it
+        written.set_parse_math(False)
     with mpl.rc_context(SVG_SETTINGS):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()
@@ -72,7 +66,10 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
     # Ink and grid are the page's own: they turn with its dark mode.
     text = text.replace(INK, "currentColor").replace(GRID, "var(--line)").replace(MEASURED, "currentColor")
-    text = _own_names(text, f"f{next(_counter)}-")
+    # Names unlike those of the page's other pictures; those that nobody uses are dropped.
+    used, prefix = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text)), f"f{next(_counter)}-"
+    text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
+    text = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None
     head = (
@@ -80,13 +77,6 @@ def to_svg(figure: Figure, description: str) -> Markup:
     )
     body = re.sub(r"\n\s*", "\n", text[text.index(">") + 1 :])
     return Markup(head + body.strip())
-
-
-def _own_names(text: str, prefix: str) -> str:
-    """Names within one picture made unlike those of the others on the page; names that nobody uses dropped."""
-    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text))
-    text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
-    return re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
 
 
 def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
