@@ -16,6 +16,7 @@ from ident.effects.effect_info import STATE
 MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
 ROUNDING = 1e-12
+AT_REST = ("stiffness_Nm_rad", "rest_rad")
 UNITS = re.compile(r"(?<=\d) (N m|J|kg|g|s|%|Hz)\b|(?<=\d) %")
 
 
@@ -136,8 +137,10 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
 
 
 def parameter_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
-    """The cells of all parameters of an effect's record."""
-    return [parameter_cells(name, value) for name, value in parameters.items()]
+    """The cells of all parameters of an effect's record; a spring that nowhere lets go has no rest."""
+    slope = parameters.get("stiffness_Nm_rad")
+    hidden = AT_REST if isinstance(slope, Mapping) and abs(slope["value"]) < ROUNDING else ()
+    return [parameter_cells(name, value) for name, value in parameters.items() if name not in hidden]
 
 
 def parameters_in_words(parameters: Mapping[str, Any]) -> str:

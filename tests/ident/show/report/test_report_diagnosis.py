@@ -16,7 +16,7 @@ from ident.show.report import ReportInput, write_diagnosis_report
 from ident.show.report.diagnosis_pages import describe_place
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
 from ident.show.report.page import confusion_section
-from ident.show.report.words import parameter_name, shade, with_units
+from ident.show.report.words import parameter_name, parameter_rows, shade, with_units
 from ident.show.terminal import print_diagnosis
 from tests.ident.show.report.reader import read
 
@@ -263,6 +263,8 @@ def test_parameters_have_units() -> None:
         "mu": ("friction per load", "N m per N m"),
     }
     assert {name: parameter_name(name) for name in units} == units
+    flat = {key: {"value": 1e-17, "low": 0.0, "high": 1e-14} for key in ("stiffness_Nm_rad", "rest_rad", "low_Nm")}
+    assert [row["name"] for row in parameter_rows(flat)] == ["torque at the lower end"]
 
 
 def test_black_text_stays_readable_on_every_shade() -> None:
