@@ -54,15 +54,6 @@ class Candidates:
         hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and self.least_seen(projection, g))}
         return hidden | {key for key, value in p_values.items() if value <= self.settings.family_error}
 
-    def helps(self, projection: Projection, others: Sequence[Group], group: Group) -> bool:
-        """Whether a group beside others does better than they on held-out runs.
-
-        Events can't be held out, and of what tuning absorbs held-out runs show nothing.
-        """
-        if group.effect.event or (group.effect.inertia_like and self.least_seen(projection, group)):
-            return True
-        return self.held_out.score([*others, group]).gain_over(self.held_out.score(others))[0] > 0.0
-
     def score_of(self, projection: Projection, group: Group) -> float:
         """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost.
 

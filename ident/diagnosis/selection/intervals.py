@@ -291,7 +291,9 @@ def weigh_rivals(
     rivals = [rival for _, rival in best.values() if rival.key in allowed and rival.key != group.key]
     apart, added = _beside(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
-    allowed -= apart | {key for key in ahead if not search.helps(projection, others, best[key][1])}
+    # Nor is one ahead that would not get the name itself.
+    stronger = search.judge(search.evidence.gram(), projection, others, [best[key] for key in ahead])
+    allowed -= apart | {item.group.key for item in stronger if not item.gates.passed}
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
     own = max([scores[group.key], *both])
