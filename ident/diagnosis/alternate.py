@@ -108,7 +108,7 @@ def _or_doubted(found: SearchResults, doubted: Sequence[Reservation]) -> SearchR
 def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
     """The baseline with the best candidate of each slow effect at each joint.
 
-    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be heard.
+    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be seen.
     """
     gram = evidence.gram()
     alone = project(gram, evidence, prior)

@@ -99,7 +99,7 @@ class _Heard:
     # Runs, samples, duration.
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
     common_clock: bool = True  # whether time goes on from run to run of a single session
-    session: Path | str = ""  # path or name of the session heard last
+    session: Path | str = ""  # path or name of the session seen last
     # Under which the first session was recorded; None for the URDF's [m/s²].
     gravity: tuple[float, float, float] | None = None
     # What of each session is among the issues: parts of one that share a fault report it once.
@@ -131,7 +131,7 @@ class _Heard:
 def _prepare_in_turn(
     reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float | None, settings: MotionSettings
 ) -> Iterator[Motion]:
-    """Motions of sessions that are all fit for use; from the first that is not, the rest is only heard."""
+    """Motions of sessions that are all fit for use; from the first that is not, only checks are kept."""
     for report in reports:
         heard.take(report)
         if not any(issue.severity == "fatal" for issue in heard.issues):

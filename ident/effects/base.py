@@ -43,7 +43,7 @@ class Effect(ABC):
     # Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large it seems in a
     # run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
     beyond_bound: ClassVar[bool] = False
-    # Whether runs act on later ones: its figures then need every run, not an even choice of them.
+    # Whether runs act on later ones: its parameters then need every run, not an even choice of them.
     remembers: ClassVar[bool] = False
     # Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
     by_run: ClassVar[bool] = False
@@ -53,43 +53,45 @@ class Effect(ABC):
     needs: ClassVar[Mapping[str, float]] = {}
     # Family of the motion without which it can't be seen, one of `effect_info.SHOWINGS`.
     shown_by: ClassVar[str] = "wide"
-    # For other effects, by id, the family of the motion that tells the two apart, where it is not simply the one that
+    # For other effects, by id, the family of the motion that distinguishes the two, where it is not simply the one that
     # shows one of them.
     parted_by: ClassVar[Mapping[str, str]] = {}
-    # For other effects, by id, the change of set-up that tells the two apart, where no motion does.
+    # For other effects, by id, the change of set-up that distinguishes the two, where no motion does.
     set_ups: ClassVar[Mapping[str, str]] = {}
     twins: ClassVar[tuple[str, ...]] = ()  # other effects, by id, whose columns span its own exactly
-    # Reported figures without which there is no such effect: where the intervals of all of them hold zero, nothing is
-    # named.
+    # Reported parameters without which there is no such effect: where the intervals of all of them hold zero, it gets
+    # no name.
     defining: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[Typical] = Typical()  # how large it is taken to be where nobody has found it yet
     doubt: ClassVar[Doubt] = Doubt()  # how far an arm's own law may differ from this one
-    partner: ClassVar[str] = ""  # the figure that is the number of another joint that takes part, or ""
+    partner: ClassVar[str] = ""  # the parameter that is the number of another joint that takes part, or ""
     # Whether it is one of the log alone: the joint gets another torque than what is read.
     of_the_log: ClassVar[bool] = False
-    # Whether the reported figures leave its law open: a diagnosis then tells coefficients and shape beside.
+    # Whether the reported parameters leave its law open: a diagnosis then reports coefficients and shape beside.
     open_law: ClassVar[bool] = False
     left_open: ClassVar[str] = ""  # what even these leave open for a simulator, and what is taken then; "" for nothing
-    # Reported figures that are the columns' coefficients, one after the other; see `parameters`.
+    # Reported parameters that are the columns' coefficients, one after the other; see `parameters`.
     figures: ClassVar[tuple[str, ...]] = ()
     # Largest plausible coefficients, numbers or shares of what the joint has ("0.5 rated"); see `prior_scale`.
     prior: ClassVar[tuple[float | str, ...]] = ()
-    # By figure, its least and largest value, like `prior`, and why no arm has others; see `physical`.
+    # By parameter, its least and largest value, like `prior`, and why no arm has others; see `physical`.
     bounds: ClassVar[Mapping[str, tuple[float | str, float | str, str]]] = {}
-    sentence: ClassVar[str] = ""  # what to do about it, with {where} and figures such as {gap_rad:mrad}; see `action`
+    # What to do about it, with {where} and parameters such as {gap_rad:mrad}; see `action`.
+    sentence: ClassVar[str] = ""
     # How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
     formats: ClassVar[Mapping[str, Expression]] = {}
     # Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the motion (m.q,
-    # m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that uses NumPy alone and
-    # returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
+    # m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the parameters by name, that uses NumPy alone
+    # and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
     law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
     as_change: ClassVar[AsChange] = AsChange()  # what is known of it as a change between two sets of recordings
     # What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
     drawn_over: ClassVar[str] = ""
     # `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
     drawn: ClassVar[Literal["", "whole", "odd"]] = ""
-    incomparable: ClassVar[frozenset[str]] = frozenset()  # figures that mean something else in a simulated arm's answer
-    opposite: ClassVar[frozenset[str]] = frozenset()  # figures that a simulated arm's answer tells with the other sign
+    # Parameters that mean something else in a simulated arm's answer, and those that it gives with the other sign.
+    incomparable: ClassVar[frozenset[str]] = frozenset()
+    opposite: ClassVar[frozenset[str]] = frozenset()
 
     def __init_subclass__(cls) -> None:
         """An effect of the catalogue takes what it does not say itself from its row of `effects.toml`."""
@@ -108,7 +110,7 @@ class Effect(ABC):
         return self
 
     def asked(self, session: SessionContext) -> SessionContext:
-        """The runs that its figures are taken from: all of them, or enough of very many."""
+        """The runs that its parameters are taken from: all of them, or enough of very many."""
         return session if self.remembers else session.survey
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -128,7 +130,7 @@ class Effect(ABC):
         return True
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """A finer grid around a point of the inner grid that fits best; laws without inner figures have none."""
+        """A finer grid around a point of the inner grid that fits best; laws without inner parameters have none."""
         return (variant,)
 
     @abstractmethod
@@ -146,7 +148,7 @@ class Effect(ABC):
         coefficients: Float[Array, " k"],
         covariance: Float[Array, "k k"],
     ) -> dict[str, Interval]:
-        """Physical figures of the catalogue from coefficients; 95 % intervals for a known variant.
+        """Physical parameters of the catalogue from coefficients; 95 % intervals for a known variant.
 
         By default the coefficients themselves, by the names of `figures`.
         """
@@ -158,8 +160,8 @@ class Effect(ABC):
     ) -> tuple[Float[Array, " k"], float]:
         """Its coefficients without what is a joint's usual dry friction, and that friction [N m].
 
-        Where columns can't be told from dry friction, the tuned joint has it, not the effect: it is there when the
-        effect is gone.
+        Where columns can't be distinguished from dry friction, the tuned joint has it, not the effect: it is there when
+        the effect is gone.
         """
         return coefficients, 0.0
 
@@ -168,14 +170,14 @@ class Effect(ABC):
         return np.array([_sized(one, session, joint) for one in self.prior]) if self.prior else None
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior | None:
-        """What is known of its coefficients beforehand; None where each costs what any free figure does.
+        """What is known of its coefficients beforehand; None where each costs what any free parameter does.
 
         Needed of what is known well enough to tell a small one from the errors that a URDF has anyway.
         """
         return None
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """What reported figures can be on this arm, by name; figures that may be anything are left out."""
+        """What reported parameters can be on this arm, by name; parameters that may be anything are left out."""
         return {
             name: Range(_sized(low, session, joint), _sized(high, session, joint), reason)
             for name, (low, high, reason) in self.bounds.items()
@@ -186,7 +188,7 @@ class Effect(ABC):
 
         Args:
             where: The joint's name, or those of the joints where an effect of the whole arm shows.
-            figures: The reported figures.
+            figures: The reported parameters.
         """
         if self.sentence:
             return self.sentence.format(where=where, **figures)
@@ -202,30 +204,30 @@ class Effect(ABC):
         return self.nonnegative
 
     def tells_law(self, variant: Variant) -> bool:
-        """Whether a diagnosis tells coefficients and shape of this point beside the reported figures."""
+        """Whether a diagnosis reports coefficients and shape of this point beside the reported parameters."""
         return self.open_law
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
-        """Figures that its law needs beside the reported ones.
+        """Parameters that its law needs beside the reported ones.
 
         Args:
-            reported: The reported figures.
+            reported: The reported parameters.
             coefficients: Those of its columns, where a diagnosis tells them (`open_law`); else empty.
-            shape: Shape and inner figures of the point of the grid that they belong to; else empty.
+            shape: Shape and inner parameters of the point of the grid that they belong to; else empty.
         """
         return {}
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
-        """How a format (`urdf`, `mjcf`) expresses it with these figures; None where it is friction to the format."""
+        """How a format (`urdf`, `mjcf`) expresses it with these parameters; None where it is friction to the format."""
         return self.formats.get(form)
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
-        """Figures of a simulated arm's answer in this effect's terms, as far as they have a counterpart.
+        """Parameters of a simulated arm's answer in this effect's terms, as far as they have a counterpart.
 
         Args:
-            true: The answer's figures; names of joints among them have none.
+            true: The answer's parameters; names of joints among them have none.
             starts: Session time at which each run starts [s].
         """
         figures = {name: float(value) for name, value in true.items() if not isinstance(value, str)}
@@ -308,7 +310,7 @@ class StatesEffect(Effect):
 
 
 def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
-    """Why nobody can say that there is an effect of such figures: all that define it may be zero; or None."""
+    """Why nobody can say that there is an effect of such parameters: all that define it may be zero; or None."""
     names = [name for name in effect.defining if name in figures]
     if names and all(figures[name].low <= 0.0 <= figures[name].high for name in names):
         return f"the 95 % interval of {' and '.join(names)} holds zero"
@@ -316,7 +318,7 @@ def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
 
 
 def impossible(effect: Effect, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> str | None:
-    """Why no arm has an effect of such figures, or None: a 95 % interval that lies beyond a bound as a whole."""
+    """Why no arm has an effect of such parameters, or None: a 95 % interval that lies beyond a bound as a whole."""
     for name, allowed in effect.physical(session, joint, figures).items():
         found, value = figures[name], figures[name].value
         # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does not drive).

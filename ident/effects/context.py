@@ -110,12 +110,12 @@ class SessionContext:
 
 @dataclass(frozen=True)
 class Variant:
-    """One point of an effect's inner grid: the figures in which its torque is not linear."""
+    """One point of an effect's inner grid: the parameters in which its torque is not linear."""
 
     # Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names in all
     # variants of an effect. They are reported, with intervals from their likelihood over the grid.
     inner: Mapping[str, float] = field(default_factory=dict)
     other: int | None = None  # another joint that takes part (coupling), or None
-    # Further figures that the columns need and nobody asks for: centres and scales of the whole session, points about
-    # which a law is linearised. Columns of a part of a session then match those of the whole.
+    # Further parameters that the columns need and nobody asks for: centres and scales of the whole session, points
+    # about which a law is linearised. Columns of a part of a session then match those of the whole.
     shape: Mapping[str, float] = field(default_factory=dict)

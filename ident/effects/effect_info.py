@@ -26,7 +26,7 @@ LAW_SHARE = 0.15
 STATE = "at_"
 
 
-# Units that sentences use for those of figures: how many there are in one.
+# Units that sentences use for those of parameters: how many there are in one.
 UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
 
 
@@ -46,27 +46,27 @@ class Expression:
 class Typical:
     """How large an effect is taken to be where nobody has found it yet."""
 
-    figure: str = ""  # the reported figure that scales it; "" where none does
+    figure: str = ""  # the reported parameter that scales it; "" where none does
     # Typical size as a share of the largest plausible one (`Effect.prior_scale`), from the catalogue's sizes.
     share: float = 0.2
-    # Typical inner figures, where the first point of the grid is none.
+    # Typical inner parameters, where the first point of the grid is none.
     inner: Mapping[str, float] = field(default_factory=dict)
     absent: tuple[int, ...] = ()  # coefficients that a typical effect has not
-    inverse: bool = False  # whether it shows less as the figure grows: a stiffer spring
+    inverse: bool = False  # whether it shows less as the parameter grows: a stiffer spring
 
 
 @dataclass(frozen=True)
 class Doubt:
     """How far an arm's own law may differ from an effect's, beside what the recordings leave open (95 %)."""
 
-    share: float = LAW_SHARE  # of each figure's size
-    shares: Mapping[str, float] = field(default_factory=dict)  # of figures for which it is another
-    # Of figures of place, which have no size of their own, in the figure's unit.
+    share: float = LAW_SHARE  # of each parameter's size
+    shares: Mapping[str, float] = field(default_factory=dict)  # of parameters for which it is another
+    # Of parameters of place, which have no size of their own, in the parameter's unit.
     places: Mapping[str, float] = field(default_factory=dict)
-    exact: frozenset[str] = frozenset()  # figures of which there is no doubt
+    exact: frozenset[str] = frozenset()  # parameters of which there is no doubt
 
     def of(self, name: str, value: float) -> float:
-        """Half the width that the doubt alone gives a figure, in its unit; none at a named state (`STATE`)."""
+        """Half the width that the doubt alone gives a parameter, in its unit; none at a named state (`STATE`)."""
         if name in self.exact or name.startswith(STATE):
             return 0.0
         return self.places.get(name, self.shares.get(name, self.share) * abs(value))
@@ -136,7 +136,7 @@ class Interval:
 
         Args:
             unit: Its unit.
-            scale: What that unit is the inverse of, in the figure's own: 1000 for milliradians.
+            scale: What that unit is the inverse of, in the parameter's own: 1000 for milliradians.
             size: Whether only its size is of interest, not its sign.
         """
         value, low, high = (scale * one for one in (self.value, self.low, self.high))
@@ -156,9 +156,9 @@ def _three_digits(value: float) -> str:
 
 @dataclass(frozen=True)
 class Range:
-    """Values that a figure can have on an arm."""
+    """Values that a parameter can have on an arm."""
 
-    low: float  # ends, in the figure's unit
+    low: float  # ends, in the parameter's unit
     high: float
     reason: str  # why no arm has others
 

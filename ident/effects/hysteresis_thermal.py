@@ -100,8 +100,8 @@ class PreslidingHysteresis(Effect):
     """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i, k_i ≥ 0.
 
     Stop operators of several ranges side by side bend the build-up, as contacts that slip one after the other do. Each
-    run starts unstressed. The shortest ranges can't be told from dry friction that turns round at once, and their share
-    of the amplitude is anybody's guess; so amplitude A and displacement d are those of the smooth build-up
+    run starts unstressed. The shortest ranges can't be distinguished from dry friction that turns round at once, and
+    their share of the amplitude is anybody's guess; so amplitude A and displacement d are those of the smooth build-up
     A (1 − 2 e^(−x/d)) with the same area Σ k_i r_i = A d and the same second moment Σ k_i r_i² = 3/2 A d².
 
     Source: Al-Bender 2005 (generalised Maxwell slip, without the dynamics of slip).
@@ -126,7 +126,7 @@ class PreslidingHysteresis(Effect):
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs evidence.
 
-        The shortest one alone is none: it can't be told from dry friction that turns round at once.
+        The shortest one alone is none: it can't be distinguished from dry friction that turns round at once.
         """
         sizes = list(variant.shape.values())
         stretches = [range(k, k + width) for width in LIMIT.stops_side_by_side for k in range(len(sizes) - width + 1)]
@@ -134,7 +134,7 @@ class PreslidingHysteresis(Effect):
         return [(_of_ranges([sizes[k] for k in some]), some) for some in told]
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """All ranges: the figures of one law hang on all of its build-up."""
+        """All ranges: the parameters of one law hang on all of its build-up."""
         return self.variants(session, joint)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -282,7 +282,7 @@ def _warms(measured: Sequence[Float[Array, " T"]] | None) -> bool:
 
 
 def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:
-    """Figures that map warmth to 0 … 1 over the whole session, and its mean there."""
+    """Parameters that map warmth to 0 … 1 over the whole session, and its mean there."""
     coldest, warmest = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
     span = max(warmest - coldest, 1e-12)
     mean = sum(float(v.sum()) for v in values) / sum(len(v) for v in values)

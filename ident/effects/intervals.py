@@ -3,7 +3,7 @@
 How large an effect's coefficients are beforehand, and what they cost for it: an Occam factor.
 
 What a name of the inertias' kind explains, a URDF that is a little wrong explains nearly as well; so it matters whether
-its figures are usual. A last link of twice its own weight is hardly an error of the URDF: it is a link that carries
+its parameters are usual. A last link of twice its own weight is hardly an error of the URDF: it is a link that carries
 something. With p the density of the coefficients beforehand, ĉ their estimate and J what recordings tell about the k of
 them, beside an expected deviation s of each,
 
@@ -45,7 +45,7 @@ def grid_interval(value: float, grid: Sequence[float]) -> Interval:
 
 
 def exactly(value: float) -> Interval:
-    """A figure that was not estimated."""
+    """A parameter that was not estimated."""
     return Interval(value, value, value)
 
 
@@ -116,7 +116,7 @@ def drawn_interval(
     if not covariance.any():
         return Interval(*3 * (function(coefficients),))
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    # The same draws every time: a figure is told the same when it is told again.
+    # The same draws every time: a parameter is reported the same when it is reported again.
     normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
     drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     told = np.array([function(one) for one in np.maximum(drawn, 0.0)])

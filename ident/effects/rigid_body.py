@@ -62,7 +62,7 @@ class UnknownPayload(Effect):
         return (*(Variant(shape={"reach_m": reach}) for reach in usual), *found)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """Figures are told of a point mass, as models take them."""
+        """Parameters are reported of a point mass, as models take them."""
         return self._points(session) if LIKE_LINK in variant.shape else (variant,)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -269,7 +269,7 @@ def load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
     """About which place a load is laid out, in the last link's frame [m].
 
     A reach goes along the last joint's axis, away from the arm. The last link lies behind the flange, before the
-    joint, or the reverse where frames sit at the flange: which way is away is told by how the last joint is mounted.
+    joint, or the reverse where frames sit at the flange: which way is away is seen from how the last joint is mounted.
     """
     if LIKE_LINK in variant.shape:
         return link_law(arm, arm.n - 1, Variant())[1:4, 0]

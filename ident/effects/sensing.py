@@ -85,8 +85,8 @@ class TorqueOffset(Effect):
 class TorqueSaturation(Effect):
     """Torque that flattens above a knee L: τ = −c sign(τ_model) (|τ_model| − L)₊; c is 1 where it is quite flat.
 
-    The limit that is told is the reading at the largest modelled torque P: L + (1 − c) (P − L). Where the reading still
-    grows there, the limit may lie as far beyond.
+    The limit that is reported is the reading at the largest modelled torque P: L + (1 − c) (P − L). Where the reading
+    still grows there, the limit may lie as far beyond.
     """
 
     id = "torque_saturation"

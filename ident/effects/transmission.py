@@ -32,7 +32,7 @@ from ident.effects.typical_sizes import (
 from ident.effects.typical_sizes import TRANSMISSION as LIMIT
 
 STRAIGHT, BENT, PERIODIC = range(3)
-# Figures of a spring with two rests a turn.
+# Parameters of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
 
 
@@ -117,7 +117,7 @@ class JointCoupling(Effect):
         return {"mix": mix, "width_rad_s": LIMIT.coupling_width}
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
-        """Friction of both joints' sum or difference is told at the other joint's speed."""
+        """Friction of both joints' sum or difference is reported at the other joint's speed."""
         figures = super().compared(true, starts)
         if "viscous_Nms_rad" in figures:
             figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)

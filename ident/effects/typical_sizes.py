@@ -60,7 +60,7 @@ def usual_speed(session: SessionContext, joint: int) -> float:
 
 
 def least_rest_speed(session: SessionContext, joint: int) -> float:
-    """Least speed at which a joint is told from one at rest, in any run [rad/s]."""
+    """Least speed at which a joint is distinguished from one at rest, in any run [rad/s]."""
     return min(float(run.motion.rest_speed[joint]) for run in session.runs)
 
 
@@ -163,7 +163,7 @@ def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
 
 
 def is_near(point: float, found: float, least: float) -> bool:
-    """Whether a figure that was found is about the one at which its law was made linear; all near zero are."""
+    """Whether a parameter that was found is about the one at which its law was made linear; all near zero are."""
     ratio = found / point
     return (abs(point) <= least and ratio < LIMIT.near) or 1.0 / LIMIT.near < ratio < LIMIT.near
 

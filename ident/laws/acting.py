@@ -15,7 +15,7 @@ from ident.laws.elastic import backlash, elasticity
 from ident.laws.friction import JointStates, coupling, hysteresis, ripple, spring, thermal
 from ident.laws.motion import Array, MovingArm, rigid_torque, rotation_about
 
-# An effect: its id, its joint's index (-1 for the whole arm), its figures.
+# An effect: its id, its joint's index (-1 for the whole arm), its parameters.
 Effect = tuple[str, int, dict[str, float]]
 # What the log reports of a torque, against what turns the joint, in the order in which it does.
 SENSING = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation")

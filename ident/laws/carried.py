@@ -68,7 +68,7 @@ class NamedLaw:
 
     effect: str  # its name, one of `KINDS`
     joint: int  # the joint's number, from zero
-    shape: Shape = field(default_factory=dict)  # figures that it is bent by
+    shape: Shape = field(default_factory=dict)  # parameters that it is bent by
     # Coefficients as (value, low, high) of their 95 % intervals; empty before it is fitted.
     figures: tuple[tuple[float, float, float], ...] = ()
 
