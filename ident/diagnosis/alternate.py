@@ -20,13 +20,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, meas
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
-from ident.diagnosis.selection.urdf_scale import (
-    added_evidence,
-    best_belief,
-    find_wrong_links,
-    first_belief,
-    one_link_is_wrong,
-)
+from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 
 
@@ -69,11 +63,6 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             search, doubted = sure.search, sure.doubted
             error, unlikely = _how_wrong(search, sure.found, session, baseline)
         groups = [item.group for item in sure.found.named]
-        off = find_wrong_links(search, baseline, groups) if left else frozenset()
-        if off:
-            error = replace(error, usual=error.usual | off)
-            again = {one.key for one in free.layout.groups if one.effect.inertia_like and one.joint in off}
-            search = replace(search, barred=search.barred - again)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, groups))
         steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)

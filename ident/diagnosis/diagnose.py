@@ -17,6 +17,7 @@ from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, sp
 from ident.diagnosis.gap.places import NamedPlace, in_order_of_gap, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
+from ident.diagnosis.named_links import name_wrong_links
 from ident.diagnosis.regression.baseline import Baseline, UrdfError, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, build_layout
@@ -106,6 +107,7 @@ def diagnose(
     stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     sure, beside = _beside_discrepancy(settle(first, session, baseline), session, baseline, settings)
+    sure = name_wrong_links(sure, session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
@@ -122,12 +124,13 @@ def diagnose(
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
-    tolerance = _tolerance(search, baseline, groups, after, inflation)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
+    tolerance = _tolerance(search, baseline, groups, after, inflation)
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
-    names = believed(estimates, found.named, beside.laws, settings.verdict)
+    laws = len(beside.laws)  # names after them are links'
+    names = [*believed(estimates[:laws], found.named[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
     verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)

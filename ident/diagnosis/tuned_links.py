@@ -8,7 +8,7 @@ with information J, whatever the URDF says. Two things are reported of each link
 - The link's own mass and first moment. Those are no base parameters: which link a change belongs to hangs on how wrong
   each may be. Every link has a variance of its own, σ_k, a URDF's usual error unless
 
-      log p(y | σ) = ½ hᵀ (J + P)⁻¹ h − ½ log|J + P| + ½ log|P|,    P = (B S(σ) Bᵀ)⁻¹,  h = J δ,
+      log p(y | σ) = ½ hᵀ (J + C⁻¹)⁻¹ h − ½ log|I + C J|,    C = B S(σ) Bᵀ,  h = J δ,
 
   speaks for more at that link (automatic relevance determination, one link after the other). Numbers of which the
   recordings take away less than half of the prior's variance are left out: they are the URDF's word.
@@ -21,11 +21,12 @@ Source: MacKay 1992 and Tipping 2001 (relevance determination); Gautier 1991 (ba
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.baseline import Baseline
@@ -63,6 +64,8 @@ class TunedLink:
     about_axis: Interval | None
     urdf_moment: float  # what the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by
     beyond: frozenset[str]  # which of its changes, by their names in `changes`, are more than URDFs are wrong by
+    # Log evidence that this link is off by more than usual, its neighbours as far off as they like [nats].
+    evidence: float = 0.0
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -122,7 +125,9 @@ def measure_tuned_links(
     """
     arm, mapping = baseline.nominal, baseline.base.mapping
     information, score = _of_recordings(evidence, projection, prior, inflation)
-    std = _relevant(baseline, information, score)
+    relevance = _Relevance(baseline, information, score)
+    factors = relevance.best()
+    std = relevance.std(factors)
     posterior = np.linalg.inv(information + base_prior(baseline.base, std))
     lift = (std[:, None] ** 2 * mapping.T) @ base_prior(baseline.base, std)
     change = lift @ (posterior @ score)
@@ -143,7 +148,8 @@ def measure_tuned_links(
             wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong))
+        apart = relevance.apart(factors, k)
+        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), apart)
     return found
 
 
@@ -160,29 +166,54 @@ def _of_recordings(
     return information * np.outer(scale, scale) / inflation, score * scale / inflation
 
 
-def _relevant(baseline: Baseline, information: Float[Array, "r r"], score: Float[Array, " r"]) -> Float[Array, " 10n"]:
-    """Standard deviation of every link's numbers: a URDF's usual error, more where the recordings speak for it."""
-    n = baseline.nominal.n
-    std, least = baseline.number_std.copy(), LEAST_NATS + float(np.log(n))
+@dataclass(frozen=True, eq=False)
+class _Relevance:
+    """How many times more than a URDF's links usually are each is off, and what the recordings say for it."""
 
-    def evidence(of: Float[Array, " 10n"]) -> float:
-        prior = base_prior(baseline.base, of)
-        both = information + prior
-        occam = np.linalg.slogdet(both)[1] - np.linalg.slogdet(prior)[1]
-        return 0.5 * float(score @ np.linalg.solve(both, score) - occam)
+    baseline: Baseline
+    information: Float[Array, "r r"]  # of the recordings about the base parameters
+    score: Float[Array, " r"]  # its score
 
-    reached = evidence(std)
-    for _ in range(n):
-        tried = []
-        for k, factor in ((k, factor) for k in range(n) for factor in FACTORS):
-            other = std.copy()
-            other[10 * k : 10 * k + 10] = factor * baseline.number_std[10 * k : 10 * k + 10]
-            tried.append((evidence(other), k, factor))
-        best, k, factor = max(tried)
-        if best < reached + least:
-            break
-        reached, std[10 * k : 10 * k + 10] = best, factor * baseline.number_std[10 * k : 10 * k + 10]
-    return std
+    def std(self, factors: Sequence[float]) -> Float[Array, " 10n"]:
+        """Standard deviation of every link's numbers."""
+        return np.asarray(np.repeat(factors, 10) * self.baseline.number_std)
+
+    def best(self, start: Sequence[float] = (), barred: int = -1) -> tuple[float, ...]:
+        """Factors of most evidence, one link after the other.
+
+        Args:
+            start: To begin with; ones if none are given.
+            barred: Link that has none.
+        """
+        factors = tuple(start) or (1.0,) * self.baseline.nominal.n
+        reached = self._evidence(factors)
+        for _ in range(2 * len(factors)):
+            tried = [
+                (*factors[:k], factor, *factors[k + 1 :])
+                for k in range(len(factors))
+                for factor in (1.0, *FACTORS)
+                if k != barred and factor != factors[k]
+            ]
+            found = [self._evidence(one) for one in tried]
+            if max(found) <= reached:
+                break
+            reached, factors = max(found), tried[int(np.argmax(found))]
+        return factors
+
+    def apart(self, factors: tuple[float, ...], link: int) -> float:
+        """Log evidence for a link's factor, the others' as they are best without it [nats]."""
+        if factors[link] == 1.0:
+            return 0.0
+        without = self.best((*factors[:link], 1.0, *factors[link + 1 :]), link)
+        return self._evidence(factors) - self._evidence(without)
+
+    def _evidence(self, factors: tuple[float, ...]) -> float:
+        mapping, std = self.baseline.base.mapping, self.std(factors)
+        root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
+        half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)
+        along = solve_triangular(half, root.T @ self.score, lower=True)
+        cost = (LEAST_NATS + np.log(len(factors))) * sum(factor != 1.0 for factor in factors)
+        return float(0.5 * along @ along - np.log(np.diag(half)).sum() - cost)
 
 
 def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:

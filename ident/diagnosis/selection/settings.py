@@ -56,6 +56,7 @@ class SelectionSettings(Settings, table="selection"):
     inertial_odds: float = number()
     wrong_link_factor: float = number()
     wrong_link_nats: float = number()
+    wrong_link_trust: float = number()
 
 
 USUAL_SELECTION = SelectionSettings()

@@ -146,29 +146,6 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
     return bool(alone - np.log(len(priors)) > everywhere + settings.unlikely_nats)
 
 
-def find_wrong_links(search: Search, baseline: Baseline, groups: Sequence[Group]) -> frozenset[int]:
-    """Links that are off by more than usual however wrong the URDF is at all others.
-
-    None if these alone, in a URDF that is else as usual, explain less than one that is wrong everywhere.
-
-    Args:
-        search: The session's sums, and the belief.
-        baseline: What the belief is made of.
-        groups: The effects beside which it is tested.
-    """
-    evidence, error, n = search.evidence, search.prior.error, search.evidence.layout.n
-    if error.scale <= 1.0 and error.com_m == 0.0:
-        return frozenset()
-    excess = measure_inflation(evidence, project(evidence.gram(), evidence, search.prior, groups))
-    beliefs = [Prior.believing(evidence, baseline, replace(error, usual=error.usual | {k})) for k in range(n)]
-    as_wrong = _evidence(search, search.prior, groups, excess)
-    lost = [as_wrong - _evidence(search, belief, groups, excess) for belief in beliefs]
-    wrong = frozenset(k for k, nats in enumerate(lost) if nats > search.settings.wrong_link_nats)
-    alone = UrdfError(search.settings.wrong_link_factor, usual=frozenset(range(n)) - wrong - error.usual)
-    by_themselves = _evidence(search, Prior.believing(evidence, baseline, alone), groups, excess)
-    return wrong if by_themselves - len(wrong) * np.log(n) > as_wrong else frozenset()
-
-
 def _evidence(search: Search, belief: Prior, groups: Sequence[Group], inflation: float) -> float:
     """Log evidence of a belief about the URDF [nats]."""
     gram = search.evidence.gram()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,14 +14,15 @@ from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.selection.urdf_scale import Belief, find_wrong_links
-from ident.diagnosis.tuned_links import turning_moment
+from ident.diagnosis.selection.urdf_scale import Belief
+from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
 from ident.model.inertia import base_parameters
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import MASS, analyse, loaded, nothing, record, search_of
+from tests.ident.diagnosis.planted import MASS, analyse, loaded, nothing, record
 
 
 def tolerance_of(analysis: Analysis) -> Tolerance:
@@ -147,16 +147,43 @@ def test_the_link_that_is_off_is_named_and_no_other(short_arm: ArmModel, wrong: 
 @pytest.mark.parametrize(
     ("factors", "wrong"), [((1.0, 1.0, 1.0), set()), ((1.0, 1.0, 1.6), {2}), ((1.0, 1.1, 0.9), set())]
 )
-def test_a_link_that_is_off_by_itself_is_found_in_a_urdf_that_is_doubted(
+def test_a_link_that_is_off_by_itself_has_a_name(
     short_arm: ArmModel, factors: tuple[float, ...], wrong: set[int]
 ) -> None:
-    """Law: though the URDF is believed to be wrong everywhere, a link that alone is off is found, and no other; none is
-    where all are right, or off by a tenth.
+    """Law: a link that alone is off gets a name, its change within the interval, and no other does; none where all are
+    right, or off by a tenth.
     """
-    analysis = analysed(short_arm, short_arm.inertial_parameters * np.repeat(factors, 10))
-    prior = Prior.believing(analysis.evidence, analysis.baseline, UrdfError(8.0))
-    search = replace(search_of(analysis), prior=prior)
-    assert find_wrong_links(search, analysis.baseline, ()) == wrong
+    numbers = short_arm.inertial_parameters * np.repeat(factors, 10)
+    catalogue = [find_effect("link_inertial_error"), find_effect("stribeck_friction")]
+    urdf = short_arm.with_inertial_parameters(numbers)
+    found = diagnose(record(short_arm, nothing), urdf, catalogue, common_clock=False).diagnosis.findings
+    assert {one.estimate.group.joint for one in found} == wrong
+    for one in found:
+        true = (short_arm.inertial_parameters - numbers)[10 * one.estimate.group.joint]
+        assert holds(one.estimate.parameters["mass_change_kg"], true)
+
+
+@pytest.mark.parametrize(("factor", "carried"), [(0.6, True), (1.6, False)])
+def test_what_the_last_link_has_more_may_hang_on_it(short_arm: ArmModel, factor: float, carried: bool) -> None:
+    """Law: a last link that is heavier than its URDF may carry a load; one that is lighter does not."""
+    numbers = short_arm.inertial_parameters * np.repeat((1.0, 1.0, factor), 10)
+    catalogue = [find_effect("link_inertial_error"), find_effect("payload")]
+    urdf = short_arm.with_inertial_parameters(numbers)
+    (found,) = diagnose(record(short_arm, nothing), urdf, catalogue, common_clock=False).diagnosis.findings
+    assert ("payload" in found.estimate.rivals) is carried
+
+
+@pytest.mark.parametrize("doubted", [1.0, 8.0])
+def test_a_link_is_named_whatever_its_neighbours_are(short_arm: ArmModel, doubted: float) -> None:
+    """Law: evidence for a link is against its neighbours; a URDF that is doubted everywhere hides no link."""
+    numbers = short_arm.inertial_parameters * np.repeat((1.0, 1.0, 1.6), 10)
+    analysis = analysed(short_arm, numbers)
+    prior = Prior.believing(analysis.evidence, analysis.baseline, UrdfError(doubted))
+    model = project(analysis.evidence.gram(), analysis.evidence, prior)
+    links = measure_tuned_links(analysis.baseline, analysis.evidence, model, prior, 1.0)
+    apart = [link.evidence for link in links.values()]
+    assert apart[2] > USUAL_SELECTION.wrong_link_nats
+    assert max(apart[:2]) < 0.2 * apart[2]
 
 
 def test_the_moment_about_an_axis_is_what_the_torques_show(short_arm: ArmModel) -> None:
