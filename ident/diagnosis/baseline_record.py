@@ -14,9 +14,11 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group
+from ident.diagnosis.regression.design import LOSS_PARAMETERS
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection, solve_signed
+from ident.diagnosis.regression.least_squares import Projection, project, solve_signed
+from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.refine import Refined
 from ident.model.inertia import lift_base, parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
@@ -73,14 +75,8 @@ def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) 
     return _by_joint(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
 
-def tuned_beside(
-    baseline: Baseline,
-    evidence: Evidence,
-    alone: Projection,
-    groups: Sequence[Group],
-    coefficients: Sequence[Float[Array, " k"]],
-) -> dict[str, TunedJoint]:
-    """Parameters of the baseline that goes with effects of given size, as `tuned_alone`.
+def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, TunedJoint]:
+    """Parameters of the baseline that goes with the reported ones of effects, as `tuned_alone`.
 
     Reported parameters are not always those of the model that solves everything at once: what tuning would absorb is
     reported against the URDF fixed, and inner parameters from a finer grid. What the tuned arm has to explain then is
@@ -89,13 +85,13 @@ def tuned_beside(
 
     Args:
         baseline: The user's arm.
-        evidence: Sums that hold the effects' columns.
-        alone: The baseline alone, solved on them.
-        groups: The effects at the points that are reported.
-        coefficients: Their coefficients.
+        fine: Sums that hold the effects' columns.
+        estimates: The effects.
     """
+    evidence, groups = fine.search.evidence, [one.refined for one in estimates]
+    alone = project(evidence.gram(), evidence, fine.search.prior)
     columns = np.concatenate([group.columns for group in groups]).astype(int)
-    beta = np.concatenate(list(coefficients)) * evidence.scale[columns]
+    beta = np.concatenate([one.coefficients for one in estimates]) * evidence.scale[columns]
     scaled_baseline = alone.estimate - alone.slopes[:, columns] @ beta
     rank = evidence.layout.rank
     losses = slice(rank, rank + LOSS_PARAMETERS * evidence.layout.n)
@@ -109,7 +105,13 @@ def tuned_beside(
             found[k], dry = group.effect.without_dry_friction(found[k], group.variant)
             place = evidence.layout.rank + LOSS_PARAMETERS * group.joint + LOSS_KEYS.index("coulomb_Nm")
             scaled_baseline[place] += dry * evidence.scale[place]
-    return _by_joint(baseline, evidence, scaled_baseline, _laws(groups, found))
+    laws: dict[int, dict[str, OpenLaw]] = {}
+    for group, values in zip(groups, found, strict=True):
+        if group.effect.tells_law(group.variant):
+            shape = {**group.variant.shape, **group.variant.inner}
+            law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in shape.items()})
+            laws.setdefault(group.joint, {})[group.effect.id] = law
+    return _by_joint(baseline, evidence, scaled_baseline, laws)
 
 
 def _without_drive(
@@ -157,14 +159,3 @@ def _by_joint(
         )
         for j, joint in enumerate(baseline.nominal.joint_names)
     }
-
-
-def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -> dict[int, dict[str, OpenLaw]]:
-    """Coefficients and shape of the effects whose reported parameters do not say all of their law, by joint."""
-    found: dict[int, dict[str, OpenLaw]] = {}
-    for group, values in zip(groups, coefficients, strict=True):
-        if group.effect.tells_law(group.variant):
-            shape = {**group.variant.shape, **group.variant.inner}
-            law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in shape.items()})
-            found.setdefault(group.joint, {})[group.effect.id] = law
-    return found

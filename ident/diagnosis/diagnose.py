@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.alternate import Settled, keep_names, settle
-from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
+from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
@@ -30,7 +30,6 @@ from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, measure_inflation
-from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
@@ -172,7 +171,7 @@ def diagnose(
             detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],
-            baseline=_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
+            baseline=tuned_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
             baseline_alone=tuned_alone(baseline, evidence, before),
             baseline_urdf=tuned_alone(baseline, evidence, fixed),
             outside_score=score_outside(verdict, names, heldout.shrink, open_gap.leftover),
@@ -249,14 +248,6 @@ def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings:
         explained[j] = posterior.left_at(j, ()).share
     laws = [posterior.beside(k, item.shown) for k, item in enumerate(found.named)]
     return _WithDiscrepancy(left, tuple(laws), explained)
-
-
-def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> Mapping[str, TunedJoint]:
-    """The tuned baseline that goes with the reported parameters."""
-    evidence = fine.search.evidence
-    alone = project(evidence.gram(), evidence, fine.search.prior)
-    refined, coefficients = [e.refined for e in estimates], [e.coefficients for e in estimates]
-    return tuned_beside(baseline, evidence, alone, refined, coefficients)
 
 
 def _gap(

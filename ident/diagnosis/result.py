@@ -22,7 +22,6 @@ from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
-from ident.diagnosis.verdict import Nearest
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.recordings.recording import TelemetryIssue
@@ -137,7 +136,7 @@ class Details:
         tuned_links: By link, how far tuning moved it from the URDF.
     """
 
-    nearest: Nearest | None
+    nearest: Mapping[str, Any] | None
     detectable: Sequence[SizeLimit]
     maps: Sequence[Place]
     maps_fixed: Sequence[Place]
@@ -155,7 +154,7 @@ class Details:
             return {name: one.to_dict() for name, one in joints.items()}
 
         return {
-            "nearest": None if self.nearest is None else self.nearest.to_dict(),
+            "nearest": self.nearest,
             "detectable": [one.to_dict(names) for one in self.detectable],
             "maps": maps_record(self.maps),
             "maps_fixed": maps_record(self.maps_fixed),
@@ -243,7 +242,7 @@ class Diagnosis(Exportable):
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]
         silent = [one.to_dict(self.joints) for one in self.not_testable]
-        near = None if self.details is None or self.details.nearest is None else self.details.nearest.to_dict()
+        near = None if self.details is None else self.details.nearest
         loudest = self.where[0].joint if self.where else None
         advice = next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot, near, loudest)
         return {

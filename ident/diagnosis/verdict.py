@@ -103,18 +103,14 @@ def decide(
         joints[item.shown] = True
     tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
-    share = max(_closed(start[joints], end[joints], unit) for start, end in (tuned, given))
+    # Each joint's mean square in units of its noise.
+    pairs = [(start[joints] ** 2 / unit, end[joints] ** 2 / unit) for start, end in (tuned, given)]
+    share = max(float((old - new).sum() / max(np.maximum(old - 1.0, 0.0).sum(), 1e-12)) for old, new in pairs)
     if any(item.absorbed for item in found.named) and not left.any():
         share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
     if share >= settings.named_from and not tolerance.exceeded:
         return "named"
     return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
-
-
-def _closed(start: Float[Array, " k"], end: Float[Array, " k"], unit: Float[Array, " k"]) -> float:
-    """Share of the mean square above the noise that names close, each joint in units of its noise."""
-    closed, reducible = np.sum((start**2 - end**2) / unit), np.sum(np.maximum(start**2 - unit, 0.0) / unit)
-    return float(closed / max(float(reducible), 1e-12))
 
 
 def believed(
@@ -161,27 +157,7 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
     return max(open_share, 0.5) if verdict == "none_of_catalogue" else min(open_share, 0.5)
 
 
-@dataclass(frozen=True)
-class Nearest:
-    """The candidate that came nearest to a name."""
-
-    effect: str  # its id
-    joints: tuple[str, ...]  # where it shows most
-    p_value: float  # family-wise, of the sign-flip test
-    evidence: float  # log evidence [nats]
-    rms_fall: float  # largest share by which a joint's held-out error would fall
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "effect": self.effect,
-            "joints": list(self.joints),
-            "p_value": self.p_value,
-            "log_evidence": self.evidence,
-            "rms_fall": self.rms_fall,
-        }
-
-
-def find_nearest(found: SearchResults, joints: Sequence[str]) -> Nearest | None:
+def find_nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
     """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
     if found.named or found.hint is None:
         return None
@@ -189,7 +165,13 @@ def find_nearest(found: SearchResults, joints: Sequence[str]) -> Nearest | None:
     own = item.group.effect.rows == "own"
     most = item.group.joint if own else int(np.argmax(item.after.fall_from(item.before)))
     gates = item.gates
-    return Nearest(item.group.effect.id, (joints[most],), gates.p_value, gates.evidence, gates.rms_fall)
+    return {
+        "effect": item.group.effect.id,
+        "joints": [joints[most]],
+        "p_value": gates.p_value,
+        "log_evidence": gates.evidence,
+        "rms_fall": gates.rms_fall,
+    }
 
 
 def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:

@@ -76,8 +76,7 @@ class Effect(ABC):
     prior: ClassVar[tuple[float | str, ...]] = ()
     # By parameter, its least and largest value, like `prior`, and why no arm has others; see `physical`.
     bounds: ClassVar[Mapping[str, tuple[float | str, float | str, str]]] = {}
-    # What to do about it, with {where} and parameters such as {gap_rad:mrad}; see `action`.
-    sentence: ClassVar[str] = ""
+    sentence: ClassVar[str] = ""  # what to do about it, with {where} and parameters as {gap_rad:mrad}; see `action`
     # How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
     formats: ClassVar[Mapping[str, Expression]] = {}
     # Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the motion (m.q,
@@ -89,9 +88,8 @@ class Effect(ABC):
     drawn_over: ClassVar[str] = ""
     # `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
     drawn: ClassVar[Literal["", "whole", "odd"]] = ""
-    # Parameters that mean something else in a simulated arm's answer, and those that it gives with the other sign.
-    incomparable: ClassVar[frozenset[str]] = frozenset()
-    opposite: ClassVar[frozenset[str]] = frozenset()
+    incomparable: ClassVar[frozenset[str]] = frozenset()  # parameters that a simulated arm's answer means otherwise
+    opposite: ClassVar[frozenset[str]] = frozenset()  # parameters that it gives with the other sign
 
     def __init_subclass__(cls) -> None:
         """An effect of the catalogue takes what it does not say itself from its row of `effects.toml`."""

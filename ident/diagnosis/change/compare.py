@@ -244,10 +244,12 @@ def _result(
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
         return {joints[j]: float(values[j]) for j in judged}
 
+    verdict = "not_testable" if design.sides.too_short else "no_change"
+    verdict = "changed_unexplained" if found or changes.unlawful else verdict
     return ArmComparison(
         robot=arm.name,
         joints=joints,
-        verdict=_verdict(found, changes.unlawful, design.sides.too_short),
+        verdict="changed" if any(change.effect != UNLISTED for change in found) else verdict,
         sides=sides,
         changes=tuple(found),
         rms_before=by_joint(changes.found.ladder[0].rms),
@@ -258,9 +260,3 @@ def _result(
         reservations=changes.doubted,
         still=design.still,
     )
-
-
-def _verdict(found: Sequence[ArmChange], unlawful: bool, too_short: bool) -> str:
-    if any(change.effect != UNLISTED for change in found):
-        return "changed"
-    return "changed_unexplained" if found or unlawful else "not_testable" if too_short else "no_change"

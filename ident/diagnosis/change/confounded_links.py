@@ -51,7 +51,10 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
     left = squares_by_block(evidence, project(gram, evidence, search.prior, groups))
     least, found = NEAR * best[own.key][0], []
     for score, rival in best.values():
-        if rival.key == own.key or score <= max(least, 0.0) or not _alike(own, rival):
+        bodies = own.effect.id in BODIES and rival.effect.id in BODIES
+        here = own.effect.scope == rival.effect.scope == "joint" and rival.joint == own.joint
+        alike = bodies or here or (rival.effect.id == own.effect.id and rival.joint != own.joint)
+        if rival.key == own.key or score <= max(least, 0.0) or not alike:
             continue
         there = squares_by_block(evidence, project(gram, evidence, search.prior, [*others, rival]))
         if not told_apart(there - left):
@@ -70,12 +73,6 @@ def told_apart(difference: Float[Array, " B"]) -> bool:
     """Whether one model leaves more than another beyond what blocks differ by."""
     blocks = len(difference)
     return bool(difference.sum() > APART * np.sqrt(blocks) * difference.std(ddof=1))
-
-
-def _alike(own: Group, rival: Group) -> bool:
-    bodies = own.effect.id in BODIES and rival.effect.id in BODIES
-    here = own.effect.scope == rival.effect.scope == "joint" and rival.joint == own.joint
-    return bodies or here or (rival.effect.id == own.effect.id and rival.joint != own.joint)
 
 
 def place_bodies(

@@ -57,13 +57,18 @@ def compare_reports(
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = min(cutoff or FOR_DIAGNOSIS.cutoff_hz, FOR_DIAGNOSIS.cutoff_share * slowest)
-    earlier, later = (_motions(side, corner) for side in (before, after))
-    motions: Sequence[Motion] = [*earlier, *later]
+    motions: Sequence[Motion] = []
+    for side in (before, after):
+        own = [motion for report in side for motion in prepare_slower(report.session, corner)]
+        if not own:
+            raise no_motion(side[0].session.path or side[0].session.name)
+        earlier = len(motions)
+        motions = [*motions, *(own[k] for k in choose_runs(len(own), -(-len(own) // MOST_RUNS)))]
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     currents = any(run.current is not None for report in reports for run in report.session.runs)
     doubt = BY_CURRENT if currents else STATED
-    sets = motions[: len(earlier)], motions[len(earlier) :]
+    sets = motions[:earlier], motions[earlier:]
     found = compare(*sets, arm.keeping(joints), sides, seed, doubt=doubt)
     return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
 
@@ -82,15 +87,6 @@ def as_compared(
         return issue
     remedy = f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
     return replace(issue, severity="warning", remedy=remedy if alike else issue.remedy)
-
-
-def _motions(reports: Sequence[TelemetryReport], cutoff: float) -> list[Motion]:
-    """Runs of a set, or an even choice of very many."""
-    motions = [motion for report in reports for motion in prepare_slower(report.session, cutoff)]
-    if not motions:
-        raise no_motion(reports[0].session.path or reports[0].session.name)
-    every = -(-len(motions) // MOST_RUNS)
-    return [motions[k] for k in choose_runs(len(motions), every)]
 
 
 def _side(reports: Sequence[TelemetryReport]) -> Side:

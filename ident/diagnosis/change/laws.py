@@ -42,7 +42,9 @@ class FrictionChange(Effect):
     ) -> dict[str, Interval]:
         """The two changes, and what they amount to as a share of the friction at the joint's usual speed."""
         coulomb, viscous = friction_level(session, joint)
-        usual = _usual_speed(session, joint)
+        speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.survey.runs]))
+        rest = min(float(run.motion.rest_speed[joint]) for run in session.survey.runs)
+        usual = float(speed[speed > rest].mean()) if (speed > rest).any() else rest
         share = np.array([1.0, usual]) / (coulomb + viscous * usual)
         return {
             "coulomb_change_Nm": coefficient_interval(0, coefficients, covariance),
@@ -106,11 +108,3 @@ def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:
     """Functions that are one at a point, zero at all others and straight between, over [0, 1]."""
     at = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at - np.arange(points))))
-
-
-def _usual_speed(session: SessionContext, joint: int) -> float:
-    """Mean speed of a joint while it moves [rad/s]."""
-    speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.survey.runs]))
-    rest = min(float(run.motion.rest_speed[joint]) for run in session.survey.runs)
-    moving = speed[speed > rest]
-    return float(moving.mean()) if len(moving) else rest

@@ -35,13 +35,8 @@ def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
         "time": lambda item, _: item.time,
     }
     if all(item.run.temperature is not None for item in series):
-        axes["temperature"] = _temperature
+        axes["temperature"] = lambda item, j: np.asarray(item.run.temperature)[item.run.motion.coarse][:, j]
     return axes
-
-
-def _temperature(item: RunResidual, joint: int) -> Float[Array, " t"]:
-    assert item.run.temperature is not None
-    return item.run.temperature[item.run.motion.coarse][:, joint]
 
 
 def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:

@@ -40,7 +40,12 @@ def shapley_shares(
     """
     left: dict[frozenset[int], Float[np.ndarray, " n"]] = {}
     shares = np.zeros(len(groups))
-    orders = _orders(len(groups), np.random.default_rng(seed))
+    rng, count = np.random.default_rng(seed), len(groups)
+    if count <= ALL_ORDERS:
+        orders = list(permutations(range(count)))
+    else:  # of many effects some orders, each with its reverse
+        drawn = [tuple(int(i) for i in rng.permutation(count)) for _ in range(DRAWN_ORDERS // 2)]
+        orders = [*drawn, *(order[::-1] for order in drawn)]
     for order in orders:
         for k in range(len(order) + 1):
             subset = frozenset(order[:k])
@@ -50,11 +55,3 @@ def shapley_shares(
                 shares[order[k - 1]] += float(np.sum(left[frozenset(order[: k - 1])] - left[subset])) / len(orders)
     reducible = float(np.sum(np.maximum(left[frozenset()] - floors**2, 0.0)))
     return shares / max(reducible, 1e-12)
-
-
-def _orders(count: int, rng: np.random.Generator) -> list[tuple[int, ...]]:
-    """All orders of a few effects; of more some, each with its reverse."""
-    if count <= ALL_ORDERS:
-        return list(permutations(range(count)))
-    drawn = [tuple(int(i) for i in rng.permutation(count)) for _ in range(DRAWN_ORDERS // 2)]
-    return [*drawn, *(order[::-1] for order in drawn)]

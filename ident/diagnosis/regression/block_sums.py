@@ -54,7 +54,8 @@ class SymmetricSums:
         """Sums of some columns, block by block."""
         at, found = self._spot[columns], np.zeros((len(self), len(columns), len(columns)))
         seen = np.flatnonzero(at >= 0)
-        found[:, seen[:, None], seen] = self.half[:, _indices(at[seen], at[seen])]
+        high, low = np.maximum(at[seen, None], at[seen]), np.minimum(at[seen, None], at[seen])
+        found[:, seen[:, None], seen] = self.half[:, high * (high + 1) // 2 + low]
         if len(self.rows):
             own = self.rows[:, columns]
             np.add.at(found, self.place, own[:, :, None] * own[:, None, :])
@@ -67,7 +68,8 @@ class SymmetricSums:
         for block in members:  # none of them is copied
             half += self.half[block]
         found = np.zeros((self.size, self.size))
-        found[np.ix_(self.kept, self.kept)] = _unpack(half, len(self.kept))
+        upper = dtpttr(len(self.kept), half, uplo="U")[0]
+        found[np.ix_(self.kept, self.kept)] = np.triu(upper) + np.triu(upper, 1).T
         if len(self.rows):
             own = self.rows[np.isin(self.place, np.asarray(members))]
             found += own.T @ own
@@ -120,17 +122,6 @@ def pack(whole: Float[Array, "p p"]) -> Float[Array, " h"]:
     """The half of a symmetric matrix below the diagonal and on it, row by row; the other half is not read."""
     # LAPACK counts columns first: our lower half is its upper one.
     return np.asarray(dtrttp(whole.T, uplo="U")[0])
-
-
-def _unpack(half: Float[Array, " h"], size: int) -> Float[Array, "p p"]:
-    upper = dtpttr(size, half, uplo="U")[0]
-    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
-
-
-def _indices(rows: Int[Array, " r"], columns: Int[Array, " c"]) -> Int[Array, "r c"]:
-    """Where the sums of some rows and columns stand in a half."""
-    high, low = np.maximum(rows[:, None], columns), np.minimum(rows[:, None], columns)
-    return np.asarray(high * (high + 1) // 2 + low)
 
 
 def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:

@@ -145,6 +145,7 @@ def dwell_rows(
         blocks: Block of time of each filtered sample; one for all if None.
     """
     blocks = np.zeros(motion.filtered_length, dtype=int) if blocks is None else blocks
+    changes = 1 + np.flatnonzero(np.diff(blocks))  # where another block of time begins
     found = []
     for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
         q, jump = motion.q[motion.coarse, j], JUMP_LEVELS * friction[j] + JUMP_NOISE * noise[j]
@@ -152,7 +153,7 @@ def dwell_rows(
         pieces = [
             (start, stop, one.sign, number)
             for number, one in enumerate(parted)
-            for start, stop in pairwise([one.start, *_changes(blocks, one), one.stop])
+            for start, stop in pairwise([one.start, *changes[(one.start < changes) & (changes < one.stop)], one.stop])
         ]
         start, stop, sign, hold = np.array(pieces, dtype=float).reshape(-1, 4).T
         first, last = start.astype(int), stop.astype(int)
@@ -186,11 +187,6 @@ def _parted(
                 found.append(Hold(start, stop, sign))
                 sign = 0.0
     return found
-
-
-def _changes(blocks: Int[Array, " t"], hold: Hold) -> Int[Array, " k"]:
-    """Samples of a hold at which another block of time begins."""
-    return np.asarray(hold.start + 1 + np.flatnonzero(np.diff(blocks[hold.start : hold.stop])))
 
 
 def _quiet(torque: Float[Array, " t"], jump: float, least: int) -> list[tuple[int, int]]:

@@ -107,7 +107,10 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
     order = min(settings.noise_order, len(x) // LEAST_ROWS)
     if not order:
-        level = _level_by_differences([rows.tables[j][:, -1] for rows in held])
+        # Next to nothing is in motion: by second differences, of which half are less (Gasser, Sroka and
+        # Jennen-Steinmetz 1986).
+        second = np.concatenate([np.diff(rows.tables[j][:, -1], 2) for rows in held])
+        level = max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9) if len(second) else 1.0
         return np.eye(1, settings.noise_order + 1)[0], level, level
     # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not positive. What it
     # does to the coefficients is little, and what it adds to the residual is known.
@@ -172,15 +175,6 @@ def _ridge(gram: Float[Array, "p p"], count: int, free: slice, silent: Bool[Arra
 
     ridge[drawn] = 1.0 / max(VARIANCES, key=likelihood)
     return ridge
-
-
-def _level_by_differences(series: Sequence[Float[Array, " t"]]) -> float:
-    """Noise of torques of which next to nothing is in motion [N m]: their second differences, of which half are less.
-
-    Source: Gasser, Sroka and Jennen-Steinmetz 1986 (residual variance by differences).
-    """
-    second = np.concatenate([np.diff(values, 2) for values in series])
-    return max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9) if len(second) else 1.0
 
 
 def prediction_error(covariance: Float[Array, " k"]) -> tuple[Float[Array, " k"], float]:

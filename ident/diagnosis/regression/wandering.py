@@ -40,7 +40,12 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
     weights = residual_weights(evidence, model)
     seen, spread = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = seen @ weights[evidence.layout.local[joint]]
-    laws = [seen @ _after(model, evidence, joint, group) for group in variants]
+    laws = []
+    for group in variants:
+        after = np.zeros((evidence.layout.size + 1, len(group.columns)))
+        after[group.columns, np.arange(len(group.columns))] = 1.0
+        after[model.inside] = -model.slopes[:, group.columns]
+        laws.append(seen @ after[evidence.layout.local[joint]])  # what the model leaves of each column
     return chance_of_curve(levels, spread, laws, rng, evidence.settings.wandering)
 
 
@@ -68,14 +73,6 @@ def chance_of_curve(
     drawn = np.concatenate([levels[:, None], root @ rng.standard_normal((len(levels), settings.draws))], axis=1)
     gain = _greatest(drawn, covariances, laws)[0] - _greatest(drawn, covariances, [])[0]
     return float(np.mean(gain >= gain[0] - 1e-9))
-
-
-def _after(model: Projection, evidence: Evidence, joint: int, group: Group) -> Float[Array, "p k"]:
-    """A group's columns after the model: weights that take a joint's rows to what the model leaves of each column."""
-    found = np.zeros((evidence.layout.size + 1, len(group.columns)))
-    found[group.columns, np.arange(len(group.columns))] = 1.0
-    found[model.inside] = -model.slopes[:, group.columns]
-    return found[evidence.layout.local[joint]]
 
 
 def _covariances(spread: Float[Array, "s s"], settings: WanderingSettings) -> Iterator[Float[Array, "s s"]]:

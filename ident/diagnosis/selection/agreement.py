@@ -57,8 +57,12 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
         return Agreement(0.0, 1.0, 1.0, 1.0)
     seen = np.array([power[part].sum() for part in parts])
     size = np.array([along[part].sum() for part in parts]) / seen
-    own = np.array([_own_variation(along[p] - s * power[p], power[p]) for p, s in zip(parts, size, strict=True)])
-    return compare_sizes(size, seen, own, np.array([len(along[part]) for part in parts]))
+    blocks = np.array([len(along[part]) for part in parts])
+    # A fold's squared scores, what its own mean took away given back; those of noise where it has one block.
+    square = [float(np.sum((along[p] - s * power[p]) ** 2)) for p, s in zip(parts, size, strict=True)]
+    noise = [float(power[part].sum()) for part in parts]
+    own = np.where(blocks < 2, noise, square * blocks / np.maximum(blocks - 1, 1))
+    return compare_sizes(size, seen, own, blocks)
 
 
 def compare_sizes(
@@ -80,12 +84,6 @@ def compare_sizes(
     between = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
     drawn = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
     return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(drawn.min()), float(drawn.max()))
-
-
-def _own_variation(score: Array, power: Array) -> float:
-    """Sum of a fold's squared scores, what its own mean took away given back; that of noise where it has one block."""
-    blocks = len(score)
-    return float(power.sum()) if blocks < 2 else float(score @ score) * blocks / (blocks - 1)
 
 
 def _scores(

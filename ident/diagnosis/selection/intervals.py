@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.profile import profile
@@ -167,11 +167,14 @@ def solve_effects(
     priors = (fine.search.prior, fine.search.fixed.prior) if any(absorbed) else 2 * (fine.search.prior,)
     views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
-    models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in dict.fromkeys(priors)]
+    used = [replace(one, columns=one.columns[kept]) for one, kept in zip(fine.groups, free, strict=True)]
+    models = [project(gram, evidence, prior, used) for prior in dict.fromkeys(priors)]
     covariances = [robust_covariance(evidence, model) for model in models]
     inflation = measure_inflation(evidence, models[0], covariances[0])
     if any(absorbed):
-        covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1], fine.search.settings.fixed_factor)
+        reach = models[1].spread[:, : evidence.layout.rank]
+        off = fine.search.settings.fixed_factor**4 * reach @ fine.search.prior.base @ reach.T
+        covariances[1] = covariances[1] + off  # what the URDF's tolerance does to them
     bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
     at = first = evidence.layout.tuned
     solved = []
@@ -187,13 +190,6 @@ def solve_effects(
     return solved, inflation
 
 
-def _of_tolerance(prior: Prior, fixed: Projection, factor: float) -> Float[Array, "z z"]:
-    """Covariance of coefficients that were solved with the URDF fixed, from the URDF's tolerance."""
-    rank = len(prior.base)
-    reach = fixed.spread[:, :rank]
-    return factor**4 * reach @ prior.base @ reach.T
-
-
 def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
     """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
     columns = np.concatenate([group.columns for group in groups])
@@ -201,11 +197,6 @@ def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Boo
     beta = baseline.solve(columns, signed)
     free = np.split(~signed | (beta > 0.0), np.cumsum([len(group.columns) for group in groups])[:-1])
     return [kept if kept.any() else np.ones_like(kept) for kept in free]
-
-
-def _with_columns(groups: Sequence[Group], kept: Sequence[Bool[Array, " k"]]) -> list[Group]:
-    """The groups with some of their columns."""
-    return [replace(group, columns=group.columns[columns]) for group, columns in zip(groups, kept, strict=True)]
 
 
 def widened(interval: Interval, doubt: float) -> Interval:
