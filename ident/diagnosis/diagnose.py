@@ -20,10 +20,10 @@ from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
 from ident.diagnosis.regression.baseline import Baseline, UrdfError, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, build_layout
+from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
@@ -124,7 +124,13 @@ def diagnose(
     reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
-    tolerance = _tolerance(search, baseline, groups, after, inflation)
+    # How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
+    usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
+    model = project(gram, evidence, usual.prior, groups)
+    excess = measure_inflation(evidence, model)
+    alone = one_link_is_wrong(usual, baseline, groups, excess)
+    belief = (usual.prior, model, excess) if alone else (prior, after, inflation)
+    tolerance = measure_tolerance(evidence, *belief, settings.selection)
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
@@ -182,27 +188,6 @@ def diagnose(
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
-
-
-def _tolerance(
-    search: Search, baseline: Baseline, groups: Sequence[Group], after: Projection, inflation: float
-) -> Tolerance:
-    """How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
-
-    Args:
-        search: The search that gave the names.
-        baseline: The tuned model.
-        groups: The named effects.
-        after: The model with them, under the search's own prior.
-        inflation: By how much misfit exceeds its noise.
-    """
-    evidence, settings = search.evidence, search.settings
-    usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
-    model = project(evidence.gram(), evidence, usual.prior, groups)
-    excess = measure_inflation(evidence, model)
-    if one_link_is_wrong(usual, baseline, groups, excess):
-        return measure_tolerance(evidence, usual.prior, model, excess, settings)
-    return measure_tolerance(evidence, search.prior, after, inflation, settings)
 
 
 @dataclass(frozen=True, eq=False)
