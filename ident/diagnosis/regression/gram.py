@@ -226,14 +226,12 @@ def gather(
             if sum(len(one.counts) for one in held) < settings.noise_samples and rows.run < len(session.runs) - 1:
                 continue
             scale = column_scale(layout, held)
-            for kept in held:
-                rescale(layout, kept, scale)
+            rescale(layout, held, scale)
             sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
             batch, held = held, []
-            del kept
         elif scale is not None:
-            rescale(layout, rows, scale)
             batch = [rows]
+            rescale(layout, batch, scale)
         while batch:  # each run's tables go when their sums come
             part = batch.pop(0)
             sums.add(part)
@@ -241,6 +239,7 @@ def gather(
             if level is not None:
                 motion = session.runs[part.run].motion
                 held_rows.append(dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks))
+        del rows, part  # before the next are made
     assert sums is not None
     assert scale is not None
     of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)

@@ -55,14 +55,14 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
     if session.runs[0].motion.state_noise is None:
         weights = np.zeros(len(everything))
     seen = compute_tables(session, baseline, layout, groups, everything)
-    drawn = [int(i) for i in np.flatnonzero(weights)]
-    again = compute_tables(session, baseline, layout, groups, drawn, noisier=True)
+    again = compute_tables(session, baseline, layout, groups, [*map(int, np.flatnonzero(weights))], noisier=True)
     for i, run, tables in seen:
         noise, blocks = None, partition.blocks_of(i, len(tables[0]))
         if weights[i]:  # in half the room: its squares are a small share of the columns'
             pairs = zip(next(again)[2], tables, strict=True)
             noise = tuple(np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs)
         yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks, noise, float(weights[i]))
+        del run, tables, noise  # before the next are made
 
 
 def compute_tables(
@@ -77,20 +77,22 @@ def compute_tables(
 
     With `noisier`, all is made of states with one more draw of the encoder noise in them.
     """
-    for chunk in _chunks(session, runs):
+
+    def of_chunk(chunk: Sequence[int]) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
         # Copies, so that what the effects cache with a run goes when its chunk goes.
         fresh = (session.runs[i].copied() for i in chunk)
         part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh), every=1)
         known = _kept_columns(session, baseline, chunk, part.runs, noisier)
-        tables = [baseline_tables(layout, one) for one in known]
-        batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
+        batches = [_Batch(layout, run, baseline_tables(layout, k)) for run, k in zip(part.runs, known, strict=True)]
         for group in groups:
             for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
                 batch.add(group, columns)
         for batch in batches:
             batch.flush()
-        del batches
-        yield from zip(chunk, part.runs, tables, strict=True)
+        return zip(chunk, part.runs, [batch.tables for batch in batches], strict=True)
+
+    for chunk in _chunks(session, runs):
+        yield from of_chunk(chunk)  # gone before the next is made
 
 
 def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]:
@@ -178,7 +180,7 @@ class _Batch:
 
     layout: Layout
     run: RunContext
-    tables: Sequence[Float[Array, "t p"]]
+    tables: list[Float[Array, "t p"]]
     waiting: list[tuple[Group, Float[Array, "T ..."]]] = field(default_factory=list)
     width: int = 0
 
@@ -222,13 +224,12 @@ def waiting(layout: Layout, held: Sequence[Rows], rows: Rows) -> Rows:
     """A run that is held until scale and noise are known: on disk where those before it fill the memory."""
     if sum(len(one.counts) for one in held) * layout.n**2 < WAITING_SIZE:
         return rows
-    noise = None if rows.noise is None else SpooledArrays(rows.noise)
-    return replace(rows, tables=SpooledArrays(rows.tables), noise=noise)
+    return replace(rows, tables=SpooledArrays(rows.tables), noise=rows.noise and SpooledArrays(rows.noise))
 
 
-def rescale(layout: Layout, rows: Rows, scale: Array) -> None:
-    """Divides a run's columns by their scale, in place; those on disk whenever they are read."""
-    for tables in (rows.tables, rows.noise or ()):
+def rescale(layout: Layout, held: Sequence[Rows], scale: Array) -> None:
+    """Divides runs' columns by their scale, in place; those on disk whenever they are read."""
+    for tables in (tables for rows in held for tables in (rows.tables, rows.noise or ())):
         if isinstance(tables, SpooledArrays):
             tables.change = lambda j, table: (table / scale[layout.local[j]]).astype(table.dtype)
             continue
