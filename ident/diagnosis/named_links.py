@@ -101,9 +101,10 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group]) -> Est
     among = replace(search, barred=search.barred | laws, absurd=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, search.prior, others)
     _, rivals, odds = weigh_rivals(among, model, one.group, others, excess)
-    if UnknownPayload.id in odds and one.group.joint == evidence.layout.n - 1 and one.parameters[MASS].high > 0.0:
+    listed = any(group.effect.id == UnknownPayload.id for group in evidence.layout.groups)
+    if listed and one.group.joint == evidence.layout.n - 1 and one.parameters[MASS].high > 0.0:
         # What hangs on the last link is a part of it.
-        odds = odds | {UnknownPayload.id: min(odds[UnknownPayload.id], 1.0)}
+        odds = odds | {UnknownPayload.id: min(odds.get(UnknownPayload.id, 1.0), 1.0)}
         rivals = (*rivals, *({UnknownPayload.id} - set(rivals)))
     probability = search.settings.wrong_link_trust / (1.0 + sum(1.0 / each for each in odds.values()))
     return replace(one, probability=probability, rivals=rivals, odds=odds)

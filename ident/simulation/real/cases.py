@@ -247,7 +247,7 @@ def sized(
     (change, seen, size), names = found, arm.source.joints
     shown = [name for name, one in zip(names, seen, strict=True) if one >= SHOWN * seen.max()]
     own = [] if law.whole_arm else [names[j]]
-    others = [str(change.parameters["other_joint"])] if effect == "joint_coupling" else []
+    others = {"joint_coupling": [str(change.parameters.get("other_joint"))], "payload": names[-1:]}.get(effect, ())
     return change, {
         "effect": effect,
         "in_catalogue": effect in EFFECTS,
