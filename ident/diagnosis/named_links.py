@@ -22,7 +22,7 @@ from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.tuned_links import MASS, measure_tuned_links
+from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
@@ -36,11 +36,11 @@ def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline)
         baseline: The tuned model.
     """
     search, groups = sure.search, [item.group for item in sure.found.named]
-    evidence, settings = search.evidence, search.settings
+    evidence, held = search.evidence, search.settings
     model = project(evidence.gram(), evidence, search.prior, groups)
     links = measure_tuned_links(baseline, evidence, model, search.prior, measure_inflation(evidence, model))
-    apart = [link.beyond_tolerance and link.evidence >= settings.wrong_link_nats for link in links.values()]
-    wrong = {k for k, is_wrong in enumerate(apart) if is_wrong}
+    # A moment about the axis may be that of any link behind it.
+    wrong = {k for k, one in enumerate(links.values()) if one.beyond - {ABOUT} and one.evidence >= held.wrong_link_nats}
     while wrong:
         alone = _believing_usual(search, wrong, baseline)
         bodies = _links(alone, wrong, groups)
@@ -49,7 +49,7 @@ def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline)
         found = _with_bodies(replace(sure, search=alone), bodies, session, baseline)
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.named[k], found.estimates[k]) for k in added}, session))
-        refused |= {k for k in added if found.estimates[k].class_probability < settings.least_probability}
+        refused |= {k for k in added if found.estimates[k].class_probability < held.least_probability}
         if not refused:
             return found
         wrong -= {found.estimates[k].group.joint for k in refused}
