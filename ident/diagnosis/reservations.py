@@ -140,7 +140,7 @@ def doubt_replay(
     ends_far = [j for j, one in enumerate(far) if one]
     if not ends_far:
         return ()
-    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} of {way[j]:.2g} rad" for j in ends_far)
+    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} rad over a way of {way[j]:.2g} rad" for j in ends_far)
     reason = (
         f"replayed under the recorded torques for {1e3 * forward.window:.0f} ms, the motion ends off ({ends}): "
         "whatever is named, the model does not foretell this arm; check inertias, units and signs"
