@@ -64,7 +64,7 @@ class TunedLink:
     about_axis: Interval | None
     urdf_moment: float  # what the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by
     beyond: frozenset[str]  # which of its changes, by their names in `changes`, are more than URDFs are wrong by
-    # Log evidence that this link is off by more than usual, its neighbours as far off as they like [nats].
+    # Log evidence that it is, its neighbours as far off as they like [nats]; 0 where nothing is beyond.
     evidence: float = 0.0
 
     @property
@@ -148,7 +148,7 @@ def measure_tuned_links(
             wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        apart = relevance.apart(factors, k)
+        apart = relevance.apart(factors, k) if wrong else 0.0
         found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), apart)
     return found
 

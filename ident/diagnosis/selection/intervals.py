@@ -22,7 +22,7 @@ from ident.effects.intervals import NORMAL_95
 
 # Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9
-# Log odds are given up to this: more is no number of a computer's.
+# Log odds are given up to this, either way: more is no number of a computer's.
 MOST_NATS = 700.0
 # Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
 MOST = 0.5
@@ -298,6 +298,6 @@ def weigh_rivals(
     weights = np.exp(logs - logs.max())
     probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
     ahead_of = {name: held.temper * (own - score) for name, score in best_of_effect.items() if name != group.effect.id}
-    odds = {name: float(np.exp(min(nats, MOST_NATS))) for name, nats in ahead_of.items()}
+    odds = {name: float(np.exp(np.clip(nats, -MOST_NATS, MOST_NATS))) for name, nats in ahead_of.items()}
     near = sorted((name for name, one in odds.items() if one <= held.class_odds), key=odds.__getitem__)
     return probability, (group.effect.id, *near), odds
