@@ -70,8 +70,8 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
             covered = {}  # whether the intervals of a name hold what was planted
             for key, true in effect["parameters"].items() if strict and not already else ():
                 one = strict[0].get("parameters", {}).get(key)
-                told = isinstance(one, dict) and one.get("low") is not None
-                if told and key != "order" and not isinstance(true, str):
+                given = isinstance(one, dict) and one.get("low") is not None
+                if given and key != "order" and not isinstance(true, str):
                     low, high = float(one["low"]), float(one["high"])
                     covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
             row = {

@@ -60,11 +60,11 @@ class HybridModel:
     robot: ArmModel  # the whole arm as its URDF describes it; geometry comes from here
     nominal: ArmModel  # the rigid arm before identification: the robot, or its lumped three-joint model
     arm: ArmModel  # the rigid arm with identified inertias; its joints are those that the model speaks of
-    loss: LossParameters  # loss figures
+    loss: LossParameters  # loss parameters
     net: ResidualNet | None = None  # residual net, or None
     links: int = 6  # 6 for the full arm, 3 for the lumped one
     inertia: str = "nominal"  # how the inertias were found
-    figures: tuple[LossFigure, ...] = ()  # loss figures with intervals
+    figures: tuple[LossFigure, ...] = ()  # loss parameters with intervals
     inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
     trained: TrainingRange | None = None  # where the training runs went; None where that is not known
     # A shaft that two joints share, where one was asked for; its torque is part of the loss.
@@ -72,7 +72,7 @@ class HybridModel:
     named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
-    provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, figures of the fit
+    provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, scores of the fit
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""From the joint estimate to an arm: identified inertias, loss figures with intervals, and what can't be told apart.
+"""From the joint estimate to an arm: identified inertias, loss parameters with intervals, and what is confounded.
 
 `nominal` keeps the URDF's inertias and fits the losses beside them; how far the URDF may be off is estimated from the
 same recordings and widens the intervals. `base` takes the base parameters as they come and changes the URDF's numbers
@@ -45,9 +45,9 @@ from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel
 
-# Figures whose estimates are correlated beyond this are told as a pair that the recordings can't tell apart.
+# Parameters whose estimates are correlated beyond this are reported as a pair that the recordings can't tell apart.
 TIED = 0.95
-# Pairs that are told in words; all stand in the model.
+# Pairs that are reported in words; all stand in the model.
 MOST_TIED = 4
 # An estimate this near to zero, in standard deviations, lies on its bound.
 ON_BOUND = 1e-3
@@ -70,20 +70,20 @@ class Identified:
     """What was identified."""
 
     inertia: InertiaResults  # the arm and its base parameters
-    loss: LossResults  # loss figures
+    loss: LossResults  # loss parameters
     inertias: tuple[InertiaFigure, ...]  # base parameters with intervals
-    # Pairs of figures that these recordings can't tell apart, with their correlation.
+    # Pairs of parameters that these recordings can't tell apart, with their correlation.
     tied: tuple[tuple[str, str, float], ...]
     spread: Float[Array, "n 2"]  # relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2)
     urdf_share: float  # how far the URDF's inertias are off, as a share of each link's scale; as the recordings have it
     through_reversals: tuple[str, ...]  # joints whose samples near reversals had to be used
     estimate: JointEstimate  # the unbounded joint estimate
-    coupling: Coupling | None = None  # figures of a shaft that two joints share, where one was asked for
-    named: tuple[NamedLaw, ...] = ()  # laws that were given, with their figures
+    coupling: Coupling | None = None  # parameters of a shaft that two joints share, where one was asked for
+    named: tuple[NamedLaw, ...] = ()  # laws that were given, with their parameters
     lossless: tuple[str, ...] = ()  # joints whose effort holds neither friction nor a rotor: torque at the link
 
     def record(self) -> dict[str, Any]:
-        """What a model keeps of it beside its figures."""
+        """What a model keeps of it beside its parameters."""
         return {
             "residual_rms_Nm": self.loss.residual_rms.tolist(),
             "condition_number": self.inertia.condition_number,
@@ -176,7 +176,7 @@ def identify(
 
 
 def _triples(found: JointEstimate, figures: Float[Array, " s"]) -> list[tuple[float, float, float]]:
-    """Values of the figures that stand last, with their 95 % intervals."""
+    """Values of the parameters that stand last, with their 95 % intervals."""
     half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
     pairs = zip(figures, half, strict=True)
     return [(float(value), float(value - reach), float(value + reach)) for value, reach in pairs]
@@ -312,7 +312,7 @@ def _inertia_figures(inertia: InertiaResults, found: JointEstimate) -> tuple[Ine
 
 
 def describe(found: Identified) -> list[str]:
-    """What a person should know of an identification beside its figures, a line each."""
+    """What a person should know of an identification beside its parameters, a line each."""
     condition = f"condition number of the motions: {found.inertia.condition_number:.0f}"
     lines = [condition, f"the URDF's inertias are off by about {100 * found.urdf_share:.1f} % of each link's scale"]
     if found.estimate.runs > 1:
@@ -341,7 +341,7 @@ def describe(found: Identified) -> list[str]:
 def tied_figures(
     found: JointEstimate, base: BaseParameters, joints: tuple[str, ...], named: Sequence[NamedLaw] = ()
 ) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of figures whose estimates are so correlated that only a combination of them is known."""
+    """Pairs of parameters whose estimates are so correlated that only a combination of them is known."""
     names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
     names += [f"{joints[law.joint]}.{law.effect}.{k + 1}" for law in named for k in range(law.size)]
     names += [f"shaft.{name}" for name in SHAFT_NAMES[: len(found.values) - len(names)]]

@@ -32,13 +32,13 @@ from ident.laws.carried import NamedLaw
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.run_effects import USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 
-# Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
+# Weights are repeated until no parameter moves by more than this share of its uncertainty, or so many times.
 SETTLED_SHARE, MOST_PASSES = 0.01, 20
 # Robust weights: blocks whose residual is beyond this many medians of all blocks' lose their pull (Huber's k).
 HUBER_KNEE = 1.345
 # Columns that carry less than this share of the largest carry nothing: their scores are no measure of correlation.
 LEAST_COLUMN = 1e-6
-# Least eigenvalue of the columns of a joint's friction, scaled to length one, at which they count as told apart.
+# Least eigenvalue of the columns of a joint's friction, scaled to length one, at which they count as distinguished.
 LEAST_PARTED = 1e-7
 # Columns of whose blocks' scores the fit leaves less than this share are no measure of it either.
 LEAST_LEFT = 0.05
@@ -46,31 +46,31 @@ LEAST_LEFT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """All figures: r changes of base parameters, then p loss figures a joint."""
+    """All parameters: r changes of base parameters, then p loss parameters a joint."""
 
-    values: Float[Array, " m"]  # the figures, shape (m,)
+    values: Float[Array, " m"]  # the parameters, shape (m,)
     covariance: Float[Array, "m m"]  # their covariance, shape (m, m)
     dof: Float[Array, " m"]  # degrees of freedom behind each standard deviation
     # Weighted normal equations of the data alone, without prior.
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
-    # Variance of each figure that is left however many runs there are, as friction wanders over them.
+    # Variance of each parameter that is left however many runs there are, as friction wanders over them.
     wandering: Float[Array, " m"]
     noise: Float[Array, " n"]  # residual standard deviation of each joint, runs' changes taken out [N m]
     spread: Float[Array, "n 2"]  # relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2)
     rank: int  # number r of base parameters
-    per_joint: int  # number p of loss figures a joint
+    per_joint: int  # number p of loss parameters a joint
     # How many there were.
     blocks: int
     runs: int
-    shared: int = 0  # number of figures of named laws and, last, of a coupling
+    shared: int = 0  # number of parameters of named laws and, last, of a coupling
 
     @property
     def std(self) -> Float[Array, " m"]:
         return np.sqrt(np.diag(self.covariance))
 
     def index(self, joint: int) -> Int[Array, " p"]:
-        """Positions of a joint's loss figures."""
+        """Positions of a joint's loss parameters."""
         return self.rank + self.per_joint * joint + np.arange(self.per_joint)
 
 
@@ -84,7 +84,7 @@ class JointProblem:
     Args:
         sums: Of all runs.
         prior: Information on the base parameters before any data, shape (r, r).
-        offset: Whether a constant torque is a figure.
+        offset: Whether a constant torque is a parameter.
         robust: Whether blocks that fit badly lose their pull.
     """
 
@@ -103,7 +103,7 @@ class JointProblem:
         self.friction = (self.rank + 1, self.rank + 2)
 
     def index(self, joint: int) -> Int[Array, " k"]:
-        """Positions of all figures that a joint's torque speaks of."""
+        """Positions of all parameters that a joint's torque speaks of."""
         own = self.rank + self.per_joint * joint + np.arange(self.per_joint)
         return np.concatenate([np.arange(self.rank), own, np.arange(self.size - self.shared, self.size)])
 
@@ -172,7 +172,7 @@ class JointProblem:
         return full
 
     def _left(self, joint: int, values: Array, effect: RunEffect) -> tuple[Array, Array]:
-        """Sum of squares and Xᵀe of each block that the figures and the run's change leave."""
+        """Sum of squares and Xᵀe of each block that the parameters and the run's change leave."""
         own = values[self.index(joint)] + effect.change[self.run] @ effect.columns.T
         gram, moment = self.gram[:, joint], self.moment[:, joint]
         through = np.einsum("bpq,bq->bp", gram, own)
@@ -215,7 +215,7 @@ class JointProblem:
             by_runs[np.ix_(index, index)] += effect.covariance_of_scores(sums[j])
         blocks = int(np.sum(self.rows.any(axis=1)))
         bread = _inverse(self._with_prior(information))
-        # What friction that wanders over the session, and the runs' changes, add to each figure, and their freedom.
+        # What friction that wanders over the session, and the runs' changes, add to each parameter, and their freedom.
         walk, dof_of_walk = np.zeros(self.size), np.ones(self.size)
         freedom = np.full(self.size, np.median([effect.dof for effect in effects]))
         for j, (effect, relative, dof) in enumerate(zip(effects, *wandering(effects), strict=True)):
@@ -247,12 +247,12 @@ class JointProblem:
 
 
 def estimate(sums: BlockSums, prior: Float[Array, "r r"], offset: bool = False, robust: bool = False) -> JointEstimate:
-    """All linear figures of an arm with their covariance.
+    """All linear parameters of an arm with their covariance.
 
     Args:
         sums: One pass over the runs.
         prior: Information on the base parameters before any data.
-        offset: Whether a constant torque is a figure.
+        offset: Whether a constant torque is a parameter.
         robust: Whether blocks that fit badly lose their pull.
     """
     return JointProblem(sums, prior, offset, robust).solve()
@@ -300,7 +300,7 @@ def require_motion(sums: BlockSums, joints: tuple[str, ...], where: str) -> None
 HARMLESS = 1.0
 # A joint surely has more where its value is so many standard deviations from zero; its upper bound is so many above it.
 SURE, BOUND = 3.0, 2.0
-# 99 % quantile of chi-square by the number of loss figures: beyond it they are not zero together.
+# 99 % quantile of chi-square by the number of loss parameters: beyond it they are not zero together.
 NOT_ZERO = {3: 11.345, 4: 13.277}
 COULOMB = 2
 

@@ -117,7 +117,7 @@ TAILS = 0.001
 
 @dataclass(frozen=True, eq=False)
 class NetBounds:
-    """Least and largest speed, acceleration and rigid torque of each joint that its net is told of."""
+    """Least and largest speed, acceleration and rigid torque of each joint that its net is given."""
 
     # Shape (3, n): dq [rad/s], ddq [rad/s²], rigid torque [N m].
     low: Float[Array, "3 n"]

@@ -11,7 +11,7 @@ takes is shared,
 
     τ_b += I ddq_a s + v dq_a s + f sign(u),   τ_a += s (I ddq_b + v dq_b + f sign(u)),
 
-beside each joint's own figures, which take up the rest. Three linear columns that stand in both joints' torque.
+beside each joint's own parameters, which take up the rest. Three linear columns that stand in both joints' torque.
 
 Source: Gautier, Vandanjon and Presse 1994 (coupled wrist of the Stäubli arms).
 """
@@ -38,7 +38,7 @@ TRANSITION_GRID = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 
 @dataclass(frozen=True, eq=False)
 class LossParameters:
-    """Loss figures of n joints, in SI units for revolute joints."""
+    """Loss parameters of n joints, in SI units for revolute joints."""
 
     motor_inertia: Float[Array, " n"]  # B_m, rotor inertia seen at the joint [kg m²]
     viscous: Float[Array, " n"]  # C_m [N m s/rad]
@@ -66,11 +66,11 @@ class LossParameters:
 class LossResults:
     """Losses of n joints as they were fitted, with their covariance."""
 
-    params: LossParameters  # the figures
+    params: LossParameters  # the parameters
     joints: tuple[str, ...]  # joint names
     covariance: Float[Array, "n 4 4"]  # covariance of (B_m, C_m, f_c, offset) of each joint, shape (n, 4, 4)
     residual_rms: Float[Array, " n"]  # root mean square of what is left, where the joint moves [N m]
-    # Names of figures that came to rest on zero, per joint: the data wanted them negative.
+    # Names of parameters that came to rest on zero, per joint: the data wanted them negative.
     at_bound: tuple[tuple[str, ...], ...]
     dof: Float[Array, "n 4"]  # degrees of freedom of each standard deviation
 
@@ -82,7 +82,7 @@ class LossResults:
         return np.stack([values - reach * std, values + reach * std], axis=-1)
 
     def summary(self) -> str:
-        """A table in text: one row a joint and figure."""
+        """A table in text: one row a joint and parameter."""
         limits = self.conf_int()
         lines = [f"{'joint':<22}{'figure':<15}{'value':>10}  {'95 % interval':<24}unit"]
         for j, joint in enumerate(self.joints):
@@ -98,7 +98,7 @@ class LossResults:
 
 @dataclass(frozen=True)
 class LossFigure:
-    """One loss figure with its 95 % interval, for reports."""
+    """One loss parameter with its 95 % interval, for reports."""
 
     joint: str
     name: str
@@ -173,7 +173,7 @@ class Shaft:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A shaft's figures, each as (value, low, high) of its 95 % interval."""
+    """A shaft's parameters, each as (value, low, high) of its 95 % interval."""
 
     shaft: Shaft  # the joints
     inertia: tuple[float, float, float]  # i [kg m²]

@@ -32,7 +32,7 @@ class TrainingRange:
     # Least and largest position [rad], speed [rad/s] and acceleration [rad/s²], shape (3, n).
     low: Float[Array, "3 n"]
     high: Float[Array, "3 n"]
-    # Half of the 95 % interval of each joint's torque inside that box, from the covariance of all figures and from
+    # Half of the 95 % interval of each joint's torque inside that box, from the covariance of all parameters and from
     # friction that changes from run to run [N m]. Noise of the effort sensor is not in it.
     torque_half_width: Float[Array, " n"]
 

@@ -64,12 +64,12 @@ class PredictedDesign:
     """Whitened sums of a motion's columns, the tuned ones taken out."""
 
     rest: Float[Array, "K K"]  # schur complement over the effects' columns [1]
-    # Information on the base parameters, loss figures taken out, in units of the URDF's doubt.
+    # Information on the base parameters, loss parameters taken out, in units of the URDF's doubt.
     base: Float[Array, "r r"]
     candidates: tuple[TrueModel, ...]  # the effects
 
     def distance(self, k: int, rival: int | None) -> float:
-        """D(k|l) in nats, the rival at its best inner figures; against the baseline alone if there is no rival."""
+        """D(k|l) in nats, the rival at its best inner parameters; against the baseline alone if there is no rival."""
         own = self.candidates[k]
         if own.beta is None:
             return 0.0
@@ -146,7 +146,7 @@ class Predictor:
         Args:
             runs: The motion.
             effects: Effects and their joints (0 for one of the whole arm).
-            reported: Figures that a diagnosis found, by effect.
+            reported: Parameters that a diagnosis found, by effect.
         """
         session = self._session(runs)
         reasons = [effect.untestable(session, joint) for effect, joint in effects]
@@ -203,7 +203,7 @@ def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
 def _take_out(
     gram: Float[Array, "P P"], rank: int, tuned: int, prior: Float[Array, "r r"]
 ) -> tuple[Float[Array, "K K"], Float[Array, "r r"]]:
-    """What the tuned unknowns leave of the effects; what the loss figures leave of the base parameters, in units of
+    """What the tuned unknowns leave of the effects; what the loss parameters leave of the base parameters, in units of
     their prior."""
     inner = gram[:tuned, :tuned].copy()
     inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
@@ -227,7 +227,7 @@ def size_effect(
         joint: Its joint.
         variant: Point of its inner grid.
         width: Number of its columns there.
-        reported: Figures of the diagnosis by name, if it found this effect.
+        reported: Parameters of the diagnosis by name, if it found this effect.
     """
     typical, scale = effect.typical, effect.prior_scale(session, joint, variant)
     beta: Array = typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float))
