@@ -80,7 +80,8 @@ class ExternalContact(Effect):
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         start, end = figures["start_s"].value, figures["end_s"].value
         force, link = figures["force_N"].words("N"), round(figures["link"].value)
-        return f"find what pushed link {link} with {force} from {start:.1f} to {end:.1f} s, and record in free space"
+        what = f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"
+        return f"find what pushed {what}, from {start:.1f} to {end:.1f} s, and record in free space"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, _largest_force(session))

@@ -246,8 +246,8 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
         at_point = point.toActionMatrixInverse() @ jacobian
         world = data.oMi[j + 1].rotation @ at_point[:3]
         torque[run.start + k] = -window[k] * size * (world.T @ (way / np.linalg.norm(way)))
-    truth: Parameters = {"start_s": start, "end_s": start + length, "force_N": size}
-    return PlantedChange(truth, torque)
+    # No force: what it is hangs on where on the link somebody pushes, which a diagnosis can't know.
+    return PlantedChange({"start_s": start, "end_s": start + length}, torque)
 
 
 # Sensors
