@@ -6,12 +6,14 @@
 
 A dwell's torque is known to within the joint's static friction f: evenly so, with variance f² / 3. `asked` is the
 distance of an effect in such units over all dwells and joints, each joint's mean taken away: an oracle has half its
-square in nats. Every sixth session has nothing in it.
+square in nats. What no arm has by so much (the zero of a vertical axis) is drawn anew, another effect after some draws.
+Every seventh session has nothing in it.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -23,12 +25,13 @@ import numpy as np
 
 from ident.robot.names import find_urdf
 from tests.bench.other_simulator.drawn import WHOLE_ARM, Effect, draw_arm, draw_effect, draw_world
-from tests.bench.other_simulator.sessions import lock_rest, moving_joints, record, strip
+from tests.bench.other_simulator.sessions import FACTORS, lock_rest, moving_joints, record, strip
 from tests.bench.other_simulator.simulator import STEP, Simulator
 
 DRAWN = ("payload", "gravity_misalignment", "encoder_offset", "spring_torque", "torque_offset", "external_contact")
 FIGURES = {"payload": "mass_kg", "spring_torque": "stiffness_Nm_rad", "torque_offset": "offset_Nm"}
 DISTANCES = (6.0, 12.0)
+LARGEST_ZERO, DRAWS = 0.3, 20  # [rad]; draws of one effect
 RUNS, POSES, DWELL, MOVE = 4, 5, 1.2, 2.2  # poses a run, seconds of each
 
 
@@ -82,12 +85,15 @@ def make_rest(text: str, names: list[str], name: str, seed: int, out: Path) -> d
     child, wanted = int(rng.integers(2**32)), float(rng.choice(DISTANCES))
     effects: tuple[Effect, ...] = ()
     shown = np.zeros(len(names))
-    if name:
+    kinds = [name, *(one for one in DRAWN if one != name)]
+    for draw in itertools.count() if name else ():
+        name = kinds[draw // DRAWS]
         effect = draw_effect(name, arm, low, high, rng)
         if name == "external_contact":  # on the standing arm, during one dwell
             pose = int(rng.integers(1, POSES))
             start = pose * (DWELL + MOVE) + 0.1
             effect = replace(effect, figures={**effect.figures, "pose": pose, "from": start, "long": DWELL - 0.2})
+        largest = LARGEST_ZERO if name == "encoder_offset" else FACTORS[1] * effect.size
         for _ in range(2):  # nearly linear in its size
             plain, changed = (
                 held_torque(Simulator(text, world, arm, some, np.random.default_rng(child)), poses)
@@ -97,7 +103,9 @@ def make_rest(text: str, names: list[str], name: str, seed: int, out: Path) -> d
             felt = felt if name in ("torque_offset", "external_contact") else felt - felt.mean(axis=0)
             shown = np.sqrt(np.sum((felt / arm.coulomb) ** 2 * 3.0, axis=0))
             effect = replace(effect, size=effect.size * wanted / max(float(np.sqrt(np.sum(shown**2))), 1e-9))
-        effects = (effect,)
+        if effect.size <= largest:
+            effects = (effect,)
+            break
     sim = Simulator(text, world, arm, effects, np.random.default_rng(child))
     frames = record(sim.run(reference, np.random.default_rng(child)), sim, names, np.random.default_rng(child + 1))
     out.mkdir(parents=True, exist_ok=True)
