@@ -125,7 +125,7 @@ RATES_HZ = (100.0, 250.0, 500.0)
 RATE_SHARES = (0.2, 0.6, 0.2)
 # Taking an effect out of the catalogue without these would leave its columns there.
 TWINS = {effect.id: effect.twins for effect in catalogue.CATALOGUE}
-# From this attempt on other effects are drawn too, not only another joint and arm.
+# From this attempt on other effects and worlds are drawn too, not only another joint and arm.
 OTHER_EFFECTS_FROM = 4
 
 
@@ -192,13 +192,21 @@ def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, .
     return tuple(slots)
 
 
-def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange]) -> World | None:
-    """The world of a case: of the ranges in turn, in an order that does not go with the kinds of case; None of none."""
+def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange], again: int = 0) -> World | None:
+    """The world of a case: of the ranges in turn, in an order that does not go with the kinds of case; None of none.
+
+    Args:
+        number: The case's.
+        seed: The check's.
+        worlds: The ranges.
+        again: How many times it was drawn anew: in some worlds nothing shows as much as it should.
+    """
     if not worlds:
         return None
     turn, place = divmod(number, len(worlds))
     order = np.random.default_rng([seed, 4, turn]).permutation(len(worlds))
-    return worlds[int(order[place])].draw(np.random.default_rng([seed, 5, number]))
+    rng = np.random.default_rng([seed, 5, number, again] if again else [seed, 5, number])
+    return worlds[int(order[(place + again) % len(worlds)])].draw(rng)
 
 
 def draw_case(
@@ -264,7 +272,8 @@ class MakeTask:
 
     def drawn(self, attempt: int) -> tuple[SimulationOptions, tuple[str, ...]]:
         """The case as drawn at an attempt: what is simulated, and the ids that are taken out of the catalogue."""
-        world = draw_world_of(self.number, self.seed, self.worlds)
+        again = max(attempt - OTHER_EFFECTS_FROM + 1, 0)
+        world = draw_world_of(self.number, self.seed, self.worlds, again)
         base = self.base if world is None else self.base.in_world(world)
         joints = ArmModel.load(base.robot).joint_names
         return draw_case(self.slot, self.number, self.seed, base, joints, attempt)

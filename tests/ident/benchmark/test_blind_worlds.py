@@ -111,6 +111,10 @@ def test_cases_take_the_worlds_in_turn_and_again_the_same() -> None:
     names = [one.name for one in drawn if one]
     assert all(set(names[i : i + 3]) == {"fine-encoder", "hobby", "scara"} for i in range(0, 30, 3))
     assert draw_world_of(0, 4, ()) is None
+    # Where nothing shows as much as it should, another world is tried.
+    again = [draw_world_of(0, 4, worlds, k) for k in range(3)]
+    assert again[0] == drawn[0]
+    assert {one.name for one in again if one} == set(names)
 
 
 def test_a_case_is_what_its_world_says() -> None:
