@@ -22,6 +22,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
+from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.noise import Whitening
@@ -169,7 +170,7 @@ class _Look:
         evidence = search.evidence
         self.floor, self.last = evidence.floor, found.ladder[-1].rms
         self.gap = np.maximum(found.ladder[0].rms ** 2 - self.floor**2, 0.0)
-        self.plain = evidence.plain
+        self.plain = tuple(SymmetricSums.of(one.over()[None]) for one in evidence.plain)
         self.counts = np.maximum(evidence.weights.sum(axis=0), 1.0)
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
@@ -258,7 +259,7 @@ class _Look:
         place = self.search.evidence.layout.places[joint]
         rows = np.array([place.get(int(column), -1) for column in used])
         rows, weights = rows[rows >= 0], weights[rows >= 0]
-        return max(float(weights @ self.plain[joint].part(rows).sum(axis=0) @ weights) / float(self.counts[joint]), 0.0)
+        return max(float(weights @ self.plain[joint].part(rows)[0] @ weights) / float(self.counts[joint]), 0.0)
 
     def _that_matters(self, group: Group, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""

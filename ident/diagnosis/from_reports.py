@@ -74,20 +74,15 @@ def diagnose_reports(
     analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
         analysis = with_own_model(analysis, model)
-    analysis = replace(analysis, diagnosis=_with_caveats(analysis.diagnosis))
+    # Findings at joints whose drive gains are guesses say so wherever they say what to do.
+    guessed = {name for issue in heard.issues if issue.issue == "guessed_gains" for name in issue.joints}
+    told = "; the drive gain of {} is a guess"
+    findings = tuple(
+        replace(one, caveat=told.format(", ".join(sorted(own)))) if (own := guessed & {*one.joints}) else one
+        for one in analysis.diagnosis.findings
+    )
+    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))
     return analysis.diagnosis, analysis, motions
-
-
-def _with_caveats(diagnosis: Diagnosis) -> Diagnosis:
-    """Findings at joints whose drive gains are guesses say so wherever they say what to do."""
-    guessed = {name for issue in diagnosis.telemetry if issue.issue == "guessed_gains" for name in issue.joints}
-    findings = [
-        replace(one, caveat=f"; the drive gain of {', '.join(sorted(guessed & {*one.joints}))} is a guess")
-        if guessed & {*one.joints}
-        else one
-        for one in diagnosis.findings
-    ]
-    return replace(diagnosis, findings=tuple(findings)) if guessed else diagnosis
 
 
 @dataclass(eq=False)

@@ -9,13 +9,14 @@ so many runs is asked: about `HELD_SAMPLES` samples, from all over the session. 
 
 from __future__ import annotations
 
-import tempfile
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import chain, pairwise
-from typing import Any, Generic, TypeVar
+from tempfile import TemporaryFile, gettempdir
+from typing import IO, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -47,17 +48,16 @@ class OnDemand(Sequence[T], ABC, Generic[T]):
 
 
 class SpooledArrays(OnDemand[Float[Array, "..."]]):
-    """Arrays of any shape and kind of numbers in one temporary file; entries are read-only maps of it, or changed ones.
+    """Arrays of any shape and kind in one temporary file, or in that of others; entries are read-only maps, or changed.
 
     Attributes:
         change: What is made of an array when it is asked for, by its index; nothing if None.
     """
 
-    def __init__(self, arrays: Iterable[Float[Array, "..."]] = ()) -> None:
+    def __init__(self, arrays: Iterable[Float[Array, "..."]] = (), beside: SpooledArrays | None = None) -> None:
         self.change: Callable[[int, Array], Array] | None = None
-        self._file = tempfile.TemporaryFile(prefix="armgap-")  # noqa: SIM115 (closes with the last reference to it)
+        self._file: IO[bytes] = TemporaryFile(prefix="armgap-") if beside is None else beside._file  # noqa: SIM115
         self._spots: list[tuple[int, tuple[int, ...], np.dtype[Any]]] = []
-        self._end = 0
         for values in arrays:
             self.append(values)
 
@@ -65,21 +65,25 @@ class SpooledArrays(OnDemand[Float[Array, "..."]]):
         return len(self._spots)
 
     def append(self, values: Float[Array, "..."]) -> None:
-        """Writes one more array.
+        """Writes one more array."""
+        self._spots.append((-1, (-1,), np.dtype(float)))
+        self[len(self) - 1] = values
+
+    def __setitem__(self, index: int, values: Float[Array, "..."]) -> None:
+        """Writes an array in the place of one; who holds that may see either.
 
         Raises:
             InputError: The disk of temporary files is full.
         """
-        content = np.asarray(values).tobytes()
+        values, (offset, *kind) = np.asarray(values), self._spots[index]
         try:
-            self._file.seek(self._end)
-            self._file.write(content)
+            where = (offset, os.SEEK_SET) if kind == [values.shape, values.dtype] else (0, os.SEEK_END)
+            self._spots[index] = self._file.seek(*where), values.shape, values.dtype
+            self._file.write(values.tobytes())
             self._file.flush()
         except OSError as error:
             remedy = "free some space there, or name a roomier folder in the variable TMPDIR"
-            raise InputError(tempfile.gettempdir(), f"can't hold a long session: {error.strerror}", remedy) from None
-        self._spots.append((self._end, np.shape(values), np.asarray(values).dtype))
-        self._end += len(content)
+            raise InputError(gettempdir(), f"can't hold a long session: {error.strerror}", remedy) from None
 
     def _make(self, index: int) -> Float[Array, "..."]:
         offset, shape, kind = self._spots[index]
@@ -96,11 +100,12 @@ class SpooledMotions(OnDemand[Motion]):
         recorded: Number of runs; long ones are held in pieces.
         samples: Number of samples.
         most: Samples that are asked where a few are enough.
+        bare: The motions without their signals.
     """
 
     def __init__(self, motions: Iterable[Motion], most: int | None = None) -> None:
         self.recorded, self.samples, self.most = 0, 0, most or HELD_SAMPLES
-        self._bare: list[Motion] = []
+        self.bare: list[Motion] = []
         self._channels, nothing = {name: SpooledArrays() for name in CHANNELS}, np.zeros(0)
         for motion in motions:
             self.recorded += 1
@@ -108,21 +113,16 @@ class SpooledMotions(OnDemand[Motion]):
                 for name, channel in self._channels.items():
                     values = getattr(piece, name)
                     channel.append(nothing if values is None else values)
-                self._bare.append(_with_channels(piece, dict.fromkeys(CHANNELS, nothing)))
+                self.bare.append(_with_channels(piece, dict.fromkeys(CHANNELS, nothing)))
                 self.samples += len(piece.time)
 
     def __len__(self) -> int:
-        return len(self._bare)
-
-    @property
-    def bare(self) -> Sequence[Motion]:
-        """The motions without their signals."""
-        return self._bare
+        return len(self.bare)
 
     def below(self, corner: float) -> SpooledMotions:
         """The same motions with a common filter of at most this corner [Hz]."""
         found = copy(self)
-        found._bare = [motion.below(corner) for motion in self._bare]
+        found.bare = [motion.below(corner) for motion in self.bare]
         return found
 
     @property
@@ -131,7 +131,7 @@ class SpooledMotions(OnDemand[Motion]):
         return max(1, -(-self.samples // self.most))
 
     def _make(self, index: int) -> Motion:
-        return _with_channels(self._bare[index], {name: values[index] for name, values in self._channels.items()})
+        return _with_channels(self.bare[index], {name: values[index] for name, values in self._channels.items()})
 
 
 def hold(motions: Iterable[Motion]) -> Sequence[Motion]:

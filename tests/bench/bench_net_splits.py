@@ -1,11 +1,9 @@
 """What the default net changes on runs that no fit has seen: torque and energy error with it over those without.
 
-Run: IDENT_REAL_DATA=… python tests/bench/bench_net_splits.py [--seed 5] [--choices]
+Run: IDENT_REAL_DATA=… python tests/bench/bench_net_splits.py [--seed 5]
 
 Splits of real recordings (nine runs of a UR10e in random parts, halves of two Pandas and of a UR10) and of the shipped
 ones. Energy error is the root mean square over the runs left out of all joints' work together, and of each joint's.
-With `--choices`, instead, every choice of four of six runs of the UR10e, the other two left out: of two runs alone the
-energy says next to nothing, as joint 1's friction differs by 3 % between runs and errs by 20 J in each.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterator
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -27,22 +24,11 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
-from tests.ident.conftest import UR10E_TEST, UR10E_TRAINING, halves, load_sapienza, load_ur10e
+from tests.ident.conftest import halves, load_sapienza, load_ur10e
 
 Split = tuple[str, ArmModel, tuple[Motion, ...], tuple[Motion, ...]]
 # Runs that the UR10e's fits take, and how many random draws of each.
 DRAWS = ((3, 2), (4, 4), (6, 4))
-
-
-def every_choice_of_ur10e(folder: Path) -> Iterator[Split]:
-    """Four of six runs, the other two left out."""
-    motions, arm = (
-        prepare(load_ur10e(folder, (*UR10E_TRAINING, *UR10E_TEST))),
-        ArmModel.load(folder / "ur10e/ur10e.urdf"),
-    )
-    for chosen in combinations(range(len(motions)), 4):
-        train, test = ([m for k, m in enumerate(motions) if (k in chosen) == wanted] for wanted in (True, False))
-        yield f"ur10e {' '.join(map(str, chosen))}", arm, tuple(train), tuple(test)
 
 
 def of_ur10e(folder: Path, rng: np.random.Generator) -> Iterator[Split]:
@@ -93,18 +79,15 @@ def _errors(score: SessionScore, rung: int) -> tuple[Array, Array]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=5)
-    parser.add_argument("--choices", action="store_true", help="every choice of four of six runs of the UR10e")
     asked = parser.parse_args()
     folder = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
-    torque, energy, squares = [], [], []
-    usual = (of_ur10e(folder, np.random.default_rng(asked.seed)), of_single_runs(folder), of_shipped())
-    for splits in (every_choice_of_ur10e(folder),) if asked.choices else usual:
+    torque, energy = [], []
+    for splits in (of_ur10e(folder, np.random.default_rng(asked.seed)), of_single_runs(folder), of_shipped()):
         for name, arm, train, test in splits:
             score = evaluate(fit_hybrid(train, arm, FitOptions()).model, [(name, test)]).pooled
             without, with_net = (_errors(score, k) for k in (score.rungs.index("loss"), -1))
             torque.append(with_net[0] / without[0])
             energy.append(with_net[1] / without[1])
-            squares.append(np.array([without[1], with_net[1]]) ** 2)
             told = f"{without[0][-1]:8.3f} → {with_net[0][-1]:.3f} N m {without[1][-1]:8.2f} → {with_net[1][-1]:.2f} J"
             print(f"{name:<20}{told}", flush=True)
     for name, ratios in (("torque", torque), ("energy", energy)):
@@ -116,9 +99,6 @@ def main() -> None:
             f"{name}: all joints {means[0]:.3f}, worse {worse[0]} of {len(total)}, worst {total.max():.2f}; "
             f"each joint {means[1]:.3f}, worse {worse[1]} of {len(joints)}"
         )
-    if asked.choices:
-        told = np.sqrt(np.mean(squares, axis=0))
-        print(f"energy of each joint and of all, J: {np.round(told[0], 2).tolist()} → {np.round(told[1], 2).tolist()}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ second are the candidates. A block lies in one set, so the sums of the second fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,23 +136,16 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
         for part, some in change.parts(group.variant):
             groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
         always[columns] = where[group.columns]
-    layout = _layout(old, groups, origin, first[len(common)] - start)
-    return PairedSums(_sums(evidence, layout, origin, split, sides), always, tuple(common))
-
-
-def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:
-    """Where each column stands: with its joint if its source did."""
-    start = old.rank + LOSS_PARAMETERS * old.n
-    new = np.arange(start, len(origin) - 1)
-    return Layout(
-        rank=old.rank,
-        n=old.n,
+    new = np.arange(start, len(origin) - 1)  # each stands with its joint if its source did
+    layout = replace(
+        old,
         groups=tuple(groups),
         own=tuple(new[np.isin(origin[new], own)] for own in old.own),
         shared=new[np.isin(origin[new], old.shared)],
-        silent=old.silent,
-        further=int(further),
+        further=int(first[len(common)] - start),
+        further_std=(),
     )
+    return PairedSums(_sums(evidence, layout, origin, split, sides), always, tuple(common))
 
 
 def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:

@@ -9,7 +9,7 @@ and rows apart, so that neither ever needs a copy of the sums.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,6 +18,13 @@ from scipy.linalg.blas import dspmv, dsyrk
 from scipy.linalg.lapack import dtpttr, dtrttp
 
 from ident.arrays import Array, Float, Int
+from ident.motion.out_of_core import SpooledArrays
+
+# Sums of one joint that are more numbers than this wait on disk: 8 MB.
+HELD_NUMBERS = 1_000_000
+
+Halves = list[Float[Array, " h"]] | SpooledArrays
+"""Of each block its sums below the diagonal and on it, in memory or on disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +32,7 @@ class SymmetricSums:
     """Sums Σ x xᵀ of the same p columns over several blocks or folds."""
 
     # Of each block the h = a (a + 1) / 2 sums of the kept columns below the diagonal and on it, row by row.
-    half: Float[Array, "K h"]
+    half: Halves
     kept: Int[Array, " a"]  # number of each column that is kept; the sums of all others are zero
     size: int  # number p of columns
     rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))  # further rows x that are not in `half`
@@ -34,10 +41,11 @@ class SymmetricSums:
     factor: float = 1.0  # by which all of it counts
 
     @classmethod
-    def of(cls, whole: Float[Array, "K p p"]) -> SymmetricSums:
-        """The same of whole matrices."""
+    def of(cls, whole: Float[Array, "K p p"], room: SpooledArrays | None = None) -> SymmetricSums:
+        """The same of whole matrices; those that are large go to where others wait on disk, if that is given."""
         kept = np.flatnonzero(whole.any(axis=(0, 1)))
-        return cls(np.stack([pack(one[np.ix_(kept, kept)]) for one in whole]), kept, whole.shape[1])
+        halves = (pack(one[np.ix_(kept, kept)]) for one in whole)
+        return cls(stored(halves, len(whole) * half_size(len(kept)), room), kept, whole.shape[1])
 
     def __len__(self) -> int:
         return len(self.half)
@@ -55,7 +63,9 @@ class SymmetricSums:
         at, found = self._spot[columns], np.zeros((len(self), len(columns), len(columns)))
         seen = np.flatnonzero(at >= 0)
         high, low = np.maximum(at[seen, None], at[seen]), np.minimum(at[seen, None], at[seen])
-        found[:, seen[:, None], seen] = self.half[:, high * (high + 1) // 2 + low]
+        spots = high * (high + 1) // 2 + low
+        for one, half in zip(found, self.half, strict=True):
+            one[seen[:, None], seen] = half[spots]
         if len(self.rows):
             own = self.rows[:, columns]
             np.add.at(found, self.place, own[:, :, None] * own[:, None, :])
@@ -64,7 +74,7 @@ class SymmetricSums:
     def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
         """Sums over some blocks, or all."""
         members = range(len(self)) if blocks is None else blocks
-        half = np.zeros(self.half.shape[1])
+        half = np.zeros(half_size(len(self.kept)))
         for block in members:  # none of them is copied
             half += self.half[block]
         found = np.zeros((self.size, self.size))
@@ -78,7 +88,7 @@ class SymmetricSums:
     def diagonal(self) -> Float[Array, " p"]:
         """Sum of each column's squares over all blocks."""
         at, found = np.arange(len(self.kept)), np.zeros(self.size)
-        found[self.kept] = self.half[:, at * (at + 3) // 2].sum(axis=0)
+        found[self.kept] = sum((half[at * (at + 3) // 2] for half in self.half), np.zeros(len(at)))
         return np.asarray(self.factor * (found + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0)))
 
     def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
@@ -113,6 +123,11 @@ class FoldSums:
         return own.sum(axis=0) - own
 
 
+def stored(halves: Iterable[Float[Array, " h"]], numbers: int, room: SpooledArrays | None) -> Halves:
+    """One joint's sums in memory, or, where they are many numbers and there is room on disk, in its file."""
+    return list(halves) if room is None or numbers <= HELD_NUMBERS else SpooledArrays(halves, room)
+
+
 def half_size(columns: int) -> int:
     """How many sums of so many columns there are below the diagonal and on it."""
     return columns * (columns + 1) // 2
@@ -122,6 +137,13 @@ def pack(whole: Float[Array, "p p"]) -> Float[Array, " h"]:
     """The half of a symmetric matrix below the diagonal and on it, row by row; the other half is not read."""
     # LAPACK counts columns first: our lower half is its upper one.
     return np.asarray(dtrttp(whole.T, uplo="U")[0])
+
+
+def add_half(sums: Halves, block: int, whole: Float[Array, "p p"]) -> None:
+    """Adds a matrix to a block's sums, which may be of its first columns alone."""
+    half, before = pack(whole), sums[block]
+    half[: len(before)] += before
+    sums[block] = half
 
 
 def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:

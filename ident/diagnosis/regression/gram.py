@@ -34,7 +34,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_products, half_size, pack
+from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
@@ -44,6 +44,7 @@ from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, re
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
+from ident.motion.out_of_core import SpooledArrays
 from ident.progress import step
 
 
@@ -137,11 +138,11 @@ class Evidence:
     def parts(self) -> tuple[FoldSums, ...]:
         """For each joint, the whitened sums of every fold, and of all but it."""
         members = [np.flatnonzero(self.fold_of_block == fold) for fold in range(int(self.fold_of_block.max()) + 1)]
-        cut, found = self.friction.is_cut(self.fold_of_block), []
+        cut, found, room = self.friction.is_cut(self.fold_of_block), [], SpooledArrays()
         for j, sums in enumerate(self.free):
             whole = np.stack([sums.over(blocks) for blocks in members])
             rest, own = self.friction.part(whole, j, float(self.spread[j]), self.fold_of_block)
-            found.append(FoldSums(SymmetricSums.of(own), SymmetricSums.of(rest) if cut else None))
+            found.append(FoldSums(SymmetricSums.of(own, room), SymmetricSums.of(rest, room) if cut else None))
         return tuple(found)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
@@ -268,8 +269,11 @@ class _Sums:
         self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
         # Of each joint the friction columns first, then the others in the order in which they cease to be zero.
         self.kept = [layout.rank + np.arange(FRICTION.start, FRICTION.stop) for _ in layout.local]
-        self.white = [np.zeros((blocks, half_size(len(kept)))) for kept in self.kept]
-        self.plain = [np.zeros((folds, half_size(len(kept)))) for kept in self.kept]
+        room, nothing = SpooledArrays(), np.zeros(0)
+        self.white, self.plain = (
+            [stored(count * [nothing], count * half_size(len(local)), room) for local in layout.local]
+            for count in (blocks, folds)
+        )
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
@@ -306,7 +310,7 @@ class _Sums:
                 add_products(sums, drawn, -rows.weight)
                 tied[:, kept] -= rows.weight * (drawn[:, :first].T @ drawn)
                 power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
-            self.white[j][block] += pack(sums)
+            add_half(self.white[j], block, sums)
             self.friction[j].append(tied)
         self.noise_power[local[kept]] += power
         for fold, inside in _stretches(folds):
@@ -316,18 +320,12 @@ class _Sums:
             self.weights[fold, j] += len(seen)
             for drawn in noise:
                 add_products(sums, drawn, -rows.weight)
-            self.plain[j][fold] += pack(sums)
+            add_half(self.plain[j], fold, sums)
 
     def _keep(self, j: int, tables: Sequence[Float[Array, "t p"]]) -> None:
-        """Makes room for a joint's columns that are not zero any more."""
+        """Keeps a joint's columns that are not zero any more: they stand last, so that older sums are as they were."""
         shown = np.flatnonzero(np.any([table.any(axis=0) for table in tables], axis=0))
-        more = np.setdiff1d(shown, self.kept[j])
-        if len(more):
-            self.kept[j] = np.append(self.kept[j], more)
-            for sums in (self.white, self.plain):
-                wider = np.zeros((len(sums[j]), half_size(len(self.kept[j]))))
-                wider[:, : sums[j].shape[1]] = sums[j]
-                sums[j] = wider
+        self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.
@@ -336,6 +334,10 @@ class _Sums:
             scale: What each column was divided by.
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
+        for sums, kept in zip((*self.white, *self.plain), 2 * self.kept, strict=True):
+            for k, half in enumerate(sums):
+                if len(half) < half_size(len(kept)):  # later columns are zero there
+                    sums[k] = np.pad(half, (0, half_size(len(kept)) - len(half)))
         stretch, block = np.array(self.pieces).T
         sizes = [len(local) for local in self.layout.local]
         friction = FrictionSums(

@@ -126,16 +126,8 @@ class Candidates:
         groups = [one for one in self.evidence.layout.groups if one.key not in taken and here & set(one.acts_on(n))]
         return self._best_of(projection, groups)
 
-    def best_rivals(
-        self, projection: Projection, without: Sequence[Group], place: Group
-    ) -> dict[Key, tuple[float, Group]]:
-        """The same of all that may stand in the place of a name."""
-        return replace(self, barred=self.barred - (self.redundant - self.absurd)).best_by_key(
-            projection, without, place
-        )
-
     def best_absurd(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
-        """The same of what has parameters that no arm has."""
+        """The best inner parameters of what has parameters that no arm has."""
         return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key in self.absurd])
 
     def _best_of(self, projection: Projection, groups: Sequence[Group]) -> dict[Key, tuple[float, Group]]:

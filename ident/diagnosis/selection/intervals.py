@@ -231,17 +231,6 @@ def _beside(
     return apart, added
 
 
-def _without_name(
-    search: Search, projection: Projection, group: Group, others: Sequence[Group], inflation: float
-) -> list[float]:
-    """Log evidence of the laws that no arm has, as far as they explain what a name does.
-
-    Where one of them explains it better by far, something of that shape is there that the catalogue lacks.
-    """
-    gram, best = search.evidence.gram(), search.best_absurd(projection).values()
-    return [score / inflation for score, rival in best if search.score_beside(gram, group, [*others, rival]) <= 0.0]
-
-
 def _most_of_it(
     search: Search,
     best: Mapping[Key, tuple[float, Group]],
@@ -272,7 +261,9 @@ def weigh_rivals(
     No arm obeys a law to the letter. Where its own differs by a share d of the torque, a rival may explain as much as
     ½ d² of the whole gain less: evidence is counted in units of that and of what tempers it anyway.
     """
-    held, best = search.settings, search.best_rivals(projection, others, group)
+    held, gram = search.settings, search.evidence.gram()
+    standing = replace(search, barred=search.barred - (search.redundant - search.absurd))
+    best = standing.best_by_key(projection, others, group)
     share = group.effect.doubt.share / NORMAL_95
     unit = excess + held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = best[group.key][0] - held.rival_nats * unit
@@ -283,7 +274,7 @@ def weigh_rivals(
     apart, added = _beside(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
     # Nor is one ahead that would not get the name itself.
-    stronger = search.judge(search.evidence.gram(), projection, others, [best[key] for key in ahead])
+    stronger = search.judge(gram, projection, others, [best[key] for key in ahead])
     allowed -= apart | {item.group.key for item in stronger if not item.gates.passed}
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
@@ -293,7 +284,9 @@ def weigh_rivals(
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
     best_of_effect[group.effect.id] = own
     ids = list(best_of_effect)
-    nameless = _without_name(search, projection, group, others, unit)
+    # Where a law that no arm has explains it better by far, something of that shape is there that the catalogue lacks.
+    absurd = search.best_absurd(projection).values()
+    nameless = [score / unit for score, one in absurd if search.score_beside(gram, group, [*others, one]) <= 0.0]
     logs = held.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
     weights = np.exp(logs - logs.max())
     probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.regression import block_sums
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.block_sums import SymmetricSums, add_products, pack
 from ident.diagnosis.regression.cross_validation import HeldOut
@@ -20,6 +21,7 @@ from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, wh
 from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, baseline_columns, baseline_tables, compute_rows
 from ident.motion.motion import Lowpass, Motion
+from ident.motion.out_of_core import SpooledArrays
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +122,20 @@ def test_columns_that_are_zero_need_no_filter(healthy: Analysis) -> None:
         assert np.array_equal(table[:, : len(chosen)], whole[:, j])
 
 
+def test_sums_that_wait_on_disk_are_the_same(healthy: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: to the bit, whatever column ceases to be zero in which run, and so is what folds are made of."""
+    known = healthy.evidence
+    monkeypatch.setattr(block_sums, "HELD_NUMBERS", 0)
+    spooled = gather(healthy.session, healthy.baseline, known.layout, known.whitening).with_run_spread(known.spread)
+    columns = np.arange(known.layout.rank + LOSS_PARAMETERS)
+    for j, (one, other) in enumerate(zip(known.free, spooled.free, strict=True)):
+        assert isinstance(other.half, SpooledArrays)
+        assert np.array_equal(one.over(), other.over())
+        assert np.array_equal(known.times(j, np.ones(one.size)), spooled.times(j, np.ones(one.size)))
+        assert np.array_equal(known.parts[j].without(columns), spooled.parts[j].without(columns))
+        assert np.array_equal(known.plain[j].part(columns), spooled.plain[j].part(columns))
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
     """Law: after the other half is filled, sums are X Xᵀ as any product gives it, whatever was there before."""
@@ -129,7 +145,7 @@ def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
         add_products(one, pair[0], 1.0)
         add_products(one, pair[1], sign)
         add_products(one, pair[1, :0], sign)
-    found = SymmetricSums(np.stack([pack(one) for one in sums]), np.arange(37), 37)
+    found = SymmetricSums([pack(one) for one in sums], np.arange(37), 37)
     expected = np.stack([a.T @ a + sign * b.T @ b for a, b in tables])
     assert np.allclose(found.part(np.arange(37)), expected, rtol=0, atol=1e-12)
 

@@ -155,7 +155,7 @@ def motions() -> tuple[Motion, ...]:
 
 
 def test_arrays_of_any_shape_come_back() -> None:
-    """Law: entry by entry, from either end and in slices, the numbers are those that went; nothing can write them."""
+    """Law: entry by entry, from either end and in slices, what was written last; others in one file stay."""
     arrays = [np.random.default_rng(k).normal(size=shape) for k, shape in enumerate([(5,), (2, 3), (0, 4), (7, 1, 2)])]
     spooled = SpooledArrays()
     for k, array in enumerate(arrays):
@@ -167,6 +167,10 @@ def test_arrays_of_any_shape_come_back() -> None:
     assert not spooled[0].flags.writeable
     with pytest.raises(IndexError):
         spooled[4]
+    other = SpooledArrays(arrays, beside=spooled)
+    other[0], other[1] = np.arange(9.0), np.zeros((2, 3))
+    assert [one.sum() for one in other] == [36.0, 0.0, 0.0, arrays[3].sum()]
+    assert all(np.array_equal(one, array) for one, array in zip(spooled, arrays, strict=True))
 
 
 def test_motions_come_back(motions: tuple[Motion, ...]) -> None:
@@ -252,7 +256,7 @@ def test_full_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: where the disk of temporary files is full, one line says where and what helps."""
 
     class Full:
-        def seek(self, place: int) -> None:
+        def seek(self, place: int, whence: int = 0) -> None:
             raise OSError(28, "No space left on device")
 
     spooled = SpooledArrays()
