@@ -35,9 +35,10 @@ class Push:
 
 @dataclass(frozen=True)
 class ExternalContact(Effect):
-    """A force f, constant in the base frame, at a point of a link during a window: τ = −Jᵀ f.
+    """A force f along one direction of the base frame at a point of a link during a window: τ = −Jᵀ f.
 
-    The plain effect has no windows; `screened` finds them where something is left to explain.
+    It sets in and fades at once, or swells until the middle of a longer window, as a hand's does. The plain effect has
+    no windows; `screened` finds them where something is left to explain.
     """
 
     pushes: tuple[Push, ...] = ()  # windows to be asked for
@@ -49,15 +50,22 @@ class ExternalContact(Effect):
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / LIMIT.shortest_window
         located = [locate(session, leftover, push) for push in screen_windows(session, leftover)]
         found = tuple(best for best, explained in located if explained >= LIMIT.least_explained)
-        return replace(self, pushes=found[: LIMIT.most_pushes], screens=max(1, round(cells * len(_points(session.n)))))
+        screens = max(1, round(cells * len(_points(session.n))))
+        return replace(self, pushes=found[: LIMIT.most_pushes], screens=screens)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        shapes: list[dict[str, float]] = [
-            {"start_s": push.start, "end_s": push.end, "link": float(push.link or session.n), "outward": push.outward}
-            | {f"run {push.run}": 1.0}
-            for push in self.pushes
-        ]
+        shapes: list[dict[str, float]] = []
+        for push in self.pushes:
+            reach, middle = 0.5 * (push.end - push.start), 0.5 * (push.start + push.end)
+            where = {"link": float(push.link or session.n), "outward": push.outward, f"run {push.run}": 1.0}
+            for swells, wider in ((0.0, 1.0), (1.0, LIMIT.swelling)):
+                ends = {"start_s": middle - wider * reach, "end_s": middle + wider * reach}
+                shapes.append(ends | {"swells": swells} | where)
         return tuple(Variant(shape=shape) for shape in shapes)
+
+    def essential(self, variant: Variant) -> tuple[int, ...]:
+        """A force along some direction: all three together must not be zero."""
+        return (0, 1, 2)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [_push(run, variant) for run in session.runs]
@@ -67,10 +75,13 @@ class ExternalContact(Effect):
     ) -> dict[str, Interval]:
         start, end = variant.shape["start_s"], variant.shape["end_s"]
         doubt = LIMIT.edge + 0.1 * (end - start)
+        # A force along which no joint turns is anything: no more than such an arm bears.
+        most = _largest_force(session) ** 2 * np.eye(len(coefficients))
+        known = most @ np.linalg.inv(most + covariance)
         return {
             "start_s": Interval(start, start - doubt, start + doubt),
             "end_s": Interval(end, end - doubt, end + doubt),
-            "force_N": amplitude_interval(coefficients, covariance),
+            "force_N": amplitude_interval(known @ coefficients, known @ covariance),
             "link": exactly(variant.shape["link"]),
         }
 
@@ -99,7 +110,7 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
     for run, values in zip(session.runs, leftover, strict=True):
         time = run.motion.time[run.motion.coarse]
         step = max(1, round(LIMIT.shortest_window / 2 / (run.interval * run.motion.lowpass.factor)))
-        squares = (values / usual) ** 2
+        squares = np.nan_to_num((values / usual) ** 2)
         power = np.mean(squares, axis=1)
         count = len(power) // step
         cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
@@ -119,7 +130,8 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
 def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
     """The part of a window, and of the time around it, in which the mean differs most from the rest."""
     near = np.flatnonzero((time >= start - LIMIT.around) & (time <= end + LIMIT.around))
-    counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near] != 0.0, axis=0)])
+    known, values = ~np.isnan(values[near]), np.nan_to_num(values)
+    counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(known, axis=0)])
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
     least = max(2, int(2 * LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
     first, last = np.triu_indices(len(near) + 1, least)
@@ -155,9 +167,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     during = (time[near] > push.start) & (time[near] < push.end)
     if np.count_nonzero(during) < 3:
         return push, 0.0
-    counts = left[near] != 0.0
+    counts = ~np.isnan(left[near])
     level = np.where(counts[:, :, None], np.eye(run.n), 0.0).reshape(-1, run.n)
-    target = (left[near] / usual).ravel()
+    target = np.nan_to_num(left[near] / usual).ravel()
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
     q = run.motion.q[run.motion.coarse][near]
     square = float(np.sum(target**2))
@@ -205,7 +217,7 @@ def _largest_force(session: SessionContext) -> float:
 def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
     """Robust standard deviation of what is usually left at each joint [N m]."""
     every = max(1, sum(len(values) for values in leftover) // LIMIT.usual_samples)
-    squares = np.concatenate([values[::every] for values in leftover]) ** 2
+    squares = np.nan_to_num(np.concatenate([values[::every] for values in leftover])) ** 2
     middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
     return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
 
@@ -218,7 +230,7 @@ def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
     inside = np.flatnonzero((time > start) & (time < end))
     if f"run {run.motion.name}" not in variant.shape or len(inside) == 0:
         return columns
-    edge = min(LIMIT.edge, (end - start) / 4)
+    edge = 0.5 * (end - start) if variant.shape["swells"] else min(LIMIT.edge, (end - start) / 4)
     ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
     envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
     force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), variant.shape["outward"])

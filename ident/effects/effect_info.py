@@ -104,12 +104,12 @@ class Interval:
         return {**ends, "open": self.open} if self.open else ends
 
     def wider(self, factor: float) -> Interval:
-        """An interval so many times as wide; one that leaves out zero grows by ratios, and never reaches it.
+        """An interval so many times as wide; one that does not go beyond zero grows by ratios, and never does.
 
         An end that is open stays: it is no estimate.
         """
         low, high = (self.value + factor * (end - self.value) for end in (self.low, self.high))
-        if min(self.low * self.value, self.high * self.value) > 0.0:
+        if self.value != 0.0 and min(self.low * self.value, self.high * self.value) >= 0.0:
             low, high = (self.value * float((end / self.value) ** factor) for end in (self.low, self.high))
         low = self.low if self.open in ("low", "both") else low
         return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)

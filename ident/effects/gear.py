@@ -215,8 +215,9 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
     along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
     for run, left in zip(session.runs, leftover, strict=True):
-        counts = (left[1:, joint] != 0.0) & (left[:-1, joint] != 0.0)
-        steps = np.diff(left[:, joint])[counts]
+        own = np.nan_to_num(left[:, joint])  # of a joint within its static friction steps say nothing
+        counts = (own[1:] != 0.0) & (own[:-1] != 0.0)
+        steps = np.diff(own)[counts]
         felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
         change = np.diff(run.motion.lowpass.together(felt), axis=0)[counts]
         along += steps @ change

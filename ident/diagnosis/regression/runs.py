@@ -87,15 +87,18 @@ class _SpooledRuns(OnDemand[RunContext]):
 
 
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
-    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m].
+    """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which filters blur [N m].
 
-    Of a joint at rest it is what goes beyond its static friction.
+    Of a joint at rest it is what goes beyond its static friction, and near a stop or a turn, where friction may have
+    either sign, what goes beyond twice as much: mostly zero.
     """
     found: list[Array] | SpooledArrays = SpooledArrays() if isinstance(session.runs, _SpooledRuns) else []
     held = static_level(session)
     for run in session.runs:
         left = run.motion.tau_filtered - run.motion.filtered(run.total)
-        still = resting(run.motion)[run.motion.coarse]
-        beyond = np.where(still, left - np.clip(left, -held, held), 0.0)
-        found.append(np.where(run.motion.settled, left, beyond))
+        friction = np.where(resting(run.motion)[run.motion.coarse], held, 2.0 * held)
+        kept = np.where(run.motion.settled, left, left - np.clip(left, -friction, friction))
+        for j, reach in enumerate(run.motion.blurred):
+            kept[: int(reach), j] = kept[len(kept) - int(reach) :, j] = np.nan
+        found.append(kept)
     return found

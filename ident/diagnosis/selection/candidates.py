@@ -20,6 +20,9 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSetting
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
 from ident.effects.intervals import SizePrior
 
+# Share of an event's power in the block that has most of it, from which on it is in a block: filters' tails are not.
+THERE = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
@@ -222,7 +225,8 @@ class Candidates:
             before, after = (self.evidence.times(j, own) @ own for own in weights)
             place = self.evidence.layout.places[j]
             at = np.array([place[int(column)] for column in group.columns if int(column) in place], dtype=int)
-            acts = np.trace(self.evidence.free[j].part(at), axis1=1, axis2=2) > 0.0
+            power = np.trace(self.evidence.free[j].part(at), axis1=1, axis2=2)
+            acts = power > THERE * power.max(initial=0.0)
             if not acts.any() or acts.all():
                 continue
             usual, high = np.quantile(before[~acts], [0.5, 0.9])

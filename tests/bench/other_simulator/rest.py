@@ -66,7 +66,9 @@ def held_torque(sim: Simulator, poses: np.ndarray) -> np.ndarray:
             elif e.name == "external_contact" and r % 3 == int(e.figures["which"]) and p == int(e.figures["pose"]):
                 jac, body = np.zeros((3, sim.n)), int(sim.model.jnt_bodyid[e.joint])
                 mujoco.mj_jac(sim.model, data, jac, None, data.xpos[body], body)
-                out[r, p] -= e.size * (jac.T @ np.array([e.figures[axis] for axis in "xyz"]))
+                # The push swells and fades: its mean over the dwell is half of its height while it lasts.
+                mean = 0.5 * e.size * e.figures["long"] / DWELL
+                out[r, p] -= mean * (jac.T @ np.array([e.figures[axis] for axis in "xyz"]))
     return out
 
 
@@ -122,7 +124,8 @@ def make_rest(text: str, names: list[str], name: str, seed: int, out: Path) -> d
 def told(effect: Effect, names: list[str], shown: np.ndarray, wanted: float) -> dict[str, Any]:
     """An effect as semi-real answers tell it."""
     at = [name for name, one in zip(names, shown, strict=True) if one >= shown.max() / 3.0]
-    whole = effect.name in WHOLE_ARM
+    felt = [name for name, one in zip(names, shown, strict=True) if one > 1.0]
+    whole, own = effect.name in WHOLE_ARM, [names[effect.joint]]
     parameters = {FIGURES[effect.name]: effect.size} if effect.name in FIGURES else {}
     if effect.name == "encoder_offset":
         parameters = {"offset_rad": -effect.size}
@@ -130,8 +133,8 @@ def told(effect: Effect, names: list[str], shown: np.ndarray, wanted: float) -> 
         "effect": effect.name,
         "in_catalogue": True,
         "asked": wanted,
-        "joints": at if whole else [names[effect.joint]],
-        "may_stand_at": at if whole or effect.name == "external_contact" else [names[effect.joint]],
+        "joints": at if whole else own,
+        "may_stand_at": {"external_contact": felt, "payload": [*at, names[-1]]}.get(effect.name, at if whole else own),
         "parameters": parameters,
         "visible": dict(zip(names, shown.round(2).tolist(), strict=True)),
     }
