@@ -226,7 +226,12 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
     findings = record["findings"]
     matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
     free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
-    excused = [match is None and f["effect"] in free for match, f in zip(matches, findings, strict=True)]
+    # A wrong URDF has links of its own to be named; a class that holds what was planted beside is no such name.
+    planted = {one.effect for one in answer.effects}
+    excused = [
+        match is None and f["effect"] in free and not planted & {*f["class"][1:]}
+        for match, f in zip(matches, findings, strict=True)
+    ]
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
     only = answer.effects[0] if len(answer.effects) == 1 else None
     if counted:

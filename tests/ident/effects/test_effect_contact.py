@@ -93,6 +93,39 @@ def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -
     assert explained > 0.8
 
 
+def test_a_push_that_swells_is_timed_from_its_first_rise_to_its_end(session: SessionContext, recover: Recover) -> None:
+    """Law: of a force that swells and fades as a squared sine its height comes out, and when it began and ended."""
+    start = session.runs[2].motion.time[0] + 8.0
+    torque = push(session, 2, start, start + 1.5)
+    time = session.runs[2].motion.time
+    torque[2] = torque[2] * (np.sin(np.pi * (time - start) / 1.5) ** 2)[:, None]
+    rng = np.random.default_rng(3)
+    left = [
+        run.motion.filtered(tau + rng.normal(0, 0.3, tau.shape)) for run, tau in zip(session.runs, torque, strict=True)
+    ]
+    found = recover(ExternalContact().screened(session, left), session, 0, torque)
+    np.testing.assert_allclose(found["start_s"].value, start, atol=0.25)
+    np.testing.assert_allclose(found["end_s"].value, start + 1.5, atol=0.25)
+    np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=0.15)
+
+
+def test_a_push_on_a_standing_arm_stands_out_of_its_holds(session: SessionContext) -> None:
+    """Law: in a run of which nothing goes beyond friction but in a window, what does is a push; its link is found."""
+    run = session.runs[1]
+    time = run.motion.time[run.motion.coarse]
+    left = [np.random.default_rng(6).normal(0, 0.1, item.motion.tau_filtered.shape) for item in session.runs]
+    left[1][:] = 0.0
+    start = float(time[0]) + 5.0
+    inside = (time > start) & (time < start + 1.0)
+    left[1][inside] = force_columns(run.arm, run.motion.q[run.motion.coarse][inside], 4, 1.0) @ (4.0 * FORCE)
+    windows = screen_windows(session, left)
+    assert [one.run for one in windows] == ["run_1"]
+    np.testing.assert_allclose([windows[0].start, windows[0].end], [start, start + 1.0], atol=0.1)
+    place, explained = locate(session, left, windows[0])
+    assert place.link == 4
+    assert explained > 0.95
+
+
 @pytest.mark.parametrize(("shaken", "least", "most"), [(False, 0.75, 1.0), (True, 0.0, 0.6)])
 def test_noise_around_a_faint_push_says_nothing_against_it(
     session: SessionContext, shaken: bool, least: float, most: float
