@@ -215,9 +215,9 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
     along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
     for run, left in zip(session.runs, leftover, strict=True):
-        own = np.nan_to_num(left[:, joint])  # of a joint within its static friction steps say nothing
-        counts = (own[1:] != 0.0) & (own[:-1] != 0.0)
-        steps = np.diff(own)[counts]
+        settled = run.motion.settled[:, joint] & ~np.isnan(left[:, joint])
+        counts = settled[1:] & settled[:-1]
+        steps = np.diff(left[:, joint])[counts]
         felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
         change = np.diff(run.motion.lowpass.together(felt), axis=0)[counts]
         along += steps @ change
