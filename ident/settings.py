@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from dataclasses import dataclass, field, fields, make_dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ident.records import Record
 
 
-def number(
-    default: float | str | tuple[float, ...] | None = None, unit: str = "", meaning: str = "", source: str = ""
-) -> Any:
+def number(default: Any = None, unit: str = "", meaning: str = "", source: str = "") -> Any:
     """A field of `Settings` that says what it is; without arguments a row of its class's table says it."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
 
@@ -26,13 +25,22 @@ def number(
 class Settings(Record):
     """Base of a stage's numbers, and of groups of such stages.
 
-    A class that names a `table` has its numbers there, in the `settings.toml` beside its module.
+    A class that names a `table` has its fields there, a row each, in the `settings.toml` beside its module.
     """
 
-    def __init_subclass__(cls, table: str = "") -> None:
+    __init__: ClassVar[Callable[..., None]]  # of its numbers by name, which no type checker knows
+    __getattr__: ClassVar[Callable[[str], Any]]
+
+    def __init_subclass__(cls, table: str = "", module: str = "") -> None:
         if table:
-            for name, one in _numbers(sys.modules[cls.__module__].__file__ or "", table).items():
-                setattr(cls, name, one)
+            path, own = Path(module or sys.modules[cls.__module__].__file__ or ""), vars(cls).get("__annotations__")
+            rows = tomllib.loads(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
+            for name, row in rows.items():
+                value = row.pop("value")
+                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **row))
+            if not own:  # else it repeats its fields, and is made a dataclass by itself
+                cls.__annotations__ = dict.fromkeys(rows, Any)
+                dataclass(frozen=True)(cls)
 
     def describe(self) -> list[dict[str, Any]]:
         """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""
@@ -48,12 +56,4 @@ class Settings(Record):
 
 def read_group(module: str, table: str) -> Any:
     """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a number."""
-    given = [(name, Any, one) for name, one in _numbers(module, table).items()]
-    return make_dataclass(table, given, bases=(Settings,), frozen=True)()
-
-
-def _numbers(module: str, table: str) -> dict[str, Any]:
-    """A field for each row of a table of the `settings.toml` beside a module."""
-    rows = tomllib.loads(Path(module).with_name("settings.toml").read_text(encoding="utf-8"))[table]
-    values = {name: row.pop("value") for name, row in rows.items()}
-    return {name: number(tuple(one) if isinstance(one, list) else one, **rows[name]) for name, one in values.items()}
+    return type(table, (Settings,), {}, table=table, module=module)()

@@ -10,46 +10,20 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.recordings.recording import Recording, Session
-from ident.settings import Settings, number, read_group
+from ident.settings import Settings, read_group
 
 LIMIT = read_group(__file__, "filter")
 
 
-@dataclass(frozen=True)
 class EffortSettings(Settings, table="effort"):
     """Sign, scale and origin of the torque; logs are 17 of a UR10e, two of Pandas and one of a UR10."""
 
-    moving_rad_s: float = number()
-    static_Nm: float = number()
-    sign_explains: float = number()
-    sign_better: float = number()
-    scale_low: float = number()
-    scale_high: float = number()
-    scale_off: float = number()
-    heavy_share: float = number()
-    heavy_Nm: float = number()
-    follows: float = number()
-    sure: float = number()
-    pieces: int = number()
-    friction_gain: float = number()
-    rigid_explains: float = number()
-    friction_share: float = number()
 
-
-USUAL_EFFORT = EffortSettings()
-
-
-@dataclass(frozen=True)
 class ExcitationSettings(Settings, table="excitation"):
     """Whether there is motion enough."""
 
-    largest_condition: float = number()
-    least_travel: float = number()
-    least_share: float = number()
-    least_strokes: int = number()
 
-
-USUAL_EXCITATION = ExcitationSettings()
+USUAL_EFFORT, USUAL_EXCITATION = EffortSettings(), ExcitationSettings()
 
 
 @dataclass(frozen=True)
