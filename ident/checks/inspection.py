@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_order, mend_mount
-from ident.checks.channels import check_clipping, check_commands, drop_stuck
+from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     mend_clock_jumps,
     mend_jitter,
@@ -79,9 +78,8 @@ def inspect_sessions(
     Raises:
         RecordingError: No joint of the robot is recorded.
     """
-    together = _Together(arm, settings)
-    first, *others = [together.inspect(session) for session in sessions]
-    return replace(first, issues=(*first.issues, *together.issues())), *others
+    first, *others, together = _inspect_each(sessions, arm, settings)
+    return replace(first, issues=(*first.issues, *together.issues)), *others
 
 
 def inspect_parts(
@@ -95,55 +93,40 @@ def inspect_parts(
     Raises:
         RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
     """
-    together = _Together(arm, settings)
-    # A map holds on to nothing that it has handed out.
-    return chain(map(together.inspect_part, parts), together.close())
+    told: set[tuple[str, str, tuple[str, ...], str]] = set()
+
+    def news(report: TelemetryReport) -> TelemetryReport:
+        """The report without what is known of its session."""
+        issues = []
+        for issue in report.issues:
+            key = (str(report.session.path or report.session.name), issue.issue, issue.joints, issue.severity)
+            issues += [issue] if key not in told or issue.severity == "fatal" or not report.session.runs else []
+            told.add(key)
+        return replace(report, issues=tuple(issues))
+
+    # A map and a filter hold on to nothing that they have handed out.
+    return filter(lambda report: report.session.runs or report.issues, map(news, _inspect_each(parts, arm, settings)))
 
 
-class _Together:
-    """What sessions, or parts of them, have shown so far that are to be used together: enough motion, each run once."""
-
-    def __init__(self, arm: ArmModel | None, settings: TelemetrySettings) -> None:
-        self._arm, self._settings = arm, settings
-        self._tallies = (Amount(settings.excitation), Repeats(), Gains())
-        self._told: set[tuple[str, str, tuple[str, ...], str]] = set()
-        self._last: TelemetryReport | None = None
-
-    def inspect(self, session: Session) -> TelemetryReport:
-        """The report of one more session."""
+def _inspect_each(
+    sessions: Iterable[Session], arm: ArmModel | None, settings: TelemetrySettings
+) -> Iterator[TelemetryReport]:
+    """A report of each session, or part of one, and a last one without runs: what they lack together or hold twice."""
+    tallies, last = (Amount(settings.excitation), Repeats(), Gains()), None
+    for session in sessions:
         # The checks' matrices are small: threads of the linear algebra only get into each other's way.
         with threadpool_limits(limits=1, user_api="blas"):
-            report = inspect_alone(session, self._arm, self._settings)
-            for tally in self._tallies:
+            report = inspect_alone(session, arm, settings)
+            for tally in tallies:
                 tally.take(session, report)
-        if self._arm is not None:
-            self._arm = as_mounted(self._arm, report.session)  # later ones are held against the same arm
-        return report
-
-    def inspect_part(self, part: Session) -> TelemetryReport:
-        """The report of one more part, without what is known of its session."""
-        report = self.inspect(part)
-        self._last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
-        where = str(part.path or part.name)
-        return replace(report, issues=tuple(issue for issue in report.issues if self.is_news(where, issue)))
-
-    def is_news(self, where: str, issue: TelemetryIssue) -> bool:
-        """Whether an issue of a session is fatal, or was not told before."""
-        key = (where, issue.issue, issue.joints, issue.severity)
-        known = key in self._told
-        self._told.add(key)
-        return not known or issue.severity == "fatal"
-
-    def issues(self) -> list[TelemetryIssue]:
-        """What all of them lack together, or hold twice."""
+        arm = None if arm is None else as_mounted(arm, report.session)  # later ones are held against the same arm
+        last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
+        yield report
+        del session, report
+    if last is not None:
         with threadpool_limits(limits=1, user_api="blas"):
-            return [issue for tally in self._tallies for issue in tally.issues()]
-
-    def close(self) -> Iterator[TelemetryReport]:
-        """The same as a report without runs, once the last part has come."""
-        issues = self.issues()
-        if issues and self._last is not None:
-            yield replace(self._last, issues=tuple(issues))
+            issues = tuple(issue for tally in tallies for issue in tally.issues())
+        yield replace(last, issues=issues)
 
 
 def inspect_alone(
@@ -188,6 +171,7 @@ def inspect_alone(
         lambda found: mend_time_base(found, arm),
         mend_jitter,
         drop_stuck,
+        drop_stuck_velocity,
         split_at_jumps,
         split_at_gaps,
         mend_velocity,

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from ident import sessions
-from ident.checks import TelemetryReport, inspect_parts, inspection
-from ident.checks.filtered_run import USUAL_TELEMETRY
+from ident.checks import TelemetryReport, inspect_parts
 from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
@@ -21,7 +20,7 @@ from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion import out_of_core
 from ident.motion.filter import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.sessions import Given, inspect_sources, open_sessions
@@ -183,14 +182,6 @@ def test_each_session_is_told_of_its_own_faults_once(session: Session, tmp_path:
     told = [[issue.issue for issue in report.issues].count("position_wraps") for report in found]
     assert (sum(told[:3]), sum(told)) == (1, 2)
     assert all(np.abs(np.diff(run.position, axis=0)).max() < 1.0 for report in found for run in report.session.runs)
-
-
-def test_a_graver_form_of_a_told_fault_is_told() -> None:
-    """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
-    check = inspection._Together(load_arm(), USUAL_TELEMETRY)
-    mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
-    grave = replace(mild, severity="fatal")
-    assert [check.is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
