@@ -16,8 +16,9 @@ assignment of torques to joints (Kuhn-Munkres) is compared with the one of the f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, nnls
@@ -32,19 +33,17 @@ from ident.robot.arm import ArmModel
 GRAVITY = 9.81
 
 
-@dataclass(frozen=True, eq=False)
-class Pull:
-    """What one joint's torque tells of gravity's direction u: its residual's share is 1 - 2 s b·u + s² u·W·u."""
+# What one joint's torque tells of gravity's direction u, each per variance of the torque: inner products of the torque
+# with what each axis of gravity would ask for, b, shape (3,), and of these with each other, W, shape (3, 3).
+Pull = tuple[Float[Array, " 3"], Float[Array, "3 3"]]
 
-    b: Float[Array, " 3"]  # inner products of the torque with what each axis of gravity would ask for, shape (3,)
-    w: Float[Array, "3 3"]  # inner products of these with each other, shape (3, 3); both per variance of the torque
 
-    def left(self, directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
-        """Share of the torque's variance that each direction leaves."""
-        along = directions @ self.b
-        square = np.maximum(np.einsum("ki,ij,kj->k", directions, self.w, directions), 1e-12)
-        scale = np.clip(along / square, *LIMIT.scales)
-        return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor)
+def left_of(pull: Pull, directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
+    """Share of the torque's variance that each direction leaves: 1 - 2 s b·u + s² u·W·u."""
+    along = directions @ pull[0]
+    square = np.maximum(np.einsum("ki,ij,kj->k", directions, pull[1], directions), 1e-12)
+    scale = np.clip(along / square, *LIMIT.scales)
+    return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor)
 
 
 def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[TelemetryIssue]]:
@@ -57,7 +56,7 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     now = now / max(float(np.linalg.norm(now)), 1e-12)
     best = find_direction(list(pulls.values()))
     angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
-    gains = {j: float(-np.diff(np.log(pull.left(np.stack([now, best]))))[0]) for j, pull in pulls.items()}
+    gains = {j: float(-np.diff(np.log(left_of(pull, np.stack([now, best]))))[0]) for j, pull in pulls.items()}
     if angle < LIMIT.least_turn_deg or sum(gains.values()) < np.log(LIMIT.least_gain):
         return arm, []
     turned = arm.with_gravity(GRAVITY * best)
@@ -87,7 +86,7 @@ def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
     for width in (None, 0.1, 0.02, 0.004):
         near = places if width is None else best + width * places
         near = near / np.linalg.norm(near, axis=1)[:, None]
-        best = near[int(np.argmin(sum(np.log(pull.left(near)) for pull in pulls)))]
+        best = near[int(np.argmin(sum(np.log(left_of(pull, near)) for pull in pulls)))]
     return np.asarray(best)
 
 
@@ -109,22 +108,17 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
         table = axes[:, j] - beside @ (beside.T @ axes[:, j])
         variance = float(target @ target)
         if variance > 0.0:
-            found[int(j)] = Pull(table.T @ target / variance, table.T @ table / variance)
+            found[int(j)] = table.T @ target / variance, table.T @ table / variance
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Order:
+class Order(NamedTuple):
     """One order of the columns."""
 
+    cost: float  # sum of the logarithms of the residuals
     positions: tuple[int, ...]  # column of the file that is each joint's position
     torques: tuple[int, ...]  # column of the file that is each joint's torque
     left: Float[Array, " n"]  # share of each joint's torque that the model leaves in this order
-
-    @property
-    def cost(self) -> float:
-        """Sum of the logarithms of the residuals."""
-        return float(np.log(self.left).sum())
 
 
 def check_order(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
@@ -136,8 +130,7 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
     thin = replace(states, **{name: getattr(states, name)[step] for name in STATE_NAMES})
     own = tuple(range(n))
     table = _left(thin, arm, own)
-    here = Order(own, own, np.diag(table))
-    best = _assigned(own, table)
+    here, best = Order(float(np.log(np.diag(table)).sum()), own, own, np.diag(table)), _assigned(own, table)
     # Where every torque follows its own joint, positions stand where they belong.
     for _ in range(n - 1 if here.left[states.alive].max() > LIMIT.well else 0):
         orders = []
@@ -169,8 +162,9 @@ STATE_NAMES = ("q", "dq", "ddq", "tau", "gravity", "inertial")
 
 
 def _assigned(positions: tuple[int, ...], table: Float[Array, "n n"]) -> Order:
-    _, torques = linear_sum_assignment(np.log(table))
-    return Order(positions, tuple(int(t) for t in torques), table[np.arange(len(table)), torques])
+    rows, torques = linear_sum_assignment(np.log(table))
+    left = table[rows, torques]
+    return Order(float(np.log(left).sum()), positions, tuple(int(t) for t in torques), left)
 
 
 def _left(states: States, arm: ArmModel, positions: tuple[int, ...]) -> Float[Array, "n n"]:

@@ -16,7 +16,7 @@ ROUNDING = 1e-4
 
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Drops the samples in which a position or torque is frozen, and velocities that are."""
+    """Drops the samples in which a position or torque is frozen."""
     found, lost = Findings(session), 0
     coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
     for run in session.runs:
@@ -33,11 +33,8 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         if not rows.all():
             found.runs.append(run.at(~rows) if rows.any() else run)
     if lost > LIMIT.most_lost * session.samples:
-        issues = found.issues("stuck_long")
-    else:
-        session, issues = found.left(), found.issues("stuck")
-    session, velocities = _drop_stuck_velocity(session)
-    return session, issues + velocities
+        return session, found.issues("stuck_long")
+    return found.left(), found.issues("stuck")
 
 
 def holds(values: Float[Array, " T"]) -> Int[Array, "h 2"]:
@@ -117,7 +114,7 @@ def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
     return frozen
 
 
-def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+def drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Velocities are not needed: where one is frozen, all are left out."""
     found = Findings(session)
     for run in session.runs:

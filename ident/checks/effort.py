@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -67,8 +68,7 @@ class States:
         return (change > self.settings.heavy_share * change.max()) & (change > self.settings.heavy_Nm)
 
 
-@dataclass(frozen=True)
-class SignedFit:
+class SignedFit(NamedTuple):
     """The fit of one joint's torque, all physical coefficients non-negative."""
 
     explained: float  # share of the torque's variance that is explained
