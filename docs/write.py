@@ -87,8 +87,8 @@ def session_keys() -> str:
     from ident.recordings.session_toml import KEYS
 
     lines = "Every key may be left out. `ident new` writes the file with its guesses.\n\n"
-    columns = ("key", "unit", "if left out", "what", "example")
-    rows = [(f"`{name}`", key.unit, key.default, key.meaning, f"`{key.example}`") for name, key in KEYS.items()]
+    columns, columns_of = ("key", "unit", "if left out", "what", "example"), ("unit", "default", "meaning")
+    rows = [(f"`{name}`", *map(key.get, columns_of), f"`{key['example']}`") for name, key in KEYS.items()]
     return HEAD + "# session.toml\n\n" + lines + table(columns, rows)
 
 

@@ -22,20 +22,8 @@ GUESSED = "guessed"
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 
 
-@dataclass(frozen=True)
-class Key:
-    """One key of the file, as the reference shows it."""
-
-    unit: str  # of its value; a kind of value where it has no unit
-    default: str  # what counts where it is left out
-    meaning: str  # what it says
-    example: str  # A line of the file
-
-
-KEYS = {
-    name: Key(**row)
-    for name, row in tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8")).items()
-}
+# By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an `example`.
+KEYS = tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
@@ -86,20 +74,20 @@ def load_session_file(path: Path) -> SessionFile:
         guess = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.75)
         if key not in KEYS and guess:
             raise RecordingError(path, f"unknown key {key!r}", f"did you mean {guess[0]!r}?")
-    guessed = _table(data, "drive_gain_Nm_per_A", path).pop(GUESSED, False)
+    keys = _Keys(path, data)
+    guessed = keys.table("drive_gain_Nm_per_A").pop(GUESSED, False)
     if not isinstance(guessed, bool):
         raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
-    gains = _numbers(data, "drive_gain_Nm_per_A", path)
-    signs = _numbers(data, "effort_sign", path)
+    gains, signs = keys.numbers("drive_gain_Nm_per_A"), keys.numbers("effort_sign")
     for joint, sign in signs.items():
         if sign not in (1.0, -1.0):
             raise RecordingError(path, f"[effort_sign] {joint} = {sign:g}", "a sign is 1 or -1")
-    counts = _positive(data, "counts_per_turn", path, "number")
+    counts = keys.positive("counts_per_turn", "number")
     if counts is not None and "angle_unit" in data:
         raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
-    angles = _one_of(data, "angle_unit", path, ("rad", "deg"), 'write "rad" or "deg"')
-    times = _one_of(data, "time_unit", path, tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
-    kind = _one_of(data, "effort_kind", path, EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
+    angles = keys.one_of("angle_unit", ("rad", "deg"), 'write "rad" or "deg"')
+    times = keys.one_of("time_unit", tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
+    kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
         raise RecordingError(path, f"robot = {robot!r}", "give a name or a URDF path in quotes")
@@ -108,80 +96,77 @@ def load_session_file(path: Path) -> SessionFile:
         robot = str(path.parent / robot)
     return SessionFile(
         path=path,
-        columns=_columns(data, path),
+        columns=keys.columns(),
         drive_gain=gains,
         effort_sign=signs,
-        payload=_payload(data, path),
+        payload=keys.payload(),
         robot=robot,
-        sample_rate_hz=_positive(data, "sample_rate_hz", path, "rate [Hz]"),
+        sample_rate_hz=keys.positive("sample_rate_hz", "rate [Hz]"),
         angle_factor=math.tau / counts if counts else math.radians(1.0) if angles == "deg" else 1.0,
         angle_zero=0.0 if counts is None else counts / 2.0,
         effort_kind=kind,
         time_factor=TIME_UNITS[times or "s"],
-        gravity=_three(data["gravity_mps2"], path, "gravity_mps2", "base") if "gravity_mps2" in data else None,
+        gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,
         guessed=guessed,
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
 
 
-def _table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
-    table = data.get(key, {})
-    if not isinstance(table, dict):
-        raise RecordingError(path, f"{key} is {table!r}", f"make it a table: [{key}]")
-    return table
+class _Keys:
+    """The keys of a file, each checked when it is asked for."""
 
+    def __init__(self, path: Path, data: dict[str, Any]) -> None:
+        self.path, self.data = path, data
 
-def _number(value: Any, where: Path, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RecordingError(where, f"{key} = {value!r}", "give a finite number")
-    return float(value)
+    def table(self, key: str) -> dict[str, Any]:
+        table = self.data.get(key, {})
+        if not isinstance(table, dict):
+            raise RecordingError(self.path, f"{key} is {table!r}", f"make it a table: [{key}]")
+        return table
 
+    def number(self, value: Any, key: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise RecordingError(self.path, f"{key} = {value!r}", "give a finite number")
+        return float(value)
 
-def _numbers(data: dict[str, Any], key: str, path: Path) -> dict[str, float]:
-    return {name: _number(value, path, f"[{key}] {name}") for name, value in _table(data, key, path).items()}
+    def numbers(self, key: str) -> dict[str, float]:
+        return {name: self.number(value, f"[{key}] {name}") for name, value in self.table(key).items()}
 
+    def positive(self, key: str, what: str) -> float | None:
+        found = self.number(self.data[key], key) if key in self.data else None
+        if found is not None and found <= 0:
+            raise RecordingError(self.path, f"{key} = {found:g}", f"give a positive {what}")
+        return found
 
-def _columns(data: dict[str, Any], path: Path) -> dict[str, str]:
-    table = _table(data, "columns", path)
-    seen: dict[str, str] = {}
-    for name, native in table.items():
-        if not isinstance(native, str):
-            remedy = 'write foreign = "native", such as 2 = "joint_1/position"'
-            raise RecordingError(path, f"[columns] {name} = {native!r}", remedy)
-        if (first := seen.setdefault(native, name)) != name:
-            raise RecordingError(path, f"[columns] gives {native!r} to both {first!r} and {name!r}", "name it once")
-    return dict(table)
+    def three(self, values: Any, key: str, frame: str) -> tuple[float, float, float]:
+        """A vector in a frame."""
+        if not isinstance(values, list) or len(values) != 3:
+            raise RecordingError(self.path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
+        x, y, z = (self.number(value, key) for value in values)
+        return x, y, z
 
+    def one_of(self, key: str, known: Sequence[str], remedy: str) -> str | None:
+        value = self.data.get(key)
+        if value is not None and (not isinstance(value, str) or value not in known):
+            raise RecordingError(self.path, f"{key} = {value!r}", remedy)
+        return value
 
-def _payload(data: dict[str, Any], path: Path) -> Payload | None:
-    if "payload" not in data:
-        return None
-    table = _table(data, "payload", path)
-    mass = _number(table.get("mass_kg"), path, "[payload] mass_kg")
-    if mass < 0:
-        raise RecordingError(path, f"[payload] mass_kg = {mass:g}", "a mass is not negative")
-    return Payload(mass, _three(table.get("com_m", [0.0, 0.0, 0.0]), path, "[payload] com_m", "last link"))
+    def columns(self) -> dict[str, str]:
+        seen: dict[str, str] = {}
+        for name, native in (table := self.table("columns")).items():
+            if not isinstance(native, str):
+                remedy = 'write foreign = "native", such as 2 = "joint_1/position"'
+                raise RecordingError(self.path, f"[columns] {name} = {native!r}", remedy)
+            if (first := seen.setdefault(native, name)) != name:
+                what = f"[columns] gives {native!r} to both {first!r} and {name!r}"
+                raise RecordingError(self.path, what, "name it once")
+        return dict(table)
 
-
-def _three(values: Any, path: Path, key: str, frame: str) -> tuple[float, float, float]:
-    """A vector in a frame."""
-    if not isinstance(values, list) or len(values) != 3:
-        raise RecordingError(path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
-    x, y, z = (_number(value, path, key) for value in values)
-    return x, y, z
-
-
-def _positive(data: dict[str, Any], key: str, path: Path, what: str) -> float | None:
-    if key not in data:
-        return None
-    found = _number(data[key], path, key)
-    if found <= 0:
-        raise RecordingError(path, f"{key} = {found:g}", f"give a positive {what}")
-    return found
-
-
-def _one_of(data: dict[str, Any], key: str, path: Path, known: Sequence[str], remedy: str) -> str | None:
-    value = data.get(key)
-    if value is not None and (not isinstance(value, str) or value not in known):
-        raise RecordingError(path, f"{key} = {value!r}", remedy)
-    return value
+    def payload(self) -> Payload | None:
+        if "payload" not in self.data:
+            return None
+        table = self.table("payload")
+        mass = self.number(table.get("mass_kg"), "[payload] mass_kg")
+        if mass < 0:
+            raise RecordingError(self.path, f"[payload] mass_kg = {mass:g}", "a mass is not negative")
+        return Payload(mass, self.three(table.get("com_m", [0.0, 0.0, 0.0]), "[payload] com_m", "last link"))
