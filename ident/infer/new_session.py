@@ -195,7 +195,9 @@ def write_text(guess: Guess) -> str:
     """The text of session.toml: keys, then tables, the evidence as comments."""
     pages = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = pages.from_string(Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8"))
-    words = {"comment": _comment, "json": partial(json.dumps, ensure_ascii=False), "key": toml_key}
+    quoted = partial(json.dumps, ensure_ascii=False)
+    # A comment stays within its line whatever names stand in it.
+    words = {"comment": lambda text: quoted(text)[1:-1].replace("\x7f", "?"), "json": quoted, "key": toml_key}
     channels = groupby(guess.columns.items(), key=lambda column: column[1].rpartition("/")[2])
     body = template.render(guess=guess, channels=channels, gains=GAINS, marked=GUESSED, **words)
     return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
@@ -203,8 +205,3 @@ def write_text(guess: Guess) -> str:
 
 def _digest(body: str) -> str:
     return hashlib.sha256(body.encode()).hexdigest()
-
-
-def _comment(text: str) -> str:
-    """A text that stays within its comment whatever names stand in it."""
-    return json.dumps(text, ensure_ascii=False)[1:-1].replace("\x7f", "?")

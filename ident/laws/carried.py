@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,13 +24,6 @@ from ident.laws.motion import direction
 Columns = Callable[[JointStates, Mapping[str, float]], list[Any]]
 
 TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
-# Rows that have `states` name the file of this package in which the function of the effect's name is its law.
-STATES: Mapping[str, Any] = {effect: row["states"] for effect, row in TABLE["effects"].items() if "states" in row}
-COLUMNS: Mapping[str, Columns] = {
-    effect: getattr(import_module(f"ident.laws.{row['file']}"), effect) for effect, row in STATES.items()
-}
-
-
 Shape = Mapping[str, float]
 # Largest exponent of a law that is believed: no friction bends more, and a file may hold anything.
 LARGEST_EXPONENT = 10.0
@@ -38,28 +31,27 @@ LARGEST_EXPONENT = 10.0
 ZERO_SHARE = 1e-3
 
 
-@dataclass(frozen=True)
-class LawKind:
+class LawKind(NamedTuple):
     """What is known of a law: its row of the table, see `effects.toml`."""
 
     columns: Columns
     words: str
     shape: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
-    usual: Shape = field(default_factory=dict)
+    usual: Shape = {}  # noqa: RUF012 (read alone)
     units: tuple[str, ...] = ("N m",)
     nonnegative: tuple[int, ...] = ()
     bears_load: bool = False
 
-    @classmethod
-    def of_row(cls, effect: str) -> LawKind:
-        """The law of an effect."""
-        row: dict[str, Any] = {k: tuple(one) if isinstance(one, list) else one for k, one in STATES[effect].items()}
-        del row["file"]
-        return cls(COLUMNS[effect], nonnegative=tuple(TABLE["effects"][effect].get("nonnegative", ())), **row)
 
-
-KINDS: Mapping[str, LawKind] = {effect: LawKind.of_row(effect) for effect in STATES}
+# Rows that have `states` name the file of this package in which the function of the effect's name is its law.
+KINDS: dict[str, LawKind] = {}
+for _effect, _row in TABLE["effects"].items():
+    if "states" in _row:
+        _own = {key: tuple(one) if isinstance(one, list) else one for key, one in _row["states"].items()}
+        _columns = getattr(import_module(f"ident.laws.{_own.pop('file')}"), _effect)
+        KINDS[_effect] = LawKind(_columns, nonnegative=tuple(_row.get("nonnegative", ())), **_own)
+COLUMNS: Mapping[str, Columns] = {effect: kind.columns for effect, kind in KINDS.items()}
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from ident.robot.traits import rated_torque
 from ident.trajectories.reference import ReferenceMotion, chirp, fourier, ramps, ticks, together, via_spline
 
 ATTEMPTS = 60
-# Paths that are tried for a spline.
+# Share of the joints' spans by which the middle of a random path strays; paths that are tried for a spline.
+STRAY = 0.15
 PATHS = 12
 # Standstill before and after every motion [s].
 REST_S = 0.25
@@ -49,16 +50,11 @@ def plan_motions(
     return tuple(motion.held(REST_S, REST_S) for motion in motions[:runs])
 
 
-def random_path(
-    limits: MotionLimits, vias: int, rng: np.random.Generator, span: float = 0.8, roam: float = 0.15
-) -> Float[Array, "m n"]:
-    """Start, via points and goal of a path that touches nothing [rad].
-
-    It covers a share of the joints' spans, and its middle strays (`roam`) by another.
-    """
+def random_path(limits: MotionLimits, vias: int, rng: np.random.Generator, span: float = 0.8) -> Float[Array, "m n"]:
+    """Start, via points and goal of a path that touches nothing and covers a share of the joints' spans [rad]."""
     for attempt in range(ATTEMPTS):
         share = 0.97**attempt
-        middle = limits.centre + share * roam * limits.span * rng.uniform(-1.0, 1.0, limits.arm.n)
+        middle = limits.centre + share * STRAY * limits.span * rng.uniform(-1.0, 1.0, limits.arm.n)
         points = middle + share * span * limits.span * rng.uniform(-1.0, 1.0, (vias + 2, limits.arm.n))
         path = via_spline("", points, 1.0)
         inside = (path.q >= limits.lower).all() and (path.q <= limits.upper).all()
@@ -226,6 +222,8 @@ POSITION_MARGIN = 0.05
 CLEARANCE_M = 0.01
 # Largest move of a joint between two collision checks [rad].
 CHECK_STEP = 0.04
+# One of how many ticks is held against the torque limits.
+STRIDE = 10
 
 
 class MotionLimits:
@@ -257,18 +255,14 @@ class MotionLimits:
         strong = self.torque > 0.5 * self.torque.max()
         return np.minimum(0.8 * room, np.where(strong, 1.5, 1.0))
 
-    def stays_within(
-        self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"], stride: int = 10
-    ) -> bool:
+    def stays_within(self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"]) -> bool:
         """Whether a motion keeps all limits and touches nothing."""
         inside = (q >= self.lower).all() and (q <= self.upper).all()
-        return bool(inside) and self.excess(q, dq, ddq, stride) <= 1.0 and not self.touches(q)
+        return bool(inside) and self.excess(q, dq, ddq) <= 1.0 and not self.touches(q)
 
-    def excess(
-        self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"], stride: int = 10
-    ) -> float:
+    def excess(self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"]) -> float:
         """Largest use of the speed and torque limits, 1 at the share that motions may use."""
-        states = q[::stride], dq[::stride], ddq[::stride]
+        states = q[::STRIDE], dq[::STRIDE], ddq[::STRIDE]
         # A guess of the rotor, as the controller's maker would have: it takes half of the torque in fast motion.
         rotor = (self.torque / 157.0) ** 1.55
         torque = np.abs(self.arm.inverse_dynamics(*states)) + rotor * np.abs(states[2])
