@@ -95,17 +95,6 @@ def test_a_known_motion_is_reproduced_on_an_even_grid(jitter: float) -> None:
     assert np.allclose(motion.tau[middle], 10 * truth[0][middle], atol=5e-3)  # linear between samples
 
 
-def test_resampling_bridges_missing_samples_with_a_quintic() -> None:
-    """A fifth of the samples lost at random: the states stay true to 1e-4 rad, 5e-3 rad/s."""
-    rng = np.random.default_rng(2)
-    keep = np.sort(rng.permutation(1500)[:1200])
-    time = 0.008 * np.arange(1500)[keep]
-    motion = prepare(Session("s", (_run(time),)))[0]
-    middle = slice(40, -40)
-    assert np.allclose(motion.q[middle, 0], np.sin(2 * motion.time[middle]), atol=1e-4)
-    assert np.allclose(motion.dq[middle, 0], 2 * np.cos(2 * motion.time[middle]), atol=5e-3)
-
-
 def test_short_runs_are_left_out() -> None:
     """Runs under a second, of one sample too, do not stop the others and do not enter the noise levels."""
     long, rest = _run(0.01 * np.arange(500), "long"), _run(10 + 0.01 * np.arange(50), "short")

@@ -14,7 +14,6 @@ from ident.simulation.laws import (
     plain_friction,
     remembered_torque,
     sliding_level,
-    viscous_drag,
     warm_up,
 )
 from ident.simulation.loop import fresh_state
@@ -55,19 +54,6 @@ def test_rest_holds_any_torque_below_the_level(share):
     assert travel[1] > 1.0
 
 
-def test_rest_does_not_creep():
-    """Held for ten times as long, the joint has not moved further."""
-    z = v = x = 0.0
-    marks = []
-    for k in range(20000):
-        z, torque = bristle(z, v, 10.0, 5e4, 250.0, DT)
-        v += DT * (6.0 - torque)
-        x += DT * v
-        if k in (1999, 19999):
-            marks.append(x)
-    assert marks[1] - marks[0] < 1e-6
-
-
 def test_a_cycle_loses_energy():
     """Over any closed path friction takes energy, also below the breakaway."""
     for amplitude in (1e-5, 1e-4, 1e-2):
@@ -77,20 +63,6 @@ def test_a_cycle_loses_energy():
             z, torque = bristle(z, v, 10.0, 5e4, 100.0, DT)
             work += torque * v * DT
         assert work > 0.0
-
-
-def test_soft_contact_remembers_displacement_not_time():
-    """The torque after a reversal depends on the way gone since, whatever the speed."""
-    ends = []
-    for speed in (0.01, 0.05):
-        z = 0.0
-        for _ in range(int(0.2 / speed / DT)):
-            z, torque = bristle(z, -speed, 3.0, 300.0, 0.0, DT)
-        for _ in range(int(0.008 / speed / DT)):
-            z, torque = bristle(z, speed, 3.0, 300.0, 0.0, DT)
-        ends.append(torque)
-    assert ends[0] == pytest.approx(ends[1], abs=0.02)
-    assert -3.0 < ends[0] < 2.5
 
 
 def test_levels_move_with_their_own_cause_only():
@@ -105,15 +77,6 @@ def test_levels_move_with_their_own_cause_only():
     assert level(joint(thermal_coulomb=0.01), 0.5, warm=20.0) == pytest.approx(10.0 * np.exp(-0.2))
     assert level(joint(skid=3.0), 0.5, acceleration=20.0) == pytest.approx(13.0, rel=1e-3)
     assert level(joint(coulomb_skew=2.0), 0.5) - level(joint(coulomb_skew=2.0), -0.5) == pytest.approx(2.0)
-
-
-def test_lubricant_thins_with_speed_and_heat():
-    """Shear thinning is concave in speed; viscosity falls with temperature."""
-    thin = joint(viscous=0.0, eyring=2.0)
-    drag = [viscous_drag(thin, v, 0.0) for v in (0.5, 1.0, 1.5)]
-    assert drag[2] - drag[1] < drag[1] - drag[0]
-    warm = joint(thermal_viscous=0.02)
-    assert viscous_drag(warm, 1.0, 25.0) == pytest.approx(5.0 * np.exp(-0.5))
 
 
 def test_heat_settles_where_loss_and_cooling_balance():
@@ -144,10 +107,6 @@ def follow(angle, transmitted=0.0, **law):  # type: ignore[no-untyped-def]
 
 def at_speed(speed, seconds=2.0):  # type: ignore[no-untyped-def]
     return speed * np.arange(round(seconds / TICK)) * TICK
-
-
-def test_without_a_law_there_is_no_torque() -> None:
-    assert not follow(at_speed(0.5)).any()
 
 
 def test_a_seal_is_viscous_when_slow_and_a_spring_when_quick() -> None:
@@ -202,11 +161,6 @@ def test_ideal_sensors_read_the_truth():
     np.testing.assert_allclose(read(ideal_sensing(2)), true(), atol=1e-4)
     angles = read_encoder(ideal_sensing(2), TICKS, WAVE, TIMES, np.random.default_rng(0))
     np.testing.assert_allclose(angles, true(), atol=1e-4)
-
-
-def test_a_delay_is_a_shift_in_time():
-    late = read(ideal_sensing(2).replace(delay=0.0137))
-    np.testing.assert_allclose(late[20:], true(TIMES - 0.0137)[20:], atol=1e-3)
 
 
 def test_gain_offset_drift_and_limit_act_on_their_own_joint():
