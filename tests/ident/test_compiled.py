@@ -40,8 +40,6 @@ def _module(folder: Path) -> ModuleType:
     if not path.exists():
         path.write_text(SOURCE)
     spec = importlib.util.spec_from_file_location("made_up", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -47,8 +47,6 @@ def test_a_reader_who_leaves_does_not_end_the_work(tmp_path: Path) -> None:
     out = tmp_path / "result"
     line = command(tmp_path, "--lines", "20000", "--out", str(out))
     process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stderr is not None
     process.stdout.readline()
     process.stdout.close()
     told = process.stderr.read()
@@ -146,7 +144,6 @@ def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signa
         signal.signal(number, signal.SIG_DFL)
 
     process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=unignored)
-    assert process.stderr is not None
     process.stderr.readline()
     process.send_signal(number)
     assert process.stderr.read() == "ident: stopped\n"
@@ -159,7 +156,6 @@ def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signa
 def test_a_signal_amid_the_imports_is_one_line(tmp_path: Path, ending: str) -> None:
     app = f"import os, time\nos.write(2, b'loading\\n')\n{ending}\n"
     process = subprocess.Popen(command(tmp_path, app=app), stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
     process.stderr.readline()
     process.send_signal(signal.SIGINT)
     assert process.stderr.read() == "ident: stopped\n"

@@ -83,7 +83,6 @@ def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str
     arm = ArmModel.load(urdf if urdf.is_file() else robot)
     session = found(load_session(real_data / recording), arm).session
     states = collect_states(session, arm.keeping(session.joints))
-    assert states is not None
     judged = np.flatnonzero(states.heavy & states.alive & states.moving)
     assert len(judged) > 1
     for joint in judged:
@@ -150,9 +149,7 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     assert session.joints[joint] in first.joints
     assert report.verdict == "to be used with care: torque_scale"
     pair = [collect_states(one.session, arm) for one in (found(session, arm), report)]
-    assert pair[0] is not None
-    assert pair[1] is not None
-    (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair if states is not None)
+    (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair)
     assert after == pytest.approx(factor * before, rel=1e-6)
     assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
 

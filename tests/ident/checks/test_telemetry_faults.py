@@ -205,7 +205,6 @@ def test_a_computed_torque_is_told_from_a_measured_one(clean: Session, arm: ArmM
 
 def test_a_declared_payload_belongs_to_the_model(clean: Session, arm: ArmModel) -> None:
     report = inspect(clean.replace(payload=Payload(4.0, (0.0, 0.0, 0.1))), arm)
-    assert report.arm is not None
     assert report.arm.inertial_parameters[50] == pytest.approx(arm.inertial_parameters[50] + 4.0)
 
 

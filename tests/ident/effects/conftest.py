@@ -50,7 +50,6 @@ def recover() -> Recover:
             if best is None or misfit < best[0]:
                 variance = misfit / (len(target) - x.shape[1])
                 best = misfit, variant, estimate, variance * np.linalg.pinv(x.T @ x)
-        assert best is not None
         return effect.parameters(session, joint, *best[1:])
 
     return fit

@@ -95,7 +95,6 @@ def test_columns_fit_their_runs_and_figures_their_columns(effect: Effect, sessio
             assert np.all(acts > 0.0)
             assert all(index < k for index in effect.nonnegative)
             scale = effect.prior_scale(session, joint, variant)
-            assert scale is not None
             assert scale.shape == (k,)
             assert np.all(scale > 0.0)
             figures = effect.parameters(session, joint, variant, 0.5 * scale, np.diag(0.01 * scale**2))

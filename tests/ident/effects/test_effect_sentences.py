@@ -144,7 +144,6 @@ def draw(effect: Effect, session: SessionContext, rng: np.random.Generator) -> t
     finer = effect.refined(session, joint, variant)
     variant = finer[rng.integers(len(finer))]
     scale = effect.prior_scale(session, joint, variant)
-    assert scale is not None
     width = effect.columns(session, joint, variant)[0].shape[-1]
     beta = rng.uniform(0.1, 1.0, width) * np.resize(scale, width)
     free = ~np.isin(np.arange(width), effect.signed(variant))

@@ -43,7 +43,6 @@ def test_settings_stand_beside_a_single_file_or_are_given(run: Recording, tmp_pa
     given = tmp_path / "other"
     given.write_text('robot = "panda"\n')
     session = load_session(tmp_path / "run.csv")
-    assert session.payload is not None
     assert session.payload.mass_kg == 1.0
     (tmp_path / "run.toml").write_text("[payload]\nmass_kg = 2\n")
     assert load_session(tmp_path / "run.csv").payload.mass_kg == 2.0  # type: ignore[union-attr]
