@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from ident.records import Record
 
@@ -28,16 +27,17 @@ class Settings(Record):
     A class that names a `table` has its fields there, a row each, in the `settings.toml` beside its module.
     """
 
-    __init__: ClassVar[Callable[..., None]]  # of its numbers by name, which no type checker knows
-    __getattr__: ClassVar[Callable[[str], Any]]
+    if TYPE_CHECKING:  # its numbers by name, which no type checker knows
+
+        def __init__(self, **numbers: Any) -> None: ...
+        def __getattr__(self, name: str) -> Any: ...
 
     def __init_subclass__(cls, table: str = "", module: str = "") -> None:
         if table:
             path, own = Path(module or sys.modules[cls.__module__].__file__ or ""), vars(cls).get("__annotations__")
             rows = tomllib.loads(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
             for name, row in rows.items():
-                value = row.pop("value")
-                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **row))
+                setattr(cls, name, number(tuple(v) if isinstance(v := row.pop("value"), list) else v, **row))
             if not own:  # else it repeats its fields, and is made a dataclass by itself
                 cls.__annotations__ = dict.fromkeys(rows, Any)
                 dataclass(frozen=True)(cls)

@@ -48,7 +48,7 @@ class LawKind(NamedTuple):
 KINDS: dict[str, LawKind] = {}
 for _effect, _row in TABLE["effects"].items():
     if "states" in _row:
-        _own = {key: tuple(one) if isinstance(one, list) else one for key, one in _row["states"].items()}
+        _own: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in _row["states"].items()}
         _columns = getattr(import_module(f"ident.laws.{_own.pop('file')}"), _effect)
         KINDS[_effect] = LawKind(_columns, nonnegative=tuple(_row.get("nonnegative", ())), **_own)
 COLUMNS: Mapping[str, Columns] = {effect: kind.columns for effect, kind in KINDS.items()}
