@@ -102,9 +102,6 @@ OUTSIDE: dict[str, Planted] = {
 """Laws that no catalogue lists."""
 
 
-# Cases: which effect, on whose recordings, where and how large; written as sessions and answers apart from them.
-
-
 SIZES, PAIR_SIZES = (3.0, 1.0), (3.0, 3.0)
 # How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a case.
 NEAR, TRIES, DRAWS = 0.1, 12, 7

@@ -167,7 +167,13 @@ class MovedArm:
         scale = 1.0 / self.noise  # a joint that hardly moves has no say
         x = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
         kinds: dict[View, Array] = {"refit": x, "loss": x[:, 10 * n :], "no_offset": x[:, : 13 * n]}
-        return {name: _basis(columns) for name, columns in kinds.items()}
+        found: dict[View, Array] = {}
+        for name, columns in kinds.items():
+            scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+            values, vectors = np.linalg.eigh(scaled.T @ scaled)
+            kept = values > 1e-10 * values[-1]
+            found[name] = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
+        return found
 
     def visible(self, torque: Float[Array, "N n"], view: View, local: bool = False) -> Float[Array, " n"]:
         """What a refit leaves of a torque at each joint; of a local one, while it acts.
@@ -193,13 +199,6 @@ class MovedArm:
         torques: dict[View, Array] = {"refit": self.tau, "loss": self.tau - self.rigid, "no_offset": self.tau}
         rows = {view: self.rows(torque) * self.moving / self.noise for view, torque in torques.items()}
         return {view: np.maximum(self._rms(self._left(y, view)), 1.0) for view, y in rows.items()}
-
-
-def _basis(columns: Float[Array, "M p"]) -> Float[Array, "M r"]:
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > 1e-10 * values[-1]
-    return scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
 
 
 def _grid(t: Float[Array, " T"]) -> Float[Array, " K"]:

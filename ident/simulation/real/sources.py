@@ -150,21 +150,17 @@ def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
 def _source(name: str, arm: str, robot: str, runs: Sequence[Recording]) -> Source:
     model = ArmModel.load(robot).keeping(runs[0].joints)
     ordered = [run.select([j for j in model.joint_names if j in run.joints]) for run in runs]
-    return Source(name, arm, without_geometry(model.urdf), _one_clock(ordered))
-
-
-def _one_clock(runs: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The runs with position, velocity and torque alone, one after the other in time."""
+    # The runs with position, velocity and torque alone, one after the other in time.
     found: list[Recording] = []
-    for i, run in enumerate(runs):
+    for i, run in enumerate(ordered):
         rows = np.concatenate([[True], np.diff(run.time) > 0.0])
         time = run.time[rows]
-        gap = time[0] - runs[i - 1].time[-1] if i else 0.0
+        gap = time[0] - ordered[i - 1].time[-1] if i else 0.0
         start = found[-1].time[-1] + (gap if 0.0 < gap < LONGEST_PAUSE else PAUSE) if found else 0.0
         velocity = None if run.velocity is None else run.velocity[rows]
         channels = run.position[rows], run.effort[rows], velocity
         found.append(Recording(re.sub(r"\W", "_", run.name), run.joints, time - time[0] + start, *channels))
-    return tuple(found)
+    return Source(name, arm, without_geometry(model.urdf), tuple(found))
 
 
 def cut(run: Recording, parts: int) -> list[Recording]:
