@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -171,9 +171,9 @@ class FitOptions:
     @property
     def motion(self) -> MotionSettings:
         """How recordings become the motions that are fitted."""
-        from ident.motion.filter import USUAL_MOTION
+        from ident.motion.filter import MotionSettings
 
-        return replace(USUAL_MOTION, smoother=self.smoother)
+        return MotionSettings(smoother=self.smoother)
 
 
 @dataclass(frozen=True)
