@@ -129,7 +129,7 @@ def identify(
     prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
     sums = sum_blocks(motions, columns)
     require_motion(sums, nominal.joint_names, motions[0].name)
-    require_parted(sums, named, nominal.joint_names, motions[0].name)
+    require_parted(sums, named, nominal.joint_names, motions[0].name, 3 + how.offset)
 
     def through_reversals(joints: Bool[Array, " n"]) -> JointEstimate:
         return estimate(sum_blocks(motions, columns, joints), prior, how.offset, how.robust)

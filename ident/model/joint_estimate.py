@@ -270,20 +270,20 @@ def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "...
     return np.asarray(stdtrit(np.minimum(dof, 1e6), 0.5 + level / 2))
 
 
-def require_parted(sums: BlockSums, named: Sequence[NamedLaw], joints: tuple[str, ...], where: str) -> None:
-    """Raises RecordingError where the recordings can't tell a named law from plain friction and the laws beside it."""
+def require_parted(sums: BlockSums, named: Sequence[NamedLaw], joints: Sequence[str], where: str, losses: int) -> None:
+    """Raises RecordingError where the recordings can't tell a named law from plain losses and the laws beside it."""
     first = sums.rank + LOSS_COLUMNS
     places = np.cumsum([first, *(law.size for law in named)])
     for joint in sorted({law.joint for law in named}):
         spans = zip(named, pairwise(places), strict=True)
         own = [k for law, (start, end) in spans if law.joint == joint for k in range(start, end)]
-        columns = [*range(sums.rank, sums.rank + 3), *own]
+        columns = [*range(sums.rank, sums.rank + losses), *own]
         gram = sums.of(columns)[0][:, joint].sum(axis=0)
         size = np.sqrt(np.diag(gram))
         if np.any(size <= 0.0) or np.linalg.eigvalsh(gram / np.outer(size, size))[0] < LEAST_PARTED:
             told = " and ".join(law.effect for law in named if law.joint == joint)
-            what = f"its motions can't tell {told} of {joints[joint]} from plain friction"
-            raise RecordingError(where, what, "fit without --with, or record motions that show it")
+            what = f"its motions can't tell {told} of {joints[joint]} from plain friction or an offset"
+            raise RecordingError(where, what, "fit without --with (or --offset), or record motions that show it")
 
 
 def require_motion(sums: BlockSums, joints: tuple[str, ...], where: str) -> None:

@@ -20,8 +20,8 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -152,12 +152,6 @@ def _at(grid: Array, time: Array, values: Array) -> Array:
     return np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
 
 
-def sets_of(place: Path, seeds: int) -> Iterator[Recorded]:
-    yield from real_sets(Path(os.environ.get("IDENT_REAL_DATA", "../shared/real")))
-    yield shipped_set()
-    yield from fixture_sets(place, seeds)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peer-python", default=sys.executable, help="a Python that has the peers")
@@ -170,7 +164,8 @@ def main() -> None:
     peers = [peer for peer in PEERS if peer.name not in without]
     print(f"{'':<20}{'':<14}{'RMSE':>8}{'worst':>8}{'worst R²':>10}{'cpu s':>8}{'MB':>7}{'lines':>7}  consistent")
     with tempfile.TemporaryDirectory() as folder:
-        for recorded in sets_of(Path(folder), asked.seeds):
+        real = real_sets(Path(os.environ.get("IDENT_REAL_DATA", "../shared/real")))
+        for recorded in chain(real, [shipped_set()], fixture_sets(Path(folder), asked.seeds)):
             if only and not any(part in recorded.name for part in only):
                 continue
             place = Path(folder) / recorded.name.replace(" ", "_")
