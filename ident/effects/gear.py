@@ -44,11 +44,11 @@ def deflect(
 ) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
     """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
     slopes = (part[:, joint, joint] for part in reversed(run.derivatives))
-    signals, found = np.array([run.link[:, joint], *slopes]), np.empty((2, len(run.link)))
+    load, found = run.link[:, joint], np.zeros((2, len(run.link)))
+    found[1, 0] = (load[1] - load[0]) / (run.interval * stiffness)
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
-    _integrate(signals, np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
-    twist, rate = found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found)
-    return twist, rate
+    _integrate(np.array([load, *slopes]), np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
+    return tuple(found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found))
 
 
 def felt_torque(
@@ -89,10 +89,8 @@ class JointElasticity(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         stiffness, damping = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
-        return [
-            stiffness * felt_torque(run, joint, *deflect(run, joint, stiffness, damping, 0.0))[:, :, None]
-            for run in session.runs
-        ]
+        gear = joint, stiffness, damping, 0.0
+        return [stiffness * felt_torque(run, joint, *deflect(run, *gear))[:, :, None] for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array

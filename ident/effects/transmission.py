@@ -250,11 +250,11 @@ def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
 def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:
     """Where a cubic c₀ x + c₁ + c₂ x² + c₃ x³ is zero, nearest to the middle, and its slope there.
 
-    A cubic that has no zero within a range's width is at rest where it comes nearest to one.
+    A cubic without a zero within a range's width is at rest where it comes nearest to one; a turn has no slope.
     """
     cubic = np.polynomial.Polynomial(coefficients[[1, 0, 2, 3]])
     slope = cubic.deriv()
     roots = [float(root.real) for root in cubic.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
     turns = [float(root.real) for root in slope.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
     rest = min(roots, key=abs) if roots else min([*turns, -reach, reach], key=lambda x: abs(cubic(x)))
-    return rest, float(slope(rest))
+    return rest, 0.0 if np.isclose(rest, turns).any() else float(slope(rest))

@@ -3,12 +3,13 @@
 Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: RMS of the
 work that this difference does in a stretch of time; that of whole runs, of which there are few, is next to nothing by
 chance in one file or another. Replay: the arm starts from a measured state, gets the logged torque for
-a quarter of a second, and is compared with the measured state at the end; from a longer stretch without feedback any
-model drifts away, and nothing is learnt of it.
+a quarter of a second, and is compared with the measured state at the end, joints that stood still aside; from a longer
+stretch without feedback any model drifts away, and nothing is learnt of it.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
-of one of them, and at each joint the losses and laws of one, or friction between theirs. Of all these the one is
-written whose errors are least, as shares of the least of the first two's, by the upper end of what stretches and
+of one of them, and at each joint the losses and laws of one. None is fitted to the recordings that decide: what they
+would make of one is partly chance, and comes out better than it is. Of all these the one is written whose errors are
+least, as shares of the least of the first two's, by the upper end of what stretches and
 windows leave open; one that is larger than both counts several times as much, so that it is taken only where a joint's
 torque, energy and replay ask for different things.
 """
@@ -21,9 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.stats import t as student_t
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedModel, WrittenFile, log_error
 from ident.laws.motion import Losses
@@ -36,16 +37,14 @@ MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "positi
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
 # One file is worse than another beyond this logarithm of the ratio of their errors: less are the simulators' own steps.
 WORTH = 0.005
-# Standard errors by which a candidate has to be better to be taken.
-ERRORS = 2.0
+# How sure a candidate has to be better to be taken.
+LEVEL = 0.975
 # What an error that is larger than the least of others' counts more, by its logarithm.
 WORSE = 4.0
 # Stretches of a run whose work is compared [s].
 STRETCH = 2.0
 # Passes over the joints, each of which may change its candidate for what the others have done to it.
 PASSES = 3
-# A candidate with friction between that of the others is called so, and after the one whose laws it has.
-BETWEEN = "between"
 SAID = {
     "given": "the URDF as it is",
     "before": "the URDF's bodies with tuned losses",
@@ -64,7 +63,6 @@ class Gap:
 
     squares: Mapping[str, Float[Array, "k n"]]
     count: Float[Array, " n"]  # samples behind the torque
-    left: Sequence[Float[Array, "t n"]] = ()  # of each run's torque, zero where a joint does not slide [N m]
 
     def error(self, name: str) -> Float[Array, " n"]:
         """RMS of a measure, NaN where nothing was measured."""
@@ -75,24 +73,27 @@ class Gap:
         """RMS of the torque over all joints' samples [N m]."""
         return float(np.sqrt(self.count @ self.error("torque") ** 2 / max(self.count.sum(), 1.0)))
 
-    def over(self, others: Sequence[Gap], errors: float = 0.0) -> Float[Array, "m n"]:
+    def over(self, others: Sequence[Gap], level: float = 0.5) -> Float[Array, "m n"]:
         """Logarithms of its errors over the least of others', by measure and joint; zero where nothing was measured.
 
-        So many of their standard errors, pair by pair of stretches, are added.
+        Those that are not exceeded at a level, by Student's distribution of what stretches, pair by pair, leave open; a
+        single one leaves open all.
         """
         found = []
         for name, least in LEAST.items():
             own, *theirs = (one.squares[name] + least**2 for one in (self, *others))
             best = np.argmin([one.mean(axis=0) for one in theirs], axis=0)
             rival = np.array(theirs)[best, :, np.arange(own.shape[1])].T
-            spread = own / own.mean(axis=0) - rival / rival.mean(axis=0)
-            ratio = np.log(own.mean(axis=0) / rival.mean(axis=0)) + errors * spread.std(axis=0) / np.sqrt(len(own))
+            ratio = np.log(own.mean(axis=0) / rival.mean(axis=0))
+            spread, number = own / own.mean(axis=0) - rival / rival.mean(axis=0), max(len(own), 2)
+            scatter = spread.std(axis=0, ddof=1) if len(own) > 1 else 1.0 * (ratio != 0.0)
+            ratio += float(student_t.ppf(level, number - 1)) * scatter / np.sqrt(number)
             found.append(np.nan_to_num(0.5 * ratio))
         return np.array(found)
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
         """What each joint's errors cost against the least of others': those that are larger, several times as much."""
-        ratios = self.over(others, ERRORS)
+        ratios = self.over(others, LEVEL)
         return np.sum(ratios + WORSE * np.maximum(ratios, 0.0), axis=0)
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
@@ -104,15 +105,17 @@ class Gap:
 def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = None) -> Gap:
     """All distances of a loaded file from recordings; only of the replay where those of torque and energy are known."""
     each = max(1, MOST_WINDOWS // len(runs))
-    replay = np.concatenate([_roll_run(model, motion, each) for motion in runs], axis=1) ** 2
+    rolled = [_roll_run(model, motion, each) for motion in runs]
+    moved = np.concatenate([one for _, one in rolled])
+    replay = np.concatenate([missed for missed, _ in rolled], axis=1) ** 2
+    replay = replay * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
     replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
     replayed = dict(zip(("position", "velocity"), replay, strict=True))
     if known is not None:
         return replace(known, squares={**known.squares, **replayed})
-    counts, squares, works, lefts = np.zeros(runs[0].n), [], [], []
+    counts, squares, works = np.zeros(runs[0].n), [], []
     for motion in runs:
         left = log_error(model, motion)
-        lefts.append(left)
         counts += motion.settled.sum(axis=0)
         step = motion.interval * motion.lowpass.factor
         number = max(1, round(len(left) * step / STRETCH))
@@ -121,22 +124,22 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = 
         works.append(np.add.reduceat(left * motion.dq[motion.coarse] * step, starts, axis=0))
     torque = np.concatenate(squares)
     energy = np.concatenate(works) ** 2
-    return Gap({"torque": torque * len(torque) / np.maximum(counts, 1.0), "energy": energy, **replayed}, counts, lefts)
+    return Gap({"torque": torque * len(torque) / np.maximum(counts, 1.0), "energy": energy, **replayed}, counts)
 
 
-def _roll_run(model: LoadedModel, motion: Motion, count: int) -> Float[Array, "2 w n"]:
-    """Misses of position and velocity at the ends of evenly spread windows."""
+def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Array, "2 w n"], Bool[Array, "w n"]]:
+    """Misses of position and velocity at the ends of evenly spread windows, and which joints move in each."""
     states = motion.q, motion.dq, motion.ddq, motion.interval
     length = max(2, round(WINDOW / motion.interval))
     starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
     starts = np.unique(starts[starts >= 0])
     if not len(starts):
-        return np.zeros((2, 0, motion.n))
+        return np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool)
     rows = starts[:, None] + np.arange(length + 1)
     drive = model.undo_log(np.array(motion.tau), motion.interval)[rows]
     state, twists, missing = np.stack([motion.q, motion.dq]), model.deflections(*states), model.missing(*states)
     ends = model.roll_out(state[:, starts], twists[starts, :2], drive, -missing[rows], motion.interval)
-    return ends - state[:, starts + length]
+    return ends - state[:, starts + length], (np.abs(motion.dq[rows]) > motion.rest_speed).any(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +166,8 @@ class Chosen:
         """What a user should know of the choice."""
         lines = []
         if self.name != "after":
-            own = [name for name, when in zip(names, self.joints, strict=True) if not when.endswith("after")]
+            own = [name for name, when in zip(names, self.joints, strict=True) if when != "after"]
             words = SAID[self.bodies] + (f"; losses without effects at {', '.join(own)}" if own else "")
-            if any(when.startswith(BETWEEN) for when in self.joints):
-                words += "; friction between that of the candidates"
             lines.append(f"{FILE_OF[form]}: on these runs the best of its candidates has {words}")
         for name, (measure, ratio) in self.worse.items():
             lines.append(f"{FILE_OF[form]}: at {name} its error of {measure} is {ratio:.2f} of another candidate's")
@@ -187,7 +188,7 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     most = zip(options["after"].nominal.joint_names, gap.over(search.others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
     gaps = {name: search.found[name, (name,) * runs[0].n] for name in options if name != "after"} | {"after": gap}
-    return Chosen(mix(search.stated[bodies], bodies, joints), bodies, joints, gaps, worse)
+    return Chosen(mix(search.options, bodies, joints), bodies, joints, gaps, worse)
 
 
 class _Search:
@@ -195,7 +196,6 @@ class _Search:
 
     def __init__(self, form: str, options: dict[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> None:
         self.form, self.options, self.runs, self.folder, self.n = form, options, runs, folder, runs[0].n
-        self.stated = {bodies: dict(options) for bodies in options}
         self.found: dict[tuple[str, tuple[str, ...]], Gap] = {}
         self.others = [self.measure(name, (name,) * self.n) for name in options if name != "after"]
 
@@ -207,7 +207,7 @@ class _Search:
                 each = [self.found[bodies, (name,) * self.n] for name in joints]
                 parts = ((key, [g.squares[key][:, j] for j, g in enumerate(each)]) for key in list(LEAST)[:2])
                 known = replace(each[0], squares={key: np.stack(part, axis=1) for key, part in parts})
-            file = WrittenFile.write(self.form, self.folder, mix(self.stated[bodies], bodies, joints))
+            file = WrittenFile.write(self.form, self.folder, mix(self.options, bodies, joints))
             self.found[bodies, joints] = measure_gap(file.load(self.runs[0].payload), self.runs, known)
         return self.found[bodies, joints]
 
@@ -218,13 +218,7 @@ class _Search:
     def improve(self, bodies: str) -> None:
         """Looks for each joint's best losses and laws with some bodies."""
         order = [bodies, *(name for name in self.options if name != bodies)]  # of the same errors its own are taken
-        for name in self.options:
-            gap = self.measure(bodies, (name,) * self.n)
-            if name in ("tuned", "after"):
-                order.append(f"{BETWEEN}, {name}")
-                self.stated[bodies][order[-1]] = self._between(name, gap)
-                self.measure(bodies, (order[-1],) * self.n)
-        each = np.array([self.found[bodies, (name,) * self.n].cost(self.others) for name in order])
+        each = np.array([self.measure(bodies, (name,) * self.n).cost(self.others) for name in order])
         joints = tuple(order[k] for k in each.argmin(axis=0))
         for _ in range(PASSES):
             before = joints
@@ -234,27 +228,6 @@ class _Search:
                 joints = min(trials, key=lambda one: self.cost(bodies, one))
             if joints == before:
                 break
-
-    def _between(self, name: str, gap: Gap) -> IdentifiedArm:
-        """A candidate whose friction leaves least torque, dry and viscous friction within those of all candidates.
-
-        Of torque alone: what single runs make of energies is chance, and joints that were fitted to it did worse on
-        runs that nobody had seen.
-        """
-        stated = self.options[name]
-        given = np.array([[one.losses.coulomb, one.losses.viscous] for one in self.options.values()])
-        low, high = given.min(axis=0), given.max(axis=0)
-        found = np.array([stated.losses.coulomb, stated.losses.viscous])
-        columns = [np.stack([stated.losses.direction(one.q, one.dq), one.dq], axis=-1) for one in self.runs]
-        table = zip(self.runs, columns, strict=True)
-        rows = np.concatenate([np.where(one.settled[..., None], one.filtered(two), 0.0) for one, two in table])
-        target = np.concatenate(list(gap.left))
-        for j in range(self.n):
-            span = np.maximum(high[:, j] - low[:, j], 1e-12)
-            bounds = (low[:, j] - found[:, j]) / span - 1e-9, (high[:, j] - found[:, j]) / span + 1e-9
-            found[:, j] += span * lsq_linear(rows[:, j] * span, target[:, j], bounds).x
-        coulomb, viscous = np.clip(found, low, high)
-        return replace(stated, losses=replace(stated.losses, coulomb=coulomb, viscous=viscous))
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:

@@ -17,9 +17,9 @@ import numpy as np
 
 from ident.laws.motion import Array, MovingArm, rigid_torque
 
-# An elastic joint is integrated with steps no longer than this [s], and than so much of its own swing [rad]; if made
-# linear so often, its equation is right to a thousandth for a third of a radian.
-LONGEST_STEP, LONGEST_TURN, LINEAR_ROUNDS = 0.001, 0.1, 3
+# An elastic joint is integrated with steps no longer than this [s], and than so much of its own swing [rad]; its
+# equation is made linear anew so often at most, until its deflection changes by less [rad].
+LONGEST_STEP, LONGEST_TURN, LINEAR_ROUNDS, LINEAR_ENOUGH = 0.001, 0.1, 20, 1e-5
 # Gear in contact behind its play: stiffness in rated torques a radian, and damping ratio.
 CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
 
@@ -31,9 +31,11 @@ def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     for _ in range(LINEAR_ROUNDS):
         slopes = [part[:, j] for part in _slopes(link, j)]
         load = link.rigid[:, j] + sum(slope * one for slope, one in zip(slopes, twist, strict=True))
-        twist = _deflect(m, load, slopes, gear)
+        before, twist = twist, _deflect(m, j, load, slopes, gear)
         q, dq, ddq = (one - by[:, None] * unit for one, by in zip((m.q, m.dq, m.ddq), twist, strict=True))
         link = MovingArm(m.arm, m.losses, q, dq, ddq, m.interval)
+        if np.abs(twist[0] - before[0]).max() < LINEAR_ENOUGH:
+            break
     return link.rigid - m.rigid
 
 
@@ -42,7 +44,7 @@ def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     slopes, stiffness = _slopes(m, j), CONTACT_STIFFNESS * float(m.arm.rated[j])
     own = [part[:, j] for part in slopes]
     damping = 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(own[2])))
-    loose, tight = (_deflect(m, m.rigid[:, j], own, (stiffness, damping, gap)) for gap in (0.5 * p["gap_rad"], 0.0))
+    loose, tight = (_deflect(m, j, m.rigid[:, j], own, (stiffness, damping, gap)) for gap in (0.5 * p["gap_rad"], 0.0))
     return -sum(part * one[:, None] for part, one in zip(slopes, loose - tight, strict=True))
 
 
@@ -55,11 +57,11 @@ def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Arr
     return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
 
 
-def _deflect(m: MovingArm, load: Array, slopes: list[Array], gear: tuple[float, float, float]) -> Array:
-    """Deflection of an elastic joint with play under a load, its rate and acceleration, shape (3, T)."""
+def _deflect(m: MovingArm, j: int, load: Array, slopes: list[Array], gear: tuple[float, float, float]) -> Array:
+    """Deflection of an elastic joint with play under a load, its rate, at first the load's, and its acceleration."""
     interval, stiffness = m.sampled("an elastic joint"), gear[0]
     step = min(LONGEST_STEP, LONGEST_TURN / float(np.sqrt(stiffness / np.mean(slopes[2]))))
-    found = [[0.0] * len(load), [0.0] * len(load)]
+    found = [[0.0] * len(load), [float(m.rigid[1, j] - m.rigid[0, j]) / (interval * stiffness)] * len(load)]
     signals = [one.tolist() for one in (load, *reversed(slopes))]
     integrate_twist(signals, gear, interval, max(1, ceil(interval / step)), found)
     return np.array([*found, np.gradient(found[1], interval)])
@@ -69,7 +71,7 @@ def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-u
     """Newmark's method, in balance at first; the gear pushes only beyond ±half, and damps only there.
 
     Signals are the load, then M, V and P; the gear is its stiffness, its damping and half its play; `found` takes the
-    deflection and its rate. All are sequences of numbers, loops plain: the diagnosis compiles this.
+    deflection and its rate, which holds the first. All are sequences of numbers; the diagnosis compiles this.
     """
     load, inertia, velocity, position = signals[0], signals[1], signals[2], signals[3]
     stiffness, damping, half = gear[0], gear[1], gear[2]
@@ -77,9 +79,9 @@ def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-u
     gamma, beta = 0.5, 0.25
     h = interval / steps
     x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))
-    v = (load[1] - load[0]) / (interval * stiffness)
+    v = rate[0]
     a = -(damping + velocity[0]) * v / inertia[0]
-    twist[0], rate[0] = x, v
+    twist[0] = x
     for k in range(1, len(load)):
         for step in range(1, steps + 1):
             w = step / steps

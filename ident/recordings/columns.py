@@ -189,7 +189,7 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     found = _without_gaps_in_temperature(table.columns)
     joints = tuple(joint_of(column) for column in found if column.endswith("/position"))
     if not joints:
-        remedy = f"name its columns in [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
+        remedy = f"use `ident new`, or [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
         raise RecordingError(source, "no column <joint>/position", remedy)
     for column in found:
         if column != TIME and (joint := joint_of(column)) not in joints:

@@ -5,8 +5,9 @@
 Half of the runs are diagnosed, and fitted with what was named (`ident fit --with`); a third decides what is written
 (`ident patch --on`, `ident export --on`); the rest is seen by nobody. A single run is cut into six pieces. For every
 file the largest ratio over joints of its error to the smaller of the URDF's (with tuned losses, and as it is) and the
-tuned arm's, in torque, energy and replay; below it the geometric mean of all these ratios. FOLDER keeps diagnoses and
-models: what is there is not made again.
+tuned arm's, in torque, energy and replay; the largest that the stretches make sure of (95 %, both sides), for the least
+of three is known afterwards only; and the geometric mean of all. FOLDER keeps diagnoses and models: what is there is
+not made again.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ident.checks import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.export.choose import MEASURES, measure_gap
+from ident.export.choose import MEASURES, Gap, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedMjcf, LoadedModel, LoadedUrdf, WrittenFile
 from ident.export.write import write_export, write_patch
@@ -95,6 +96,7 @@ ARMS: dict[str, Callable[[], Arm]] = {
     "Rokae AR5": lambda: real("rokae_ar5", pattern="*.csv"),
     "dual arm": lambda: real("dual_arm_v2", pattern="**/*.parquet"),
     "AIRBOT": lambda: real("airbot_play"),
+    "IC arm": lambda: real("ic_arm", "robot_scaled.urdf"),
     **{name: lambda effects=effects: simulated(effects) for name, effects in SIMULATED.items()},
 }
 
@@ -126,11 +128,12 @@ def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], P
     return arm, motions, path, HybridModel.load(folder)
 
 
-def cell(found: np.ndarray, joints: Sequence[str]) -> str:
-    """The worst ratio and where it is, and the mean."""
-    where = np.unravel_index(int(np.nanargmax(found)), found.shape)
-    mean = float(np.exp(np.nanmean(np.log(found))))
-    return f"{found[where]:.2f} ({list(MEASURES)[where[0]]}, {joints[where[1]][-8:]}) / {mean:.2f}"
+def cell(own: Gap, rivals: Sequence[Gap], joints: Sequence[str]) -> str:
+    """The worst ratio and where it is, the largest that is sure, and the mean."""
+    found, sure = own.over(rivals), own.over(rivals, level=0.025)
+    where = np.unravel_index(int(found.argmax()), found.shape)
+    place = f"({list(MEASURES)[where[0]]}, {joints[where[1]][-8:]})"
+    return f"{np.exp(found[where]):.2f} {place}, sure {np.exp(sure.max()):.2f}, mean {np.exp(found.mean()):.2f}"
 
 
 def rows(name: str, cache: Path) -> str:
@@ -150,8 +153,8 @@ def rows(name: str, cache: Path) -> str:
             payload = runs[0].payload
             own = measure_gap(load(cache / folder, form, nominal, payload), runs)
             files = (WrittenFile.write(form, cache / "scratch", one) for one in rivals.values())
-            found = own.over([measure_gap(file.load(payload), runs) for file in files])
-            cells.append(f"{record['written'][form] * (runs is choosing)} {cell(np.exp(found), arm.joint_names)}")
+            others = [measure_gap(file.load(payload), runs) for file in files]
+            cells.append(f"{record['written'][form] * (runs is choosing)} {cell(own, others, arm.joint_names)}")
     pad = [""] * (8 - len(cells))
     return f"| {name} | {laws} | " + " | ".join([*pad, *cells])
 

@@ -352,3 +352,14 @@ def test_a_bent_spring_that_rests_out_of_reach_pulls_though_its_stiffness_there_
     assert outside["rest_rad"].low > low - np.pi
     inside = effect.parameters(session, 1, bent, np.array([1.5, -0.3, 0.0, 0.0]), cells)
     assert inside["rest_rad"].high - inside["rest_rad"].low < 0.2
+
+
+def test_a_spring_that_turns_at_its_rest_has_no_slope_there(session: SessionContext) -> None:
+    """Law: of cubics that only touch zero, or turn before it, the stiffness at rest is zero and not rounding's."""
+    effect, rng = find_effect("spring_torque"), np.random.default_rng(8)
+    bent = next(one for one in effect.variants(session, 1) if one.shape["law"] == BENT)
+    for _ in range(200):
+        turn, size = rng.uniform(-0.4, 0.4), rng.choice([1e-3, 1.0, 1e3])
+        constant, linear, square, cube = size * np.polynomial.polynomial.polyfromroots([turn, turn, 5.0])
+        cubic = np.array([linear, constant - size * rng.integers(2), square, cube])
+        assert effect.parameters(session, 1, bent, cubic, np.zeros((4, 4)))["stiffness_Nm_rad"].value == 0.0

@@ -18,7 +18,7 @@ from ident.api.exporting import patch
 from ident.arrays import Array
 from ident.cli.app import app
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.choose import Gap, choose, mix
+from ident.export.choose import Gap, choose, measure_gap, mix
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import WrittenFile
 from ident.export.mjcf import write_mjcf, write_urdf
@@ -109,6 +109,31 @@ def test_an_error_is_worse_by_its_ratio_and_by_what_stretches_leave_open_in_a_ch
     assert np.all(better.cost([worse]) < 0.0)
     assert np.all(luck.over([better])[1] < 0.0)
     assert np.all(luck.cost([better]) >= 0.0)
+
+
+def test_of_a_few_stretches_little_is_sure() -> None:
+    """Law: the same scatter counts more the fewer stretches there are, of one alone all of it; no scatter, nothing."""
+    even, names = np.tile([[1.0], [3.0]], (32, 1)) * np.ones(6), ("torque", "energy", "position")
+
+    def cost(count: int) -> float:
+        one, other = (Gap(dict.fromkeys(names, x[:count]), np.ones(6)) for x in (0.5 * even, even[::-1]))
+        return float(one.cost([other]).max())
+
+    assert cost(64) < 0.0 < cost(8) < cost(4) < cost(2)
+    one, better = (Gap(dict.fromkeys(names, x), np.ones(6)) for x in (even[:1], 0.1 * even[:1]))
+    assert np.all(better.cost([one]) > one.cost([one]))
+    assert np.all(one.cost([one]) == 0.0)
+
+
+def test_a_replay_judges_joints_that_move_and_knows_an_arm_that_is_lost(tmp_path: Path) -> None:
+    """Law: standing still is no error; light links don't swing up by friction's steps; one that is lost is off."""
+    arm, light = stated().nominal, replace(stated(), losses=replace(LOSSES, motor_inertia=np.zeros(6)))
+    (motion,) = made_motions(arm, healthy(arm), [3], duration=4.0)
+    still, file = replace(motion, dq=motion.dq * (np.arange(6) != 2)), WrittenFile.write("urdf", tmp_path, light)
+    for run, least, most in ((motion, 0.0, 1.0), (replace(motion, tau=1e6 + 0.0 * motion.tau), 6.0, 10.0)):
+        error = measure_gap(file.load(), [run]).error("position")
+        assert np.all((error > least) & (error < most))
+    assert measure_gap(file.load(), [still]).error("position")[2] == 0.0
 
 
 @pytest.mark.parametrize("seed", range(3))
