@@ -48,7 +48,8 @@ def deflect(
     found[1, 0] = (load[1] - load[0]) / (run.interval * stiffness)
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
     _integrate(np.array([load, *slopes]), np.array([stiffness, damping, gap / 2]), run.interval, steps, found)
-    return tuple(found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found))
+    twist, rate = found if np.abs(found[0]).max() < LIMIT.largest_twist else np.zeros_like(found)
+    return twist, rate
 
 
 def felt_torque(

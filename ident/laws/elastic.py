@@ -79,9 +79,8 @@ def integrate_twist(signals, gear, interval, steps, found):  # type: ignore[no-u
     gamma, beta = 0.5, 0.25
     h = interval / steps
     x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))
-    v = rate[0]
+    v, twist[0] = rate[0], x
     a = -(damping + velocity[0]) * v / inertia[0]
-    twist[0] = x
     for k in range(1, len(load)):
         for step in range(1, steps + 1):
             w = step / steps
