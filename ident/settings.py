@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from ident.records import Record
 
@@ -24,7 +24,8 @@ def number(default: Any = None, unit: str = "", meaning: str = "", source: str =
 class Settings(Record):
     """Base of a stage's numbers, and of groups of such stages.
 
-    A class that names a `table` has its fields there, a row each, in the `settings.toml` beside its module.
+    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside its module; it is a
+    dataclass of these and of the groups that it lists itself.
     """
 
     if TYPE_CHECKING:  # its numbers by name, which no type checker knows
@@ -34,13 +35,16 @@ class Settings(Record):
 
     def __init_subclass__(cls, table: str = "", module: str = "") -> None:
         if table:
-            path, own = Path(module or sys.modules[cls.__module__].__file__ or ""), vars(cls).get("__annotations__")
+            path = Path(module or sys.modules[cls.__module__].__file__ or "")
             rows = tomllib.loads(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
             for name, row in rows.items():
                 setattr(cls, name, number(tuple(v) if isinstance(v := row.pop("value"), list) else v, **row))
-            if not own:  # else it repeats its fields, and is made a dataclass by itself
-                cls.__annotations__ = dict.fromkeys(rows, Any)
-                dataclass(frozen=True)(cls)
+            cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
+            dataclass(frozen=True)(cls)
+
+    def but(self, **numbers: Any) -> Self:
+        """The same with some other numbers."""
+        return replace(self, **numbers)
 
     def describe(self) -> list[dict[str, Any]]:
         """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""

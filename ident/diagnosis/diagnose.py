@@ -106,7 +106,7 @@ def diagnose(
     stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     sure, beside = _beside_discrepancy(settle(first, session, baseline), session, baseline, settings)
-    sure = name_wrong_links(sure, session, baseline)
+    sure = name_wrong_links(sure, session, baseline, settings.verdict)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]

@@ -22,31 +22,35 @@ from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.settings import VerdictSettings
 from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
 
-def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
+def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline, verdict: VerdictSettings) -> Settled:
     """The names and, after them, those of links that are off by more than URDFs are.
 
     Args:
         sure: The laws that have a name.
         session: The runs.
         baseline: The tuned model.
+        verdict: From when on a link has a name, and how sure that is.
     """
     search, groups = sure.search, [item.group for item in sure.found.named]
     evidence, held = search.evidence, search.settings
     model = project(evidence.gram(), evidence, search.prior, groups)
     links = measure_tuned_links(baseline, evidence, model, search.prior, measure_inflation(evidence, model))
     # A moment about the axis may be that of any link behind it.
-    wrong = {k for k, one in enumerate(links.values()) if one.beyond - {ABOUT} and one.evidence >= held.wrong_link_nats}
+    wrong = {
+        k for k, one in enumerate(links.values()) if one.beyond - {ABOUT} and one.evidence >= verdict.wrong_link_nats
+    }
     while wrong:
         alone = _believing_usual(search, wrong, baseline)
         bodies = _links(alone, wrong, groups)
         if not bodies:
             break
-        found = _with_bodies(replace(sure, search=alone), bodies, session, baseline)
+        found = _with_bodies(replace(sure, search=alone), bodies, session, baseline, verdict.wrong_link_trust)
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.named[k], found.estimates[k]) for k in added}, session))
         refused |= {k for k in added if found.estimates[k].class_probability < held.least_probability}
@@ -73,7 +77,9 @@ def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> lis
     return [group for group in best if group.effect.id == LinkInertialError.id and group.joint in set(wrong)]
 
 
-def _with_bodies(sure: Settled, bodies: Sequence[Group], session: SessionContext, baseline: Baseline) -> Settled:
+def _with_bodies(
+    sure: Settled, bodies: Sequence[Group], session: SessionContext, baseline: Baseline, trust: float
+) -> Settled:
     """The names with those of bodies after them."""
     search, first = sure.search, len(sure.found.named)
     groups = [*(item.group for item in sure.found.named), *bodies]
@@ -87,12 +93,12 @@ def _with_bodies(sure: Settled, bodies: Sequence[Group], session: SessionContext
     # Their sizes are those of the tuned arm, whose other links may be off as well.
     as_tuned = [replace(item, absorbed=item.absorbed and k < first) for k, item in enumerate(named)]
     estimates = estimate_effects(search, fine, session, as_tuned)
-    estimates[first:] = [_among_bodies(search, one, groups) for one in estimates[first:]]
+    estimates[first:] = [_among_bodies(search, one, groups, trust) for one in estimates[first:]]
     found = SearchResults(tuple(named), tuple(ladder), sure.found.refused)
     return replace(sure, found=found, estimates=estimates, fine=fine)
 
 
-def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group]) -> Estimate:
+def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust: float) -> Estimate:
     """An estimate weighed against what moves the same numbers: that one of them is there, the link's evidence says."""
     evidence = search.evidence
     others = [group for group in groups if group is not one.group]
@@ -106,5 +112,5 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group]) -> Est
         # What hangs on the last link is a part of it.
         odds = odds | {UnknownPayload.id: min(odds.get(UnknownPayload.id, 1.0), 1.0)}
         rivals = (*rivals, *({UnknownPayload.id} - set(rivals)))
-    probability = search.settings.wrong_link_trust / (1.0 + sum(1.0 / each for each in odds.values()))
+    probability = trust / (1.0 + sum(1.0 / each for each in odds.values()))
     return replace(one, probability=probability, rivals=rivals, odds=odds)

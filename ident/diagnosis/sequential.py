@@ -117,9 +117,8 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
     held, nats = settings.selection, -log(share * error / settings.selection.family_error)
     slow = held.slow_error * exp(-nats)
     wandering = settings.regression.wandering
-    wandering = replace(wandering, draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
-    selection = replace(
-        held,
+    wandering = wandering.but(draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
+    selection = held.but(
         family_error=share * error,
         slow_error=slow,
         flips=max(held.flips, ceil(1.0 / (RESOLUTION * share * error))),
@@ -128,7 +127,7 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
         event_nats=held.event_nats + nats,
         burst_nats=held.burst_nats + nats,
     )
-    return replace(settings, selection=selection, regression=replace(settings.regression, wandering=wandering))
+    return replace(settings, selection=selection, regression=settings.regression.but(wandering=wandering))
 
 
 def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:

@@ -13,26 +13,11 @@ from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
-from ident.settings import Settings, number
+from ident.settings import Settings
 
 
-@dataclass(frozen=True)
 class VerdictSettings(Settings, table="verdict"):
     """What the evidence amounts to."""
-
-    named_from: float = number()
-    even_odds: float = number()
-    trust_nats: float = number()
-    trust_exponents: tuple[float, float, float] = number()
-    least_share: float = number()
-    widening_per_fold: float = number()
-    least_believed: float = number()
-    least_gap_share: float = number()
-    noise_margin: float = number()
-    stands_out: float = number()
-    much_left: float = number()
-    far_left: float = number()
-    loud: float = number()
 
     def trust(self, law: Beside, closed: float) -> float:
         """How far a law is believed at its joints.

@@ -17,7 +17,8 @@ class MotionSettings(Settings, table="motion"):
 
 
 USUAL_MOTION = MotionSettings()
-FOR_DIAGNOSIS = MotionSettings(cutoff_hz=25.0, oversampling=2.5)
+OF_DIAGNOSIS = read_group(__file__, "diagnosis")  # in place of some of them
+FOR_DIAGNOSIS = MotionSettings(cutoff_hz=OF_DIAGNOSIS.cutoff_hz, oversampling=OF_DIAGNOSIS.oversampling)
 ENCODER = read_group(__file__, "encoder")
 
 

@@ -256,7 +256,7 @@ def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSe
     if blocks >= settings.most_blocks:
         return settings
     folds = min(settings.folds, max(settings.fewest_folds, blocks // 4))
-    return replace(settings, most_blocks=blocks, folds=folds)
+    return settings.but(most_blocks=blocks, folds=folds)
 
 
 class _Sums:
