@@ -10,18 +10,18 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, Writes, commands_of, console, make_app
-from ident.files import write_record
-from ident.outputs import check_outputs
+from ident.cli.shared import JsonFile, Writes, commands_of, console, hand_over, make_app
+from ident.outputs import check_outputs, remove_own_file
 from ident.process import run_command
 from ident.show.console import progress_line
 from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
-from plan.show.console import print_comparison, print_excitation, print_result
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
 command = commands_of(app)
 # Exit status where a task has no plan: neither done nor anybody's fault.
 NO_PLAN = 3
+# What a comparison's folder holds: all methods, and the best plan.
+COMPARISON_FILES = ("comparison.png", "best.png", "best.rrd", "best.json")
 
 SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
 ModelFolder = Annotated[
@@ -51,29 +51,50 @@ def solve(
     from plan.problem.task_file import load_task
 
     task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is reported at once
-    from plan.api.planning import open_task, save_motion, save_outputs, solve_task
+    from plan.api.planning import open_task
     from plan.planners.base import processor_seconds
 
     if out is not None:
-        from plan.problem.execution import require_writable
+        from plan.problem.execution import execute, require_writable  # brings the table formats along
 
         require_writable(out, rate)
-    places = {"--json": json_file, "--picture": picture, "--rrd": rrd, "--out": out}
-    check_outputs([scene, model, options.vias], places)
     if picture is not None:
-        from plan.show.pictures import require_picture
+        from plan.show.pictures import draw_motion, require_picture, save_figure
 
         require_picture(picture)
     opened = open_task(task, model, options)
     with progress_line(console, f"solve by {options.method}"):
-        result = solve_task(opened, options)
+        result = opened.solve(options)
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
-    save_outputs(opened, result, json_file, picture, rrd)
-    written = save_motion(result, out, rate)
-    print_result(console, result)
-    if written is not None:
-        console.print(written, soft_wrap=True, highlight=False)
+    written = []
+
+    def write_pictures() -> None:
+        """Only of a motion; none of an earlier one is left in their place."""
+        if result.splines is None or result.stands:
+            for path in filter(None, (picture, rrd)):
+                remove_own_file(path)
+            return
+        if picture is not None:
+            save_figure(draw_motion(opened.problem, result), picture)
+        if rrd is not None:
+            from plan.show.timeline import save_timeline
+
+            save_timeline(opened.problem, result, rrd)
+
+    def write_motion() -> None:
+        """Where there is none, one of an earlier run is removed: a controller would take it for this task's."""
+        if out is not None and result.solved:
+            motion = execute(result, rate)
+            motion.save(out)
+            longer = f", {motion.longer:.3f} s longer than planned to start and end at rest" if motion.longer else ""
+            written.append(f"motion written to {out}: {len(motion.times)} points, {motion.duration:.4f} s{longer}")
+        elif out is not None and remove_own_file(out):
+            written.append(f"no motion: that of an earlier run is removed from {out}")
+
+    hand_over(result, json_file, write_pictures, write_motion)
+    for line in written:
+        console.print(line, soft_wrap=True, highlight=False)
     if not result.solved:
         raise typer.Exit(NO_PLAN)
 
@@ -90,15 +111,29 @@ def compare(
     from plan.problem.task_file import load_task
 
     task = load_task(scene)
-    from plan.api.planning import COMPARISON_FILES, compare_task, open_task, save_comparison
+    from plan.api.planning import open_task
 
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model, options.vias], {**written, "--json": json_file})
     opened = open_task(task, model, options)
     with progress_line(console, "compare"):
-        table = compare_task(opened, options)
-    print_comparison(console, table)
-    save_comparison(opened, table, json_file, out)
+        table = opened.compare(options)
+
+    def write_folder() -> None:
+        if out is None:
+            return
+        from plan.show.pictures import draw_comparison, draw_motion, save_figure
+        from plan.show.timeline import save_timeline
+
+        picture, motion, timeline, record = (out / name for name in COMPARISON_FILES)
+        save_figure(draw_comparison(table), picture)
+        best = table.best()
+        if best is not None:
+            save_figure(draw_motion(opened.problem, best), motion)
+            save_timeline(opened.problem, best, timeline)
+            best.save(record)
+
+    hand_over(table, json_file, write_folder)
 
 
 @command
@@ -138,10 +173,7 @@ def excite(
     check_outputs([robot, diagnosis, catalogue, options.scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
     with progress_line(console, "excite"):
         found = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asdict(options))
-    if out is not None:
-        found.write(out)
-    write_record(json_file, found.to_dict())
-    print_excitation(console, found)
+    hand_over(found, json_file, lambda: None if out is None else found.write(out))
     console.print(
         "nothing written: give --out FOLDER for the motion's files" if out is None else f"motion written to {out}"
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -21,18 +19,9 @@ LONGEST, SAME = 0.5, 0.05
 MOST = 16
 
 
-@dataclass(frozen=True, eq=False)
-class Ways:
-    """What was found."""
-
-    positions: tuple[Float[Array, " n"], ...]  # joint positions, the nearest to the start first
-    outside: int  # how many more there are beyond the position limits
-    nearest: tuple[float, float]  # how near the frame comes where no way leads there: place [m] and turn [rad]
-
-
 def reach_pose(
     arm: ArmModel, pose: Pose, frame: str, start: Float[Array, " n"], lower: Float[Array, " n"], upper: Array
-) -> Ways:
+) -> tuple[list[Array], int, tuple[float, float]]:
     """Every joint position that brings a frame to a pose, by damped Gauss-Newton steps from many places.
 
     Args:
@@ -41,6 +30,10 @@ def reach_pose(
         frame: The frame's name.
         start: Where the arm stands; joints that turn all round are brought as near to it as their limits allow.
         lower, upper: Position limits.
+
+    Returns:
+        Joint positions, the nearest to the start first; how many more there are beyond the position limits; and how
+        near the frame comes where no way leads there, place [m] and turn [rad].
     """
     rng = np.random.default_rng(0)  # fixed: which ways there are must not depend on the run's seed
     low, high = np.maximum(lower, start - np.pi), np.minimum(upper, start + np.pi)
@@ -60,7 +53,7 @@ def reach_pose(
         if not any(np.abs(q - other).max() < SAME for other in kept):
             kept.append(q)
     found.sort(key=lambda q: float(np.abs(q - start).max()))
-    return Ways(tuple(freeze(q) for q in found[:MOST]), len(outside), nearest)
+    return [freeze(q) for q in found[:MOST]], len(outside), nearest
 
 
 class PoseSolver:

@@ -1,70 +1,127 @@
-"""Plans, comparisons and motions to record in words and pictures, for Python and notebooks."""
+"""Plans, comparisons and motions to record: what the commands print, and what Python and notebooks show."""
 
 from __future__ import annotations
 
-from functools import singledispatch
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
+from rich.table import Table
 
-from ident.results import Result
-from ident.show.panels import panel
-from ident.trajectories.reference import TICK_S
-from plan.experiment.result import Excitation
-from plan.problem.result import PlanResult
-from plan.show.console import print_comparison, print_excitation, print_result
-from plan.solving.compare import Comparison
+from ident.console import styled
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # each result is known by its name: none of them needs what the others are made of
     from matplotlib.figure import Figure
 
+    from plan.experiment.result import Excitation
+    from plan.problem.result import PlanResult
+    from plan.solving.compare import Comparison
+
 SAMPLES = 300
+UNITS = {"energy": "J", "time": "s"}
+LINES = Path(__file__).with_name("lines.jinja")
 
 
 def write(console: Console, result: PlanResult | Comparison | Excitation) -> None:
-    """Prints a result in plain lines, as the command does."""
-    if isinstance(result, PlanResult):
-        print_result(console, result)
-    elif isinstance(result, Comparison):
-        print_comparison(console, result)
-    else:
-        print_excitation(console, result)
+    """Prints a result in plain lines and tables, as the command does."""
+    {"PlanResult": _print_plan, "Comparison": _print_comparison, "Excitation": _print_motion}[type(result).__name__](
+        console, result
+    )
 
 
-@singledispatch
-def draw(result: Result) -> Figure:
-    """A result as a picture."""
-    raise TypeError(f"{type(result).__name__} has no picture")
+def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> None:
+    """Prints what the template's macro of a kind of result makes of it."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(line_statement_prefix="%", undefined=StrictUndefined)
+    template = environment.from_string(LINES.read_text(encoding="utf-8"), given)
+    for line in getattr(template.module, kind)(result, *more).splitlines():
+        if line.strip():
+            console.print(line, soft_wrap=True, highlight=False)
 
 
-@draw.register(PlanResult)
-def _(result: PlanResult) -> Figure:
-    """Angles over time; empty where there is no plan."""
-    figure, axes = panel("time [s]", "angle [deg]", f"{result.status} by {result.method}")
+def _print_plan(console: Console, result: PlanResult) -> None:
+    """A plan and its certificate, or why there is none; and what became of the initial trajectories."""
+    status = (result.status, "green" if result.solved else "red")
+    spent = f" by {result.method}, {result.evaluations} evaluations, {result.seconds:.2f} s"
+    console.print(styled(status, spent), soft_wrap=True)
+    vias = []
     if result.splines is not None:
-        times = np.linspace(0.0, float(result.splines.total[0]), SAMPLES)
-        angles = np.degrees(result.splines.at(times)[0])
-        for j in range(angles.shape[1]):
-            axes.plot(times, angles[:, j], label=f"joint {j + 1}")
-        axes.legend(fontsize=7)
-    return figure
+        stamps, points = np.cumsum(result.splines.durations[0])[:-1], result.splines.points[0, 1:-1]
+        vias = list(zip(stamps, np.degrees(points), strict=True))
+    _say(console, "plan", result, vias=vias)
+    if len(result.starts) > 1:
+        table = Table(title="initial trajectories", title_justify="left")
+        for name in ("start", f"cost reached [{UNITS[result.objective]}]", "reason"):
+            table.add_column(name)
+        for start in result.starts:
+            cost = start.get("cost")
+            failed = "not made feasible" if "violation" in start and cost is None else ""
+            table.add_row(start["label"], "" if cost is None else f"{cost:.3f}", start["reason"] or failed)
+        console.print(table)
 
 
-@draw.register(Comparison)
-def _(result: Comparison) -> Figure:
-    from plan.show.pictures import draw_comparison
+def _print_comparison(console: Console, comparison: Comparison) -> None:
+    """Medians over the seeds, a row a method."""
+    table = Table(title=f"{comparison.name}: medians over the seeds", title_justify="left")
+    columns = {
+        "method": "{method}",
+        "solved": "{solved}/{runs}",
+        f"cost [{UNITS[comparison.objective]}]": "{cost:.4g}",
+        "executed": "{executed:.4g}",
+        "worst": "{worst:.4g}",
+        f"at {comparison.evaluations} evaluations": "{cost_at_evaluations:.4g}",
+        f"at {comparison.seconds:g} s": "{cost_at_seconds:.4g}",
+        "evaluations": "{evaluations}",
+        "time [s]": "{seconds:.2f}",
+        "clearance [mm]": "{clearance_mm:.1f}",
+        "above the best [%]": "{above_percent:.2f}",
+    }
+    for name in columns:
+        table.add_column(name, justify="left" if name == "method" else "right")
+    for row in comparison.rows():
+        known = {name: float("nan") if value is None else value for name, value in row.items()}
+        known |= {"clearance_mm": 1000 * known["clearance_m"], "above_percent": 100 * known["above_best"]}
+        table.add_row(*(text.format(**known).replace("nan", "–") for text in columns.values()))
+    console.print(table)
 
-    return draw_comparison(result)
+
+def _print_motion(console: Console, found: Excitation) -> None:
+    """The set-up where it must change, the motion, what it tells, and what random motion would."""
+    from ident.effects.effect_info import describe_motion
+    from ident.errors import plural
+    from plan.experiment.result import odds_of
+
+    odds = ["over 10⁶ : 1" if odds_of(one) > 1e6 else f"{odds_of(one):.3g} : 1" for one in found.smallest]
+    motion = describe_motion(found.run_set.family, found.joint)
+    _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
 
 
-@draw.register(Excitation)
-def _(result: Excitation) -> Figure:
-    """The motion's first run, joint by joint."""
-    figure, axes = panel("time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}")
-    for motion in result.runs[:1]:
-        step = max(1, len(motion.q) // SAMPLES)
-        for j, joint in enumerate(result.noise):
-            axes.plot(TICK_S * np.arange(len(motion.q))[::step], motion.q[::step, j], label=joint)
+def draw(result: Any) -> Figure:
+    """A result as a picture: a comparison's costs; angles of a plan, or of a motion's first run, over time."""
+    from ident.show.panels import panel
+    from ident.trajectories.reference import TICK_S
+
+    kind, curves = type(result).__name__, list[tuple[Any, Any, str]]()
+    if kind == "Comparison":
+        from plan.show.pictures import draw_comparison
+
+        return draw_comparison(result)
+    if kind == "PlanResult":
+        figure, axes = panel("time [s]", "angle [deg]", f"{result.status} by {result.method}")
+        if result.splines is not None:  # else it stays empty
+            times = np.linspace(0.0, float(result.splines.total[0]), SAMPLES)
+            angles = np.degrees(result.splines.at(times)[0]).T
+            curves = [(times, one, f"joint {j}") for j, one in enumerate(angles, start=1)]
+    else:
+        figure, axes = panel("time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}")
+        for motion in result.runs[:1]:
+            step = max(1, len(motion.q) // SAMPLES)
+            times = TICK_S * np.arange(len(motion.q))[::step]
+            curves = [(times, one, joint) for one, joint in zip(motion.q[::step].T, result.noise, strict=True)]
+    for times, values, name in curves:
+        axes.plot(times, values, label=name)
+    if curves:
         axes.legend(fontsize=7)
     return figure

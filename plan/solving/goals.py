@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array
-from plan.errors import TaskError
+from ident.errors import InputError
 from plan.geometry.pairs import why_refused
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
@@ -27,7 +27,7 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
     """The task once for every goal: joint positions that are given, or that bring its frame to a pose, nearest first.
 
     Raises:
-        TaskError: No such frame, or the arm can't bring it to any of the poses.
+        InputError: No such frame, or the arm can't bring it to any of the poses.
     """
     if task.pose is None:
         low, high, clear = problem.limits.lower, problem.limits.upper, problem.limits.clearance
@@ -35,56 +35,56 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         goals = [q for q in inside if why_refused(problem.scene, q, clear) is None] or [task.goal]
     else:
         found = [_reach(problem, task, pose) for pose in (task.pose, *task.other_poses)]
-        goals = [q for one in found if not isinstance(one, TaskError) for q in one]
+        goals = [q for one in found if not isinstance(one, InputError) for q in one]
         if not goals:
-            raise next(one for one in found if isinstance(one, TaskError))
+            raise next(one for one in found if isinstance(one, InputError))
     return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
 
 
-def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | TaskError:
+def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | InputError:
     """Joint positions that bring a frame to its pose, or why there are none."""
     arm, limits = problem.scene.arm, problem.limits
     named, frames = pose.frame or arm.links[-1], dict.fromkeys(str(one.name) for one in arm.model.frames)
     if named not in frames:
         names = ", ".join(one for one in frames if one != "universe")
-        return TaskError(task.source, f"task.goal_pose: the robot has no frame {named!r}", f"use one of: {names}")
-    ways = reach_pose(arm, pose, named, problem.start, limits.lower, limits.upper)
-    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways.positions]
-    goals = [q for q, why in zip(ways.positions, refused, strict=True) if why is None]
+        return InputError(task.source, f"task.goal_pose: the robot has no frame {named!r}", f"use one of: {names}")
+    ways, outside, (place, turn) = reach_pose(arm, pose, named, problem.start, limits.lower, limits.upper)
+    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways]
+    goals = [q for q, why in zip(ways, refused, strict=True) if why is None]
     if goals:
         return goals
     comes = f"task.goal_pose: {named} comes there in"
     if refused and refused[0] is not None:
         what = f"{comes} {len(refused)} ways, in all of them something is in the way (in the nearest {refused[0][0]})"
-        return TaskError(task.source, what, "move the pose or the obstacle")
-    if ways.outside:
-        what = f"{comes} {ways.outside} ways, all of them out of the position limits"
-        return TaskError(task.source, what, "move the pose, or widen [limits]")
-    place, turn = ways.nearest
+        return InputError(task.source, what, "move the pose or the obstacle")
+    if outside:
+        what = f"{comes} {outside} ways, all of them out of the position limits"
+        return InputError(task.source, what, "move the pose, or widen [limits]")
     short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
     what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
     remedies = ["move the pose", *["leave its rotation out"] * (pose.rotation is not None)]
-    return TaskError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
+    return InputError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
 
 
-def rank_goals(
-    problems: Sequence[PlanningProblem], budget: Budget, rng: np.random.Generator
-) -> list[tuple[float, PlanningProblem]]:
-    """The same task with different goals, the cheapest first by a short search each.
+def cheapest_goal(
+    problems: Sequence[PlanningProblem], posed: bool, budget: Budget, seed: int
+) -> tuple[PlanningProblem, tuple[str, ...]]:
+    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
 
     Args:
-        problems: One for each goal.
+        problems: One for each goal, the nearest first.
+        posed: Whether the goal is a pose.
         budget: Of the whole planning task; a third of it at most is spent here.
-        rng: Source of randomness.
-
-    Returns:
-        Cost reached, infinite where nothing allowed was found, and the problem.
+        seed: Of all chance.
     """
-    seconds = min(QUICK_SECONDS, budget.seconds / (3.0 * len(problems)))
-    found = []
+    if len(problems) == 1:
+        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
+    seconds, rng = min(QUICK_SECONDS, budget.seconds / (3.0 * len(problems))), np.random.default_rng(seed)
+    costs = []
     for problem in problems:
         ledger = Ledger(Budget(max(1, budget.evaluations // (3 * len(problems))), seconds))
-        QUICK.run([problem], ledger, rng)
-        best = ledger.best
-        found.append((best.cost if best is not None and best.feasible else np.inf, problem))
-    return sorted(found, key=lambda pair: pair[0])  # as found where nothing was: the nearest first
+        best = QUICK.run([problem], ledger, rng).best
+        costs.append(best.cost if best is not None and best.feasible else np.inf)
+    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
+    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
+    return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached

@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from ident.errors import InputError
-from plan.api.planning import OpenedTask, compare_task, open_task, solve_task
+from plan.api.planning import OpenedTask, open_task
 from plan.cli.app import app, main
 from plan.options import CompareOptions, SolveOptions, TaskOptions
 from plan.problem.task_file import load_trials
@@ -76,7 +76,7 @@ def test_a_motion_file_is_never_older_than_its_task(tmp_path: Path, name: str) -
 def test_timeline_holds_arm_and_obstacle(tmp_path: Path) -> None:
     """Read back, the recording has the moving arm, the obstacle, torques and clearance."""
     task = opened(DATA / "obstacle.toml")
-    result = solve_task(task, SolveOptions(method="cma", evaluations=3000, gap=False))
+    result = task.solve(SolveOptions(method="cma", evaluations=3000, gap=False))
     from plan.show.timeline import save_timeline
 
     save_timeline(task.problem, result, tmp_path / "plan.rrd")
@@ -99,9 +99,9 @@ def test_bad_options() -> None:
         with pytest.raises(InputError, match=words):
             opened(path, **changes)
     with pytest.raises(InputError, match="use one of: sqp"):
-        solve_task(opened(path), SolveOptions(method="magic"))
+        opened(path).solve(SolveOptions(method="magic"))
     with pytest.raises(InputError, match="use some of: sqp"):  # before it spends any time
-        compare_task(opened(path), CompareOptions(methods="cma,magic"))
+        opened(path).compare(CompareOptions(methods="cma,magic"))
 
 
 def test_a_model_is_planned_with_where_it_is_this_robots(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_model_is_planned_with_where_it_is_this_robots(tmp_path: Path) -> None
     with pytest.raises(InputError, match="not a model folder"):
         opened(DATA / "table3.toml", model=tmp_path)
     with_loss, without = (
-        solve_task(opened(DATA / "table3.toml", model=folder), SolveOptions(method="reference", gap=False))
+        opened(DATA / "table3.toml", model=folder).solve(SolveOptions(method="reference", gap=False))
         for folder in (tmp_path / "tm5-900", None)
     )
     assert with_loss.cost > without.cost + 5.0
@@ -132,8 +132,7 @@ def test_taught_files(tmp_path: Path) -> None:
     )
     (trial,) = load_trials(path, 3)
     assert trial.name == "a"
-    assert trial.vias.shape == (2, 3)
-    assert trial.times is not None
+    assert (trial.vias.shape, trial.times.shape) == ((2, 3), (2,))
     for text, words in (
         ("", "no \\[\\[trial\\]\\]"),
         ("[[trial]]\nname = 3\n", "no via_points_deg"),
