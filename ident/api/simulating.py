@@ -238,28 +238,23 @@ def simulate_into(out: Path, given: SimulateOptions) -> WrittenSession:
     if given.plan is not None and given.commands is not None:
         raise InputError("--plan", "given beside --commands", "give one of them")
     asked = {name: getattr(given, name) for name in ("robot", "runs", "duration", "rate", "velocity")}
-    drawn = None if given.world is None else settle(find_world(given.world), given.seed, **asked)
-    robot = drawn.robot if drawn else given.robot or "tm5-900"
-    runs = drawn.runs if drawn else 10 if given.runs is None else given.runs
+    options = SimulationOptions(
+        **{name: value for name, value in asked.items() if value is not None},
+        effects=given.effect,
+        seed=given.seed,
+        motions=given.motion or RICH,
+        temperature=given.temperature,
+        payload=parse_payload(given.payload) if given.payload else None,
+        decoys=given.decoy,
+    )
+    if given.world is not None:
+        options = options.in_world(settle(find_world(given.world), given.seed, **asked))
+    robot, runs = options.robot, options.runs
     motions = None if given.commands is None else read_commands(given.commands, ArmModel.load(robot))
     if given.plan is not None:
         motions = (read_plan(given.plan, ArmModel.load(robot)),) * runs
     finished, total = count(1), runs if motions is None else len(motions)
     stage("running the arm")
-    options = SimulationOptions(
-        robot=robot,
-        effects=given.effect,
-        seed=given.seed,
-        motions=given.motion or RICH,
-        runs=runs,
-        duration=8.0 if given.duration is None else given.duration,
-        rate=250.0 if given.rate is None else given.rate,
-        velocity=given.velocity is not False,
-        temperature=given.temperature,
-        payload=parse_payload(given.payload) if given.payload else None,
-        decoys=given.decoy,
-    )
-    options = options if drawn is None else options.in_world(drawn)
     written = simulate_to(out, options, given.answer, given.sealed, lambda: step(next(finished), total), motions)
     settings = {"effects": list(given.effect), "robot": robot, "world": given.world, "seed": given.seed}
     return written.with_provenance(Provenance("ident simulate", settings=settings))

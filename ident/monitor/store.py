@@ -172,10 +172,6 @@ class Store:
         """The page of an arm."""
         return self.folder / f"arm-{_file_name(arm)}.html"
 
-    def write(self, kind: str, arm: str, session: str, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Writes the rows of a session, whole or not at all."""
-        write_rows(self.place(kind, arm, session), kind, rows)
-
     def read(self, kind: str) -> list[dict[str, Any]]:
         """All rows of a kind, in the order of their files' names; a file that is none of ours counts as not there.
 
@@ -194,10 +190,6 @@ class Store:
                 if all(math.isfinite(one) if isinstance(one, float) else one is not None for one in needed):
                     found.append(row)
         return found
-
-    def stamps(self) -> dict[str, str]:
-        """Stamp of each session that is done, by `arm/session`."""
-        return {f"{row['arm']}/{row['session']}": row["stamp"] for row in self.read(DONE)}
 
 
 def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:

@@ -50,9 +50,9 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
             row["date"] = date_of(found, None)
         except InputError:
             row["date"] = ""
-    for kind in ("figures", "effects"):
-        store.write(kind, found.arm, found.name, [{**row, **one} for one in tables.get(kind, ())])
-    store.write(DONE, found.arm, found.name, [{**row, **end}])
+    tables = {kind: [{**row, **one} for one in tables.get(kind, ())] for kind in ("figures", "effects")}
+    for kind, rows in {**tables, DONE: [{**row, **end}]}.items():
+        write_rows(store.place(kind, found.arm, found.name), kind, rows)
     return found.key
 
 
@@ -196,7 +196,7 @@ def look(
     store = store.resolve()
     begin_folder(store, STORE_KIND)
     kept = Store(store)
-    done = kept.stamps()
+    done = {f"{row['arm']}/{row['session']}": row["stamp"] for row in kept.read(DONE)}
     new = [one for one in found if done.get(one.key) != one.stamp]
     # To a session that has settled nothing was written for some time: nobody is recording there any more.
     ready = [one for one in new if time.time() - one.newest >= options.settle]
