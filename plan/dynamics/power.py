@@ -15,7 +15,6 @@ from ident.errors import ModelError
 from ident.laws.carried import NamedLaw, named_torque, states_of
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
-from ident.robot.arm import ArmModel
 from ident.robot.chain import Chain
 from plan.dynamics.compiled_nets import CompiledNet, read_residual
 from plan.dynamics.rigid import rnea
@@ -125,18 +124,6 @@ def energy(
     return power_integral(tau, dq, weights, metric), np.abs(tau).max(axis=1)
 
 
-def reduce_arm(arm: ArmModel, moving: int, held: Sequence[float]) -> ArmModel:
-    """The arm with its last joints locked at given positions [rad]: the exact reduction."""
-    if moving == arm.n:
-        return arm
-    return arm.locked(arm.joint_names[moving:], held)
-
-
-def torque_of_robot(arm: ArmModel) -> ChainTorque:
-    """Torque of a rigid arm without losses: what can be planned with before anything was fitted."""
-    return ChainTorque(arm.chain, LossParameters.zero(arm.n))
-
-
 def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> ChainTorque:
     """Torque of a fitted model for the first joints, the others held.
 
@@ -149,7 +136,7 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         what = "the model has two joints on one shaft, which plans don't know"
         raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
-    arm = reduce_arm(model.arm, moving, list(fixed))
+    arm = model.arm.locked(model.arm.joint_names[moving:], list(fixed)) if len(fixed) else model.arm
     net = None if model.net is None else read_residual(model.net)
     net = net if net is None or len(fixed) == 0 else net.frozen(fixed)
     named = tuple(law for law in model.named if law.joint < moving)  # of joints that stand still there is no friction
@@ -169,14 +156,8 @@ STEP = 1e-5
 LAW_STEP = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueDerivatives:
-    """Torque at T states and its partial derivatives; first index the state, second the torque's joint."""
-
-    tau: Float[Array, "T n"]  # torque [N m]
-    by_position: Float[Array, "T n n"]  # derivatives by the joints' q, dq and ddq
-    by_speed: Float[Array, "T n n"]
-    by_acceleration: Float[Array, "T n n"]
+Slopes = tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]
+"""Derivatives of the torque by the joints' q, dq and ddq; first index the state, second the torque's joint."""
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -219,8 +200,8 @@ def rounded(model: ChainTorque, width: float) -> ChainTorque:
 
 def differentiate_torque(
     model: ChainTorque, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> TorqueDerivatives:
-    """Torque of a compiled model and its partial derivatives at T states.
+) -> tuple[Float[Array, "T n"], Slopes]:
+    """Torque of a compiled model [N m] and its partial derivatives at T states.
 
     Args:
         model: Rigid body, losses and perhaps a net; a friction that jumps has no slope here, see `rounded`.
@@ -252,11 +233,11 @@ def differentiate_torque(
     tau += losses.motor_inertia * states[2] + losses.viscous * states[1] + losses.coulomb * slip + losses.offset
     by_a[:, joints, joints] += losses.motor_inertia
     by_v[:, joints, joints] += losses.viscous + losses.coulomb * slope
-    return TorqueDerivatives(tau, by_q, by_v, by_a)
+    return tau, by_state
 
 
 def find_kinks(
-    model: ChainTorque, dq: Float[Array, "T n"], found: TorqueDerivatives, metric: Metric, width: float
+    model: ChainTorque, dq: Float[Array, "T n"], found: tuple[Array, Slopes], metric: Metric, width: float
 ) -> Iterator[tuple[Int[Array, " k"], list[Float[Array, "k n"]]]]:
     """Second derivative of what is integrated where power or speed of a joint passes zero.
 
@@ -277,13 +258,13 @@ def find_kinks(
     share_of_kink = {"absolute": 1.0, "positive": 0.5, "signed": 0.0}
     if metric not in share_of_kink:
         return
-    kink, one, power = share_of_kink[metric], np.eye(model.n), found.tau * dq
+    (tau, slopes), kink, one = found, share_of_kink[metric], np.eye(model.n)
+    power = tau * dq
     root = np.sqrt(power**2 + width**2)
     sharp = kink * (width / root) ** 3
     nodes, joints = np.nonzero(sharp > BENT)
-    by = [found.by_position, found.by_speed, found.by_acceleration]
-    by = [part[nodes, joints] * dq[nodes, joints, None] for part in by]
-    by[1] += one[joints] * found.tau[nodes, joints, None]
+    by = [part[nodes, joints] * dq[nodes, joints, None] for part in slopes]
+    by[1] += one[joints] * tau[nodes, joints, None]
     yield nodes, [part * np.sqrt(sharp[nodes, joints, None] / width) for part in by]
     losses = model.losses
     share, slip = dq / losses.transition_speed, np.tanh(dq / losses.transition_speed)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from ident.trajectories.kinds import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
-from plan.errors import MethodError, SceneError
 from plan.geometry.pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
@@ -41,7 +41,7 @@ class Feasibility:
 
     Raises:
         RobotError: A link has no collision geometry and nothing stands in: then nothing can be proven.
-        SceneError: What stands around is no scene of this arm.
+        InputError: What stands around is no scene of this arm.
     """
 
     def __init__(self, arm: ArmModel, stand_in: str | None = None, around: Surroundings = OPEN) -> None:
@@ -52,7 +52,7 @@ class Feasibility:
         empty = np.flatnonzero(limits.lower >= limits.upper)
         if len(empty):
             what = f"[limits] leave {arm.joint_names[empty[0]]} no room inside the robot's own limits"
-            raise SceneError(around.source, what, "widen lower_deg and upper_deg")
+            raise InputError(around.source, what, "widen lower_deg and upper_deg")
         _, _, self.carried = hang(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
             arm,
@@ -102,13 +102,13 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
     """The surroundings that options name; without a word of a floor, nothing goes below the base plane.
 
     Raises:
-        MethodError: The floor's height is no number.
-        SceneError: The scene file is at fault, or another robot's.
+        InputError: The floor's height is no number.
+        InputError: The scene file is at fault, or another robot's.
     """
     around = OPEN if options.scene is None else load_surroundings(options.scene, arm.n)
     robot = around.robot
     if robot is not None and arm.source is not None and find_urdf(robot).resolve() != arm.source.resolve():
-        raise SceneError(around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot")
+        raise InputError(around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot")
     if options.floor != "none" and all(box.name != FLOOR for box in around.obstacles):
         try:
             height = float(options.floor)
@@ -116,7 +116,7 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
             height = math.nan
         if not abs(height) <= HIGHEST_FLOOR:
             what = f"{options.floor!r} is no height"
-            raise MethodError("--floor", what, f"give metres within {HIGHEST_FLOOR:g}, or none")
+            raise InputError("--floor", what, f"give metres within {HIGHEST_FLOOR:g}, or none")
         around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
     if options.top_speed is not None:
         given = np.full(arm.n, math.radians(options.top_speed))

@@ -137,28 +137,22 @@ def ask(
         return _ask(arm, ids, joint, NO_DIAGNOSIS, catalogue)
     where = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
     record = dict(diagnosis) if isinstance(diagnosis, Mapping) else read_json(where, REMEDY)
-    _require_its_arm(record, where, arm)
-    try:
-        return _ask(arm, ids, joint, {**NO_DIAGNOSIS, **record}, catalogue)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        what = f"it is damaged ({type(error).__name__}: {error})"
-        raise InputError(where, what, "write it anew with `ident diagnose … --json`") from None
-
-
-def _require_its_arm(record: Mapping[str, Any], where: Path, arm: ArmModel) -> None:
-    """Raises InputError for what is no diagnosis of an arm."""
     robot, joints = record.get("robot", arm.name), record.get("joints")
     if record.get("schema") != SCHEMA:
         raise InputError(where, f"is no {SCHEMA}", REMEDY)
     if robot != arm.name:
-        raise InputError(
-            where, f"it is of {robot!r}, the robot is {arm.name!r}", "give --robot as for `ident diagnose`"
-        )
+        what = f"it is of {robot!r}, the robot is {arm.name!r}"
+        raise InputError(where, what, "give --robot as for `ident diagnose`")
     if not isinstance(joints, list) or not joints:
         raise InputError(where, f"its joints are {joints!r}, not a list of names", REMEDY)
     for name in joints:
         if name not in arm.joint_names:
             raise InputError(where, f"it speaks of {name}, which {arm.name} lacks", "give the robot that it is of")
+    try:
+        return _ask(arm, ids, joint, {**NO_DIAGNOSIS, **record}, catalogue)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        what = f"it is damaged ({type(error).__name__}: {error})"
+        raise InputError(where, what, "write it anew with `ident diagnose … --json`") from None
 
 
 def _ask(

@@ -28,7 +28,6 @@ from ident.files import atomic_write
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_arrays
-from plan.errors import MethodError
 from plan.geometry.solids import Box, Solid, hull_points, mesh_triangles
 
 # Places of cuts, as shares of the length along each axis; least gain of one, as a share of the whole hull's volume.
@@ -196,11 +195,11 @@ def arm_shapes(arm: ArmModel, wanted: str | None = None) -> ArmShapes:
 
     Raises:
         RobotError: A link has no collision geometry and nothing may stand in, or its meshes can't be read.
-        MethodError: No such stand-in.
+        InputError: No such stand-in.
     """
     stand_in = next((one for one in STAND_INS if one == wanted), None)
     if stand_in is None and wanted is not None:
-        raise MethodError("--shapes", f"{wanted!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
+        raise InputError("--shapes", f"{wanted!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
     meshes: list[tuple[str, int, float | None]] = []
     found, bare, where = _read(arm, arm.geometry.geometryObjects, meshes), bare_links(arm), arm.source or arm.name
     if bare and stand_in is None:
@@ -261,7 +260,7 @@ def _read(
         name, solid, model = _name(arm, shape), simple_solid(shape.geometry), shape.geometry
         place = shape.parentJoint, shape.placement.rotation.copy(), shape.placement.translation.copy()
         if solid is not None:
-            found.append(Box.around(name, solid, *place, shape.parentFrame))
+            found.append(Box(name, *place, solid, shape.parentFrame))
             continue
         points = np.array(model.vertices()) if hasattr(model, "vertices") else np.empty((0, 3))
         if len(points) < 3 or not np.isfinite(points).all():
@@ -312,4 +311,4 @@ def _limb(arm: ArmModel, link: str, round_: bool) -> Box:
     solid = Solid.simple("box", radius, radius, length / 2 + radius)
     if round_:
         solid = Solid.simple("capsule", radius, length / 2)
-    return Box.around(link, solid, joint, rotation, end / 2, number)
+    return Box(link, joint, rotation, end / 2, solid, number)

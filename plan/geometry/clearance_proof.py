@@ -33,12 +33,7 @@ class Clearance:
     seen: float  # smallest distance met [m]
     time: float  # when [s]
     pair: str  # names of the two shapes
-    checks: int  # positions looked at
-
-    @property
-    def checked(self) -> bool:
-        """Whether there was any pair to look at; without one nothing is proven."""
-        return self.checks > 0
+    checks: int  # positions looked at; none where there was no pair to look at, and nothing is proven
 
     @property
     def collision_free(self) -> bool:

@@ -12,9 +12,9 @@ import coal
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import InputError, first_line
 from ident.robot.names import require_mesh
 from ident.safe_read import require_regular, require_unpacked
-from plan.errors import SceneError
 from plan.geometry.solids import Solid, hull_points, mesh_triangles
 
 # A surface of more triangles takes minutes to plan round; nobody needs so many to keep clear of a thing.
@@ -34,29 +34,29 @@ def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid,
         hull: Whether the hull is meant.
 
     Raises:
-        SceneError: The file is missing, no mesh, not finite, too large, or open.
+        InputError: The file is missing, no mesh, not finite, too large, or open.
     """
     if not os.path.isfile(path):  # false of names that no file can have, too
-        raise SceneError(path, "no such mesh file", "give the path of an STL, OBJ or DAE file, from the scene file on")
-    require_mesh(path, path, "", SceneError)
+        raise InputError(path, "no such mesh file", "give the path of an STL, OBJ or DAE file, from the scene file on")
+    require_mesh(path, path, "", InputError)
     try:
         model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.array(scale, dtype=float))
     except (ValueError, RuntimeError) as error:
         lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
         reason = next((line for line in lines if "resource" in line), "the reader refused it")
-        raise SceneError(path, f"the mesh can't be read ({reason})", "mend or replace the mesh") from None
+        raise InputError(path, f"the mesh can't be read ({reason})", "mend or replace the mesh") from None
     points, triangles = np.array(model.vertices()), mesh_triangles(model)
     if len(triangles) == 0 or not np.isfinite(points).all():
-        raise SceneError(path, "the mesh has no triangle, or a corner that is no number", "mend or replace the mesh")
+        raise InputError(path, "the mesh has no triangle, or a corner that is no number", "mend or replace the mesh")
     size = float(np.ptp(points, axis=0).max())
     if not 0.0 < size < 1e3:
-        raise SceneError(path, f"the mesh is {size:.3g} m long", "give scale = 0.001 if it is in millimetres")
+        raise InputError(path, f"the mesh is {size:.3g} m long", "give scale = 0.001 if it is in millimetres")
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     if hull:
         return Solid.hull(hull_points(points) - middle), middle
     if len(triangles) > MOST_TRIANGLES:
         what = f"the mesh has {len(triangles)} triangles, more than {MOST_TRIANGLES}"
-        raise SceneError(path, what, "simplify it, or set hull = true")
+        raise InputError(path, what, "simplify it, or set hull = true")
     # One corner for all that are as good as the same; triangles that shrink to a line are left out.
     near = np.round(points / (MERGED * size)).astype(np.int64)
     _, first, which = np.unique(near, axis=0, return_index=True, return_inverse=True)
@@ -67,7 +67,7 @@ def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid,
     loose = int((np.unique(edges, axis=0, return_counts=True)[1] % 2).sum())
     if loose:
         what = f"the mesh is open: {loose} edges belong to one triangle only"
-        raise SceneError(path, what, "close it, or set hull = true")
+        raise InputError(path, what, "close it, or set hull = true")
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return Solid.surface(points - middle, triangles), middle
 
@@ -106,12 +106,12 @@ def read_cloud(path: Path, radius: float, scale: Float[Array, " 3"]) -> tuple[So
         scale: Of each axis.
 
     Raises:
-        SceneError: As `read_points`; or the cloud is wider than any arm reaches.
+        InputError: As `read_points`; or the cloud is wider than any arm reaches.
     """
     points = read_points(path) * scale
     size = float(np.ptp(points, axis=0).max())
     if not size < WIDEST:
-        raise SceneError(path, f"the cloud is {size:.3g} m wide", "give scale = 0.001 if it is in millimetres")
+        raise InputError(path, f"the cloud is {size:.3g} m wide", "give scale = 0.001 if it is in millimetres")
     kept, lost = thin_points(points, MOST_POINTS)
     note = f"{len(points)} points as {len(kept)}, each ball {1000 * lost:.2g} mm larger" if lost > 0.0 else ""
     middle = (kept.min(axis=0) + kept.max(axis=0)) / 2
@@ -150,29 +150,27 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
         path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns.
 
     Raises:
-        SceneError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
+        InputError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
     """
     kind = path.suffix.lower()
     if kind not in READERS:
-        raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(READERS)}")
-    size = require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
+        raise InputError(path, "no point cloud that can be read", f"give one of: {', '.join(READERS)}")
+    size = require_regular(path, "give the path of a point cloud, from the scene file on", largest=LARGEST)
     try:
         require_unpacked(size, _announced(path))
         found = np.asarray(READERS[kind](path), dtype=float)
-    except SceneError:
-        raise
     except Exception as error:  # each library raises its own, and memory may end
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise SceneError(path, f"the point cloud can't be read ({reason})", "mend or replace the file") from None
+        what = f"the point cloud can't be read ({first_line(error)})"
+        raise InputError(path, what, "mend or replace the file") from None
     if found.ndim != 2 or len(found) < 1 or found.shape[1] < 3:
         what = f"it holds an array of shape {found.shape}, no point cloud"
-        raise SceneError(path, what, "give 1 or more rows of 3 or more numbers")
+        raise InputError(path, what, "give 1 or more rows of 3 or more numbers")
     found = np.ascontiguousarray(found[:, :3])
     bad = np.argwhere(~np.isfinite(found))
     if len(bad):
         first = f"row {bad[0][0] + 1}, column {bad[0][1] + 1} is no number"
         others = f", nor are {len(bad) - 1} others" * (len(bad) > 1)
-        raise SceneError(path, first + others, "leave points without a reading out of the file")
+        raise InputError(path, first + others, "leave points without a reading out of the file")
     return found
 
 

@@ -17,11 +17,11 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
+from ident.errors import InputError
 from ident.records import Record
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_text, read_xml
 from plan.dynamics.rigid import random_positions
-from plan.errors import SceneError
 from plan.geometry.compiled import compile_scene
 from plan.geometry.solids import Box
 from plan.geometry.sweep import ALL, gaps_of_states
@@ -100,22 +100,22 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
     """Pairs of links that an SRDF file leaves out of checks, and the reason that it gives.
 
     Raises:
-        SceneError: Not an SRDF file, or that of another robot.
+        InputError: Not an SRDF file, or that of another robot.
     """
     if not path.exists():
-        raise SceneError(path, "no such SRDF file", "give its path, from the scene file on")
-    root = read_xml(read_text(path, "give an SRDF file", SceneError), path, "give an SRDF file", SceneError)
+        raise InputError(path, "no such SRDF file", "give its path, from the scene file on")
+    root = read_xml(read_text(path, "give an SRDF file"), path, "give an SRDF file", InputError)
     if root.tag != "robot":
-        raise SceneError(path, f"the root element is <{root.tag}>, not <robot>", "give an SRDF file")
+        raise InputError(path, f"the root element is <{root.tag}>, not <robot>", "give an SRDF file")
     if root.get("name") != arm.name:
         what = f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}"
-        raise SceneError(path, what, "give this robot's SRDF")
+        raise InputError(path, what, "give this robot's SRDF")
     links = {frame.name for frame in arm.model.frames if frame.type == pin.FrameType.BODY}
     found = {}
     for element in root.findall("disable_collisions"):
         pair = frozenset((element.get("link1", ""), element.get("link2", "")))
         for name in sorted(pair - links):
-            raise SceneError(path, f"the robot has no link {name!r}", "give this robot's SRDF")
+            raise InputError(path, f"the robot has no link {name!r}", "give this robot's SRDF")
         found[pair] = f"left out by {path.name}: {element.get('reason', 'no reason given')}"
     return found
 
@@ -126,15 +126,6 @@ SHORT = 5e-4
 # could not lose a micrometre on its first step would not begin [m].
 ROOM = 0.2 * SHORT
 ENDS = ("start", "goal", "build")
-
-
-@dataclass(frozen=True, eq=False)
-class Margins:
-    """What a search keeps of the compiled gaps [m]."""
-
-    asked: float  # clearance asked for
-    pairs: Float[Array, " P"]  # least gap of each pair
-    bodies: Float[Array, " c"]  # the same for each pair of links, then for each moving link against the whole world
 
 
 @dataclass(frozen=True)
@@ -157,16 +148,17 @@ class Cut:
         return {"links": list(self.links), "end": self.end, "asked_m": self.asked, "kept_m": self.kept}
 
 
-def find_margins(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> Margins:
-    """What a search keeps: the clearance asked for, or almost what a pair's compiled gap is at an end if that is less.
+def find_margins(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> Float[Array, " P"]:
+    """Least compiled gap of each pair that a search keeps [m].
+
+    That is the clearance asked for, or almost what the pair's gap is at an end if that is less.
 
     An obstacle's compiled gap may lie below the true distance, so obstacles are treated alike here; the motion found
     is then proven by true distances, against `find_cuts`.
     """
     have = scene.gaps(ends, asked + SHORT).min(axis=0)
     room = np.where(have > 2 * ROOM, ROOM, np.maximum(0.5 * have, 1e-6))
-    pairs = np.minimum(_possible(scene, asked), have - room)
-    return Margins(asked, freeze(pairs), freeze(scene.by_body(pairs)))
+    return freeze(np.minimum(_possible(scene, asked), have - room))
 
 
 def _possible(scene: Scene, asked: float) -> Float[Array, " P"]:

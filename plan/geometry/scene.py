@@ -17,7 +17,7 @@ from plan.dynamics.rigid import random_positions
 from plan.geometry.arm_shapes import ArmShapes, arm_shapes
 from plan.geometry.compiled import CompiledScene, compile_scene
 from plan.geometry.obstacle_files import holds
-from plan.geometry.pairs import FLOOR, OVERLAP, Margins, Unchecked, choose_pairs
+from plan.geometry.pairs import FLOOR, OVERLAP, Unchecked, choose_pairs
 from plan.geometry.proximity import Proximity
 from plan.geometry.solids import Box, Solid
 from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep
@@ -138,14 +138,15 @@ class Scene:
         return np.asarray(gaps_of_states(self._world, pairs, q, beyond, ALL if wanted is None else wanted))
 
     def separation(
-        self, q: Float[Array, "T n"], margins: Margins | float = 0.0, most: float = 1.0
+        self, q: Float[Array, "T n"], margins: Float[Array, " P"] | float = 0.0, most: float = 1.0
     ) -> Float[Array, " T"]:
         """Smallest gap at each position beyond its pair's margin [m]; `most` where nothing is nearer than that."""
-        kept = margins.pairs if isinstance(margins, Margins) else margins
-        beyond = most + float(np.max(kept, initial=0.0))
-        return np.asarray((self.gaps(q, beyond) - kept).min(axis=1, initial=most))
+        beyond = most + float(np.max(margins, initial=0.0))
+        return np.asarray((self.gaps(q, beyond) - margins).min(axis=1, initial=most))
 
-    def sweep(self, splines: Splines, margins: Margins | float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+    def sweep(
+        self, splines: Splines, margins: Float[Array, " P"] | float
+    ) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
         """Smallest gap along each trajectory beyond its pair's margin, and the mean shortfall from it, both [m].
 
         Skips ahead where shapes are far apart; where a gap is at its margin, no step changes it by more than 2 mm.
@@ -153,7 +154,10 @@ class Scene:
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
         between, moving, levers = self._swept
-        kept = margins.bodies if isinstance(margins, Margins) else np.full(len(levers), float(margins))
+        # Of the pairs of links, then for each moving link the least of its pairs with the world.
+        pairs, world = np.broadcast_to(margins, len(self.pairs)), np.full(len(moving), np.inf)
+        np.minimum.at(world, np.searchsorted(moving, self.pairs[~self.own, 1]), pairs[~self.own])
+        kept = np.concatenate([pairs[self.own], world])
         parts = (splines.points, splines.slopes, splines.durations)
         found = sweep(self._world, between, moving, levers, parts, kept)
         return np.minimum(found[:, 0], 1.0), found[:, 1]
@@ -199,7 +203,7 @@ class Scene:
         if bodies.number[number] > 0:
             corners = bodies.corners[bodies.first[number] :][: bodies.number[number]]
             solid = Solid.surface(corners, np.array([[0, 1, 2]]))
-        return Box.around(self.boxes[bodies.owner[number]].name, solid, 0, bodies.rot[number], bodies.at[number])
+        return Box(self.boxes[bodies.owner[number]].name, 0, bodies.rot[number], bodies.at[number], solid)
 
     def _engulfed(self, q: Array, pair: int) -> bool:
         """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
@@ -225,13 +229,6 @@ class Scene:
         found = self.gaps(q, WIDE, np.repeat(beside[None], DRAWN, axis=0))
         usual = np.quantile(found, HARDLY, axis=0)
         return freeze(np.where(beside & (usual > 0.0) & (usual < WIDE), usual, np.inf))
-
-    def by_body(self, pairs: Float[Array, " P"]) -> Float[Array, " c"]:
-        """Numbers of the pairs of links, then for each moving link the least of its pairs with the world."""
-        moving = self._swept[1]
-        world = np.full(len(moving), np.inf)
-        np.minimum.at(world, np.searchsorted(moving, self.pairs[~self.own, 1]), pairs[~self.own])
-        return np.concatenate([pairs[self.own], world])
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:

@@ -128,30 +128,19 @@ class Box:
     joint: int  # number of the joint that carries it, 1 to n; 0 for the world
     rotation: Float[Array, "3 3"]  # its axes in the joint frame
     centre: Float[Array, " 3"]  # its centre in the joint frame [m]
-    half: Float[Array, " 3"]  # half edge lengths [m]
+    solid: Solid  # what it is exactly; of a box its half edge lengths may be given [m]
     body: int = -1  # order of its link along the arm; -1 for an obstacle
-    # What it is exactly; the box itself if not given.
-    solid: Solid = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for field in ("rotation", "centre", "half"):
+        for field in ("rotation", "centre"):
             object.__setattr__(self, field, freeze(np.asarray(getattr(self, field), dtype=float)))
-        if self.solid is None:
-            object.__setattr__(self, "solid", Solid.simple("box", *self.half))
+        if not isinstance(self.solid, Solid):
+            object.__setattr__(self, "solid", Solid.simple("box", *self.solid))
 
-    @classmethod
-    def around(
-        cls,
-        name: str,
-        solid: Solid,
-        joint: int = 0,
-        rotation: Float[Array, "3 3"] | None = None,
-        centre: Float[Array, " 3"] | None = None,
-        body: int = -1,
-    ) -> Box:
-        """The box around a solid, whose axes and centre are the solid's own."""
-        axes, place = np.eye(3) if rotation is None else rotation, np.zeros(3) if centre is None else centre
-        return cls(name, joint, axes, place, solid.half, body, solid)
+    @cached_property
+    def half(self) -> Float[Array, " 3"]:
+        """Half edge lengths [m]."""
+        return freeze(self.solid.half)
 
     @classmethod
     def around_parts(
@@ -161,7 +150,7 @@ class Box:
         points = np.concatenate(parts)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         solid = Solid.hull(points - middle, [part - middle for part in parts] if len(parts) > 1 else ())
-        return cls.around(name, solid, joint, rotation, centre + rotation @ middle, body)
+        return cls(name, joint, rotation, centre + rotation @ middle, solid, body)
 
     @cached_property
     def parts(self) -> tuple[Box, ...]:

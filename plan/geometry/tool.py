@@ -111,5 +111,5 @@ def place_carried(arm: ArmModel, links: Sequence[Box], carried: Sequence[Carried
         frame = find_frame(arm, one.link, f"{one.box.name}: link")
         turn, place, box = frame.placement.rotation, frame.placement.translation, one.box
         at: tuple[Array, Array] = (turn @ box.rotation, turn @ box.centre + place)
-        placed.append(Box(box.name, frame.parentJoint, *at, box.half, CARRIED + 2 * number, box.solid))
+        placed.append(Box(box.name, frame.parentJoint, *at, box.solid, CARRIED + 2 * number))
     return sorted([*links, *placed], key=lambda box: box.joint)

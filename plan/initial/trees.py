@@ -18,7 +18,6 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from plan.geometry.pairs import Margins
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import PoseSolver
@@ -45,7 +44,7 @@ class Trees:
     lower: Float[Array, " n"]  # position limits [rad]
     upper: Float[Array, " n"]
     rng: np.random.Generator  # source of randomness
-    margins: Margins | float = 0.0  # clearance that every node and edge keeps, of each pair or of all [m]
+    margins: Float[Array, " P"] | float = 0.0  # clearance that every node and edge keeps, of each pair or of all [m]
     left: Callable[[], float] = endless  # processor time that is left, at which trees end [s]
 
     @classmethod
@@ -194,7 +193,11 @@ def midplane_targets(
     found = [("midpoint", middle)]
     if not obstacles:
         return found
-    axes = _plane_axes(along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0]))
+    normal = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+    # Two unit vectors of the plane: the first level where that is possible, the second upwards.
+    level = np.cross([0.0, 0.0, 1.0], normal)
+    level = level / np.linalg.norm(level) if np.linalg.norm(level) >= 1e-6 else np.array([1.0, 0.0, 0.0])
+    axes = np.array([level, np.cross(normal, level)])
     flat = (np.concatenate([box.corners for box in obstacles]) - middle) @ axes.T
     try:
         hull = ConvexHull(flat)
@@ -211,31 +214,19 @@ def midplane_targets(
     return found
 
 
-def _plane_axes(normal: Float[Array, " 3"]) -> Float[Array, "2 3"]:
-    """Two unit vectors of the plane: the first level where that is possible, the second upwards."""
-    first = np.cross([0.0, 0.0, 1.0], normal)
-    if np.linalg.norm(first) < 1e-6:
-        first = np.array([1.0, 0.0, 0.0])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first)])
-
-
 def find_seeds(problem: PlanningProblem, rng: np.random.Generator, seconds: float = np.inf) -> list[Seed]:
     """Looks for the nine ways, for so much processor time at most [s]; those that fail say why."""
     end = time.process_time() + seconds
-    return list(iterate_seeds(problem, Trees.of(problem, rng), late=lambda: time.process_time() > end))
+    return list(iterate_seeds(problem, Trees.of(problem, rng, lambda: end - time.process_time())))
 
 
-def iterate_seeds(
-    problem: PlanningProblem, trees: Trees, most: int = RANGES[-1][1], late: Callable[[], bool] = lambda: False
-) -> Iterator[Seed]:
+def iterate_seeds(problem: PlanningProblem, trees: Trees, most: int = RANGES[-1][1]) -> Iterator[Seed]:
     """The nine ways one by one, each looked for when it is asked for.
 
     Args:
         problem: Task; its scene's obstacles shape the midplane.
-        trees: Look for ways.
+        trees: Look for ways, as long as they have time.
         most: Most nodes of trees.
-        late: Whether no time is left to look for another one.
     """
     arm, scene = problem.scene.arm, problem.scene
     tip = tip_solver(arm)
@@ -244,7 +235,7 @@ def iterate_seeds(
     ends = tip.place(problem.start), tip.place(problem.goal)
     for rays in zip(*(midplane_targets(*ends, scene.in_the_way, share * girth) for share in INFLATIONS), strict=True):
         seed = Seed(rays[0][0], rays[0][1], reason="no time was left to look for it")
-        for label, target in () if late() else rays:
+        for label, target in rays if trees.left() > 0.0 else ():
             found = _look(problem, tip, target, trees, most)
             seed = Seed(label, target, reason=found) if isinstance(found, str) else Seed(label, target, found)
             if not seed.reason or label == "midpoint":

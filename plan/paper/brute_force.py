@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from plan.dynamics.power import energy
-from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -37,12 +37,12 @@ class BruteForce(Planner):
         """Goes through the grid of the first problem.
 
         Raises:
-            MethodError: The grid is too large.
+            InputError: The grid is too large.
         """
         problem = problems[0]
         points = self.levels**problem.dimension
         if points > LARGEST:
-            raise MethodError(
+            raise InputError(
                 "--method brute",
                 f"the grid has {self.levels}^{problem.dimension} points",
                 "use fewer via points or free variables, or another method",

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.errors import MethodError
+from ident.errors import InputError
 from plan.planners.base import Ledger, Planner
 from plan.planners.evolution import shortest
 from plan.problem.problem import PlanningProblem
@@ -39,11 +39,11 @@ class Compression(Planner):
         """Compresses every initial trajectory; uses no randomness.
 
         Raises:
-            MethodError: The task asks for energy.
+            InputError: The task asks for energy.
         """
         for problem in problems:
             if problem.objective != "time" or not problem.searches_times:
-                raise MethodError("--method compress", "it shortens time only", "use --objective time, times free")
+                raise InputError("--method compress", "it shortens time only", "use --objective time, times free")
             for mode, words in WORDS.items():
                 if self.mode in (mode, "all"):
                     durations = self._compress(problem, ledger, mode)

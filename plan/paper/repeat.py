@@ -17,7 +17,7 @@ from ident.arrays import Array
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
-from plan.geometry.solids import Box
+from plan.geometry.solids import Box, Solid
 from plan.initial.starts import from_vias
 from plan.initial.trees import find_seeds
 from plan.options import PaperOptions, SolveOptions, TaskOptions
@@ -38,7 +38,7 @@ from plan.solving.solve import Starts, find_starts, solve
 
 START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
 # The paper does not print where its obstacle stands; this one blocks the straight line as the paper says of its own.
-OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), np.array([0.06, 0.06, 0.06]))
+OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.simple("box", 0.06, 0.06, 0.06))
 # How far a drawn tester's via points lie from a tree's [rad], and the longest search of any method [s].
 SPREAD, LONGEST = np.radians(12.0), 3600.0
 # So many times as many epochs as on Table 3's task does PPO take where there is more to choose.
@@ -62,29 +62,18 @@ class Line:
     details: tuple[Details, Details] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Repeat:
-    """Everything that was run again."""
-
-    tables: dict[str, list[Line]]  # rows of each table or figure
-    search: Comparison  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
-    # Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
-    motions: dict[str, tuple[PlanningProblem, PlanResult]]
-    effort: PaperOptions  # how much was run
-
-
 def repeat_paper(model: HybridModel | None, effort: PaperOptions) -> Repeat:
     """Runs the paper's experiments on a fitted model of the TM5-900.
 
     Raises:
-        TaskError: The model is another robot's.
+        InputError: The model is another robot's.
     """
-    runs = _Experiments(model, effort)
+    runs = Repeat(model, effort)
     stage("Table 3", 0.0, 0.2)
     runs.optimise_small_task()
     blocked = runs.problem(1.0, (OBSTACLE,))
     stage("Fig. 10", 0.2, 0.4)
-    search = runs.compare_searches(blocked)
+    runs.compare_searches(blocked)
     stage("Fig. 11", 0.4, 0.5)
     runs.shorten_from_the_task(blocked)
     slow = runs.problem(4.0, (OBSTACLE,))
@@ -93,17 +82,19 @@ def repeat_paper(model: HybridModel | None, effort: PaperOptions) -> Repeat:
     stage("Tables 6 and 7", 0.7)
     runs.shorten_from_energy_optima("Table 6", slow, learned)
     runs.shorten_from_energy_optima("Table 7", slow, improved)
-    return Repeat(runs.tables, search, runs.motions, effort)
+    return runs
 
 
 @dataclass(eq=False)
-class _Experiments:
-    """The experiments in turn, and the rows and motions so far."""
+class Repeat:
+    """The experiments in turn, and everything that was run again so far."""
 
     model: HybridModel | None
-    effort: PaperOptions
-    tables: dict[str, list[Line]] = field(default_factory=dict)
+    effort: PaperOptions  # how much is run
+    tables: dict[str, list[Line]] = field(default_factory=dict)  # rows of each table or figure
+    # Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
     motions: dict[str, tuple[PlanningProblem, PlanResult]] = field(default_factory=dict)
+    search: Comparison | None = None  # costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10
 
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
         place = Path("the paper's task")
@@ -141,7 +132,7 @@ class _Experiments:
             self.enter("Table 3", replace(_line(name, "J", PAPER[key], run), details=details))
         self.enter("Table 3", _line("default (sqp), via points free", "J", (), self.run(problem, Sequential())))
 
-    def compare_searches(self, problem: PlanningProblem) -> Comparison:
+    def compare_searches(self, problem: PlanningProblem) -> None:
         """Fig. 10: PPO against the genetic algorithm from the same starts, and ours."""
         starts, runs = find_starts(problem, np.random.default_rng(0)), []
         planners: dict[str, tuple[Planner, Starts | None]] = {
@@ -152,7 +143,7 @@ class _Experiments:
         for name, (planner, begin) in planners.items():
             runs.append(self.run(problem, planner, starts=begin))
             self.enter("Fig. 10", _line(name, "J", PAPER.get(f"Fig. 10 {planner.name}", ()), runs[-1]))
-        return Comparison("fig. 10", "energy", 2100, 1.0, tuple(runs))
+        self.search = Comparison("fig. 10", "energy", 2100, 1.0, tuple(runs))
 
     def shorten_from_the_task(self, problem: PlanningProblem) -> None:
         """Fig. 11: the shortest motion, via points and stamps free."""
@@ -234,6 +225,7 @@ FILES = (PAGE, *PICTURES)
 
 def write_page(repeat: Repeat, out: Path) -> Path:
     """Writes `paper.md` and its pictures into a folder; returns the page."""
+    assert repeat.search is not None
     save_figure(draw_comparison(repeat.search), out / "figure_10.png")
     drawn = {"figure_10.png"}
     for name, (problem, result) in repeat.motions.items():

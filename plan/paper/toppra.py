@@ -64,7 +64,13 @@ class Toppra(Planner):
 
     def _iterate(self, problem: PlanningProblem, linear: ChainTorque, ledger: Ledger) -> ParametrizeConstAccel | None:
         """The motion; `linear` is as much of the model as is of toppra's form."""
-        path = _path(problem)
+        # The initial trajectory over its length in joint space. Its own time is no good parameter: it is at rest at its
+        # ends, and where the path's derivative vanishes toppra can't tell what pushes the arm.
+        splines = problem.decode(problem.initial)
+        q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+        even = np.linspace(0.0, length[-1], PATH_KNOTS)
+        path = SplineInterpolator(even, np.stack([np.interp(even, length, column) for column in q.T], axis=1))
         grid = np.linspace(0.0, path.duration, GRID + 1)
         rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
         for turn in range(ROUNDS):
@@ -82,19 +88,6 @@ class Toppra(Planner):
                 break
             last = motion.duration
         return motion
-
-
-def _path(problem: PlanningProblem) -> SplineInterpolator:
-    """The initial trajectory as a path over its length in joint space.
-
-    Its own time is no good parameter: it starts and ends at rest, and where the path's derivative vanishes toppra can't
-    tell what pushes the arm.
-    """
-    splines = problem.decode(problem.initial)
-    q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-    even = np.linspace(0.0, length[-1], PATH_KNOTS)
-    return SplineInterpolator(even, np.stack([np.interp(even, length, column) for column in q.T], axis=1))
 
 
 def _solve(

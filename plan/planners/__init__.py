@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from plan.errors import MethodError
+from ident.errors import InputError
 from plan.options import SolveOptions
 from plan.planners.base import Budget, Candidate, Ledger, Planner
 
@@ -30,12 +30,12 @@ def make_planner(method: str, objective: str) -> Planner:
     """The planner of a name.
 
     Raises:
-        MethodError: No such method, or not for this objective.
+        InputError: No such method, or not for this objective.
     """
     if method not in METHODS:
-        raise MethodError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
+        raise InputError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
     if method in TIME_ONLY and objective != "time":
-        raise MethodError("--method", f"{method} shortens time only", "use --objective time, or another method")
+        raise InputError("--method", f"{method} shortens time only", "use --objective time, or another method")
     module, name = METHODS[method].split(":")
     planner: Planner = getattr(import_module(f"plan.{module}"), name)()
     return planner

@@ -59,22 +59,18 @@ def _breaks(look: Look) -> bool:
 def begin(local: LocalModel, x: Float[Array, " d"]) -> Course:
     """A course before its first step."""
     look, curvature = local.look(x), first_curvature(local)
-    if not local.timed:
-        curvature = curvature * _measured(local, x, curvature, max(abs(look.cost), 1e-9))
-    return Course(local, x, look, curvature)
-
-
-def _measured(local: LocalModel, x: Array, curvature: Array, scale: float) -> float:
-    """How much more the cost is bent than the curvature says, along a short way downhill."""
-    gradient, bend, _ = local.gradient(x)
-    gradient, bend = gradient / scale, bend / scale
+    if local.timed:
+        return Course(local, x, look, curvature)
+    # How much more the cost is bent than that, along a short way downhill.
+    scale = max(abs(look.cost), 1e-9)
+    gradient, bend = (part / scale for part in local.gradient(x)[:2])
     step = -np.linalg.solve(curvature + bend + 1e-9 * np.eye(len(x)), gradient)
     length = float(np.abs(step).max())
     if length < 1e-12:
-        return 1.0
+        return Course(local, x, look, curvature)
     step *= PROBE / length
     change = local.gradient(x + step)[0] / scale - gradient - bend @ step
-    return float(np.clip((change @ step) / (step @ curvature @ step), *STIFFEST))
+    return Course(local, x, look, curvature * float(np.clip((change @ step) / (step @ curvature @ step), *STIFFEST)))
 
 
 def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
@@ -130,24 +126,30 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
             if found is None:
                 reach *= 0.3
                 continue
-            if found.promised < tolerance:
+            step, promised = found
+            if promised < tolerance:
                 if _breaks(now) and raised < RAISES:
                     prices, raised = prices * 10.0, raised + 1
                     continue
                 return Course(local, x, now, curvature, True)
-            new = local.look(x + found.step)
+            new = local.look(x + step)
             ledger.count(1)
-            share = (now.merit(prices, scale) - new.merit(prices, scale)) / found.promised
+            share = (now.merit(prices, scale) - new.merit(prices, scale)) / promised
             if share > GOOD:
-                reach = min(2.0 * max(float(np.abs(found.step).max()), 0.5 * reach), 1.0)
+                reach = min(2.0 * max(float(np.abs(step).max()), 0.5 * reach), 1.0)
             elif share < LEAST:
-                length = float(np.abs(found.step).max())
+                length = float(np.abs(step).max())
                 learned = new.clearance > now.clearance + KEPT and length < NEARBY
                 if learned:
-                    clear = ConstraintRows.join([clear, _seen_from(local, x, found.step)])
+                    # To first order about where the step failed, as seen from before it: the distance of two boxes
+                    # bends where another edge or face comes nearest, and a step that missed that knows it now.
+                    hit = local.clearance_rows(x + step)
+                    missed = hit.room < 0.0
+                    seen = ConstraintRows(hit.matrix[missed], hit.room[missed] + hit.matrix[missed] @ step)
+                    clear = ConstraintRows.join([clear, seen])
                 reach = (0.6 if learned else 0.3) * min(reach, length)
                 continue
-            x, now, taken = x + found.step, new, found.step
+            x, now, taken = x + step, new, step
             break
         if len(taken) == 0:
             break
@@ -163,16 +165,6 @@ def _bounds(local: LocalModel) -> tuple[Array, Array]:
     count = local.grid.free
     low, high = np.tile(low, count), np.tile(high, count)
     return (np.append(low, 0.02), np.append(high, 50.0)) if local.timed else (low, high)
-
-
-def _seen_from(local: LocalModel, x: Array, step: Array) -> ConstraintRows:
-    """Clearance to first order about where a step failed, as seen from before it.
-
-    The distance of two boxes bends where another edge or face comes nearest; a step that missed that knows it now.
-    """
-    rows = local.clearance_rows(x + step)
-    missed = rows.room < 0.0
-    return ConstraintRows(rows.matrix[missed], rows.room[missed] + rows.matrix[missed] @ step)
 
 
 def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]) -> Float[Array, "d d"]:

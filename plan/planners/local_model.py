@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from plan.dynamics.power import ChainTorque, differentiate_torque, find_kinks, rounded
+from plan.dynamics.power import ChainTorque, Slopes, differentiate_torque, find_kinks, rounded
 from plan.planners.subproblem import ConstraintRows
-from plan.planners.transcription import DEGREE, Grid
+from plan.planners.transcription import DEGREE, Grid, sections_of
 from plan.planners.velocity_reversals import FULLY, Turns, find_dips, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
@@ -106,15 +106,20 @@ class LocalModel:
         q, dq, ddq = self.grid.states(coefficients, duration)
         tau = self._model.torque(q[None], dq[None], ddq[None])[0]
         cost = duration if self.timed else float(self._quadrature * duration @ self._rate(tau, dq)[0])
-        shares = [np.abs(tau) / self._torque_limit, np.abs(dq) / self._speed_limit]
         turns, at_turns, first = self._turns(coefficients, dq, ddq, duration)
-        shares.append(np.abs(turns.torque(self.problem.model, at_turns)) / self._turn_limit(turns, first))
-        shares += [np.abs(value) / limit for value, limit in self._rates(coefficients, duration, ddq)]
-        limits = self.problem.limits
+        at_turn = np.abs(turns.torque(self.problem.model, at_turns)) / self._turn_limit(turns, first)
+        rates, limits = (q, dq, ddq, self.grid.jerk(coefficients, duration)), self.problem.limits
+        shares = [np.abs(tau) / self._torque_limit, at_turn]
+        shares += [np.abs(rates[order]) / limit for order, limit in self._rate_limits]
         outside = max(float((q - limits.upper).max()), float((limits.lower - q).max()))
         excess = max(outside, *(float(share.max()) - 1.0 for share in shares), 0.0)
         rules = 0.0 if self.problem.rules is None else self.problem.rules.excess(q, dq)
-        return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)), rules)
+        shortfall = 0.0
+        if len(self.problem.scene.pairs):
+            splines = self.grid.splines(coefficients, duration)
+            spare = float(self.problem.scene.sweep(splines, self.problem.margins)[0][0])
+            shortfall = max(0.5 * self._extra - spare, 0.0) / CLEARANCE_UNIT
+        return Look(cost, excess, shortfall, rules)
 
     def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:
         """Derivative of the cost, how its kinks bend it there, and the limits that are near, to first order."""
@@ -125,14 +130,13 @@ class LocalModel:
         if self.timed:
             slope[-1] = self.reference
         else:
-            _, by_tau, by_speed = self._rate(found.tau, states[1])
+            _, by_tau, by_speed = self._rate(found[0], states[1])
             w = (self._quadrature * duration)[:, None]
             kinks = find_kinks(self._model, states[1], found, self.problem.metric, self.power)
             rows = [self._node_rows(at, [np.sqrt(w[at]) * p for p in by], states, duration) for at, by in kinks]
             bent = np.concatenate([bent, *rows])
-            parts = [np.einsum("ti,tij->tj", by_tau, part) for part in (found.by_position, found.by_speed)]
+            parts = [np.einsum("ti,tij->tj", by_tau, part) for part in found[1]]
             parts[1] += by_speed
-            parts.append(np.einsum("ti,tij->tj", by_tau, found.by_acceleration))
             slope = self._scatter([w * part for part in parts], duration)
         torque = [self._torque_rows(states, found, duration), self._turn_rows(coefficients, states, duration)]
         return (
@@ -148,7 +152,7 @@ class LocalModel:
             return ConstraintRows.none(self.size)
         coefficients = self.split(x)[0]
         even = (np.arange(PLACES) + 0.5) / PLACES
-        margins, far = self.problem.margins.pairs, self.problem.margins.asked + NEAR
+        margins, far = self.problem.margins, self.problem.limits.clearance + NEAR
         gaps = scene.gaps(self.grid.positions(coefficients, even), far) - margins
         shares, pairs, found = find_dips(even, gaps, NEAR)
         if len(shares) == 0:
@@ -200,7 +204,7 @@ class LocalModel:
 
     @cached_property
     def _extra(self) -> float:
-        return EXTRA if self.problem.margins.asked > 0 else 0.0
+        return EXTRA if self.problem.limits.clearance > 0 else 0.0
 
     @cached_property
     def _quadrature(self) -> Float[Array, " T"]:
@@ -211,8 +215,13 @@ class LocalModel:
         return np.repeat(SHARE * self.torque_aim * self.problem.limits.torque, len(self.grid.nodes), axis=0)
 
     @cached_property
-    def _speed_limit(self) -> Float[Array, " n"]:
-        return SHARE * self.speed_aim * self.problem.limits.speed
+    def _rate_limits(self) -> list[tuple[int, Float[Array, " n"]]]:
+        """Limits of speed, acceleration and jerk where there are any, each with the order of its derivative."""
+        limits = self.problem.limits
+        found = [(1, SHARE * self.speed_aim * limits.speed)]
+        for order, limit in ((2, limits.acceleration), (3, limits.jerk)):
+            found += [] if limit is None else [(order, SHARE * limit)]
+        return found
 
     def _rate(self, tau: Array, dq: Array) -> tuple[Array, Array, Array]:
         """What is integrated, summed over the joints, and its derivatives by torque and speed."""
@@ -227,21 +236,6 @@ class LocalModel:
         if metric == "positive":
             value, slope = 0.5 * (power + value), 0.5 * (1.0 + slope)
         return value.sum(axis=1), slope * dq, slope * tau
-
-    def _rates(self, coefficients: Array, duration: float, ddq: Array) -> list[tuple[Array, Array]]:
-        """Acceleration and jerk with their limits, where there are any."""
-        limits, found = self.problem.limits, []
-        if limits.acceleration is not None:
-            found.append((ddq, SHARE * limits.acceleration))
-        if limits.jerk is not None:
-            found.append((self.grid.jerk(coefficients, duration), SHARE * limits.jerk))
-        return found
-
-    def _shortfall(self, splines: Splines) -> float:
-        if len(self.problem.scene.pairs) == 0:
-            return 0.0
-        spare = float(self.problem.scene.sweep(splines, self.problem.margins)[0][0])
-        return max(0.5 * self._extra - spare, 0.0) / CLEARANCE_UNIT
 
     def _scatter(self, parts: list[Array], duration: float) -> Float[Array, " d"]:
         """Sums derivatives by the nodes' states into derivatives by the coefficients."""
@@ -259,12 +253,13 @@ class LocalModel:
         out[:, rows, self.grid.first[:, None] + np.arange(DEGREE + 1)] = self.grid.bases[:3]
         return out
 
-    def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> ConstraintRows:  # type: ignore[no-untyped-def]
-        share = found.tau / self._torque_limit
+    def _torque_rows(
+        self, states: tuple[Array, Array, Array], found: tuple[Array, Slopes], duration: float
+    ) -> ConstraintRows:
+        share = found[0] / self._torque_limit
         nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
         signs = np.sign(share[nodes, joints]) / self._torque_limit[nodes, joints]
-        parts = (found.by_position, found.by_speed, found.by_acceleration)
-        local = [part[nodes, joints] * signs[:, None] for part in parts]
+        local = [part[nodes, joints] * signs[:, None] for part in found[1]]
         matrix = self._node_rows(nodes, local, states, duration)
         return ConstraintRows(matrix, 1.0 - np.abs(share[nodes, joints]))
 
@@ -290,7 +285,7 @@ class LocalModel:
         that changes next to nothing would pass a limit by all of it, and no step would be allowed.
         """
         turns = find_turns(self.grid.shares, dq, ddq).settled(self.grid, coefficients, duration)
-        at, first = self._states_at(turns.shares, coefficients, duration)
+        at, first = self.grid.states(coefficients, duration, turns.shares), sections_of(turns.shares, self.grid.knots)
         gained = np.abs(at[2][turns.rows, turns.joints]) * duration / len(self.grid.shares)
         fast = ~turns.inside | (gained >= FULLY * self.problem.model.losses.transition_speed[turns.joints])
         return turns.only(fast), (at[0][fast], at[1][fast], at[2][fast]), first[fast]
@@ -299,27 +294,15 @@ class LocalModel:
         limit: Array = SHARE * (self.torque_aim * self.problem.limits.torque)[first, turns.joints]
         return limit
 
-    def _states_at(
-        self, shares: Array, coefficients: Array, duration: float
-    ) -> tuple[tuple[Array, Array, Array], Int[Array, " m"]]:
-        """Position, speed and acceleration at some places, and the section of each."""
-        bases, first = self.grid.at(shares)
-        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases[:3], coefficients[first[:, None] + np.arange(DEGREE + 1)])
-        return (q, dq / duration, ddq / duration**2), first
-
     def _kinematic_rows(
         self, coefficients: Array, states: tuple[Array, Array, Array], duration: float
     ) -> list[ConstraintRows]:
         """Position, speed and acceleration at the nodes, and jerk section by section."""
         limits, q, found, each = self.problem.limits, states[0], [], len(self.grid.nodes)
-        ones, rates = np.ones_like(q), [(1, self._speed_limit)]
+        ones = np.ones_like(q)
         wanted = [(0, limits.upper - q, ones, 0.5), (0, q - limits.lower, -ones, 0.5)]
         everything = [*states, np.repeat(self.grid.jerk(coefficients, duration), each, axis=0)]
-        if limits.acceleration is not None:
-            rates.append((2, SHARE * limits.acceleration))
-        if limits.jerk is not None:
-            rates.append((3, SHARE * limits.jerk))
-        for order, limit in rates:
+        for order, limit in self._rate_limits:
             share, watched = everything[order] / limit, WATCHED_SHARE * (0.5 if order == 3 else 1.0)
             wanted.append((order, 1.0 - np.abs(share), np.sign(share) / limit, 1.0 - watched))
         for order, room, slope, near in wanted:
@@ -352,7 +335,12 @@ class LocalModel:
         which = first[:, None] + np.arange(DEGREE + 1) - self.grid.held
         columns = which[:, :, None] * self.n + np.arange(self.n)
         wide = (DEGREE + 1) * self.n
-        matrix = self._spread(at.reshape(-1, wide), columns.reshape(-1, wide))
+        # Columns of held coefficients fall away; no column stands twice in a row.
+        count, columns = self.grid.free * self.n, columns.reshape(-1, wide)
+        out = np.zeros((len(columns), count + 1))
+        inside = (columns >= 0) & (columns < count)
+        out[np.arange(len(columns))[:, None], np.where(inside, columns, count)] = at.reshape(-1, wide)
+        matrix = out[:, :count]
         if not self.timed:
             return matrix
         by_time = np.zeros(len(first))
@@ -360,11 +348,3 @@ class LocalModel:
             for order in range(1, len(local)):
                 by_time -= order * (local[order] * states[order]).sum(axis=1) * self.reference / duration
         return np.concatenate([matrix, by_time[:, None]], axis=1)
-
-    def _spread(self, values: Float[Array, "r k"], columns: Int[Array, "r k"]) -> Float[Array, "r d"]:
-        """Rows of values at columns; columns of held coefficients fall away."""
-        count = self.grid.free * self.n
-        out = np.zeros((len(values), count + 1))
-        inside = (columns >= 0) & (columns < count)
-        out[np.arange(len(values))[:, None], np.where(inside, columns, count)] = values  # no column twice in a row
-        return out[:, :count]

@@ -17,12 +17,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.arrays import Array
+from ident.errors import InputError
 from ident.laws.carried import JointStates
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from ident.robot.chain import Chain
 from plan.dynamics.compiled_nets import CompiledJointNets
 from plan.dynamics.power import ChainTorque, Metric, section_nodes
-from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import SHARE, SQUEEZE, TICK, TOLERANCE, PlanningProblem
 
@@ -81,10 +81,10 @@ def torque(model: ChainTorque, q: Symbol, dq: Symbol, ddq: Symbol, rounding: Sym
     """Torque of each joint [N m], the sign of the speed rounded over a width [rad/s]. Source: eq. 1.
 
     Raises:
-        MethodError: The net is of another kind than the default.
+        InputError: The net is of another kind than the default.
     """
     if not (model.net is None or isinstance(model.net, CompiledJointNets)):
-        raise MethodError("--method reference", "this model's net has no symbols", "use --method sqp")
+        raise InputError("--method reference", "this model's net has no symbols", "use --method sqp")
     rigid, loss, found = rigid_torque(model.chain, q, dq, ddq), model.losses, []
     for j, load in enumerate(rigid):
         width = ca.sqrt(rounding**2 + loss.transition_speed[j] ** 2)
@@ -140,11 +140,17 @@ class Reference(Planner):
         """Solves from every start.
 
         Raises:
-            MethodError: The task or the model holds what has no symbols here.
+            InputError: The task or the model holds what has no symbols here.
         """
         problem = problems[0]
-        for what in _without_symbols(problem):
-            raise MethodError("--method reference", f"it plans without {what}", "use --method sqp")
+        without_symbols = {
+            "obstacles": bool(problem.scene.obstacles),
+            "rules of the way": problem.way.given,
+            "the penalty of singular poses": problem.avoid_singular,
+        }
+        for what, is_there in without_symbols.items():
+            if is_there:
+                raise InputError("--method reference", f"it plans without {what}", "use --method sqp")
         programme = _Programme(problem)
         for number in range(self.starts if problem.searches_vias else 1):
             away = rng.uniform(-0.5, 0.5, problem.vias.shape) * problem.radius * min(number, 1)
@@ -152,16 +158,6 @@ class Reference(Planner):
             programme.solve(vias, ledger)
             if ledger.remaining == 0:
                 return
-
-
-def _without_symbols(problem: PlanningProblem) -> list[str]:
-    """What of a task can't be said in symbols here."""
-    there = {
-        "obstacles": bool(problem.scene.obstacles),
-        "rules of the way": problem.way.given,
-        "the penalty of singular poses": problem.avoid_singular,
-    }
-    return [what for what, is_there in there.items() if is_there]
 
 
 class _Programme:

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.errors import InputError
 from plan.dynamics.power import section_nodes
-from plan.errors import MethodError
 from plan.initial.starts import at_its_limits, iterate_rule_ways, iterate_ways, quickest_of_each_joint, straight
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
@@ -87,20 +87,28 @@ class Sequential(Planner):
             return
         ways = self._initial(problems, ledger, rng)
         self._search(islice(ways, max(self.starts, len(problems))), ledger)
-        if len(problems) == 1:
-            _give_vias(ledger, given.via_count)
+        best = ledger.best
+        if len(problems) > 1 or best is None or best.problem.via_count >= given.via_count:
+            return
+        # The longest sections of the motion, which stays as it is, are parted until it has as many via points as asked.
+        splines = best.splines
+        knots = _parted(np.concatenate([[0.0], np.cumsum(splines.durations[0])]), given.via_count + 1)
+        points = splines.at(knots)[0]
+        points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
+        same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
+        ledger.best = Candidate(same, same.initial, best.cost, best.violation)
 
     def _search_named(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Via points on the knots that are given, from several ways, and then time stamps.
 
         Raises:
-            MethodError: A jerk limit holds so many points at the ends that none is left.
+            InputError: A jerk limit holds so many points at the ends that none is left.
         """
         problems = [replace(problem, grows=False) for problem in problems]
         first = problems[0]
         if first.limits.jerk is not None and first.via_count < SOFT_VIAS:
             what = f"with a jerk limit {first.via_count} via points leave nothing free"
-            raise MethodError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
+            raise InputError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
         if first.searches_vias:
             courses: list[Course] = []
             ways = self._initial(problems, ledger, rng, first.via_count)
@@ -284,16 +292,3 @@ def enter(course: Course, ledger: Ledger) -> float:
         if found.collision[0] > 0 or found.position[0] > 0:
             break
     return float("inf")
-
-
-def _give_vias(ledger: Ledger, count: int) -> None:
-    """Parts the longest sections of the best motion, which stays as it is, until it has as many via points as asked."""
-    best = ledger.best
-    if best is None or best.problem.via_count >= count:
-        return
-    splines = best.splines
-    knots = _parted(np.concatenate([[0.0], np.cumsum(splines.durations[0])]), count + 1)
-    points = splines.at(knots)[0]
-    points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
-    same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
-    ledger.best = Candidate(same, same.initial, best.cost, best.violation)

@@ -42,12 +42,8 @@ class ConstraintRows:
         return ConstraintRows(self.matrix[met], self.room[met])
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What the programme found."""
-
-    step: Float[Array, " d"]  # change of the variables
-    promised: float  # by how much cost and weighted shortfall should fall
+Step = tuple[Float[Array, " d"], float]
+"""Change of the variables, and by how much cost and weighted shortfall should fall."""
 
 
 def solve_step(
@@ -91,7 +87,7 @@ def solve_step(
     step = np.clip(x[:size], low, high)
     before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
     slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
-    return Step(step, before - float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack))
+    return step, before - float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
 
 
 def _active_set(whole: Array, price: Array, matrix: Array, room: Array, low: Array, high: Array) -> Array | None:
@@ -131,4 +127,4 @@ def _unhindered(gradient: Array, hessian: Array, groups: list[ConstraintRows], l
     inside = bool(np.all(step >= low) and np.all(step <= high))
     if not inside or any(np.any(rows.matrix @ step > rows.room) for rows in groups):
         return None
-    return Step(step, float(-0.5 * gradient @ step))
+    return step, float(-0.5 * gradient @ step)

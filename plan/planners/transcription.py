@@ -111,10 +111,12 @@ class Grid:
         bases, first = self.at(shares)
         return np.asarray(np.einsum("tk,tkn->tn", bases[0], coefficients[first[:, None] + np.arange(DEGREE + 1)]))
 
-    def states(self, coefficients: Float[Array, "C n"], duration: float) -> tuple[Array, Array, Array]:
-        """Position, speed and acceleration at all nodes."""
-        local = coefficients[self.first[:, None] + np.arange(DEGREE + 1)]
-        q, dq, ddq = np.einsum("ptk,tkn->ptn", self.bases[:3], local)
+    def states(
+        self, coefficients: Float[Array, "C n"], duration: float, shares: Float[Array, " m"] | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Position, speed and acceleration at all nodes, or at given shares of the duration."""
+        bases, first = (self.bases, self.first) if shares is None else self.at(shares)
+        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases[:3], coefficients[first[:, None] + np.arange(DEGREE + 1)])
         return q, dq / duration, ddq / duration**2
 
     def jerk(self, coefficients: Float[Array, "C n"], duration: float) -> Float[Array, "K n"]:

@@ -90,15 +90,15 @@ class Turns:
         Where the joint's speed rises by δ, the turn comes earlier by δ / ddq, and the torque is what it was then.
         """
         q, dq, ddq = states
-        found = differentiate_torque(model, q, self.on_their_side(model, dq), ddq)
+        tau, slopes = differentiate_torque(model, q, self.on_their_side(model, dq), ddq)
         rows, joints = self.rows, self.joints
-        parts = [part[rows, joints].copy() for part in (found.by_position, found.by_speed, found.by_acceleration)]
+        parts = [part[rows, joints].copy() for part in slopes]
         parts[1][rows, joints] = 0.0
         rising = sum((part * state).sum(axis=1) for part, state in zip(parts, (dq, ddq, jerk), strict=True))
         own = ddq[rows, joints]
         follows = self.inside & (np.abs(own) > SLOW)
         parts[1][rows, joints] = np.where(follows, -rising / np.where(follows, own, 1.0), 0.0)
-        return found.tau[rows, joints], parts
+        return tau[rows, joints], parts
 
 
 def find_turns(shares: Float[Array, " T"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]) -> Turns:

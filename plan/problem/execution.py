@@ -18,9 +18,9 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import WRITER, mark_file
-from plan.errors import MethodError
 from plan.problem.result import PlanResult
 
 SUFFIXES = (".csv", ".yaml", ".yml", ".parquet")
@@ -89,11 +89,11 @@ def _row(values: Float[Array, " n"]) -> str:
 
 
 def require_writable(path: Path, rate: float) -> None:
-    """Raises MethodError for a format or a rate that no motion can be written in."""
+    """Raises InputError for a format or a rate that no motion can be written in."""
     if path.suffix not in SUFFIXES:
-        raise MethodError("--out", f"{path.name!r} is no motion's name", f"end it in one of: {', '.join(SUFFIXES)}")
+        raise InputError("--out", f"{path.name!r} is no motion's name", f"end it in one of: {', '.join(SUFFIXES)}")
     if not RATES[0] <= rate <= RATES[1]:
-        raise MethodError("--rate", f"{rate:g} Hz", f"give {RATES[0]:g} to {RATES[1]:g} Hz")
+        raise InputError("--rate", f"{rate:g} Hz", f"give {RATES[0]:g} to {RATES[1]:g} Hz")
 
 
 def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.model.training_range import QUANTITIES, UNITS, TrainingRange
 from ident.records import Record
-from plan.errors import TaskError
 from plan.problem.problem import Limits, PlanningProblem
 from plan.spline import Splines
 
@@ -42,7 +41,15 @@ def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extr
     known = problem.trained
     if known is None:
         return None
-    low, high = _bounds(splines, problem, known.joints[problem.n :])
+    if float(splines.total[0]) > 0.0:
+        _, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, PLACES)))
+        low = np.stack([splines.lowest[0], dq.min(axis=0), ddq.min(axis=0)])
+        high = np.stack([splines.highest[0], dq.max(axis=0), ddq.max(axis=0)])
+    else:
+        low = high = np.stack([splines.points[0, 0], *np.zeros((2, problem.n))])
+    held = np.zeros((3, len(known.joints) - problem.n))
+    held[0] = [problem.scene.arm.locked_joints.get(name, 0.0) for name in known.joints[problem.n :]]
+    low, high = (np.concatenate([part, held], axis=1) for part in (low, high))
     beyond = known.beyond(low, high)
     found = []
     for k, j in zip(*np.nonzero(beyond > NOTHING), strict=True):
@@ -52,21 +59,6 @@ def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extr
         share = float(beyond[k, j])
         found.append(Extrapolation(known.joints[j], QUANTITIES[k], UNITS[k], *bounds, float(reached), share))
     return tuple(sorted(found, key=lambda one: -one.share))
-
-
-def _bounds(
-    splines: Splines, problem: PlanningProblem, held_joints: tuple[str, ...]
-) -> tuple[Float[Array, "3 m"], Float[Array, "3 m"]]:
-    """Least and largest position, speed and acceleration of all joints that the model speaks of."""
-    if float(splines.total[0]) > 0.0:
-        _, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, PLACES)))
-        low = np.stack([splines.lowest[0], dq.min(axis=0), ddq.min(axis=0)])
-        high = np.stack([splines.highest[0], dq.max(axis=0), ddq.max(axis=0)])
-    else:
-        low = high = np.stack([splines.points[0, 0], np.zeros(problem.n), np.zeros(problem.n)])
-    held = np.zeros((3, len(held_joints)))
-    held[0] = [problem.scene.arm.locked_joints.get(name, 0.0) for name in held_joints]
-    return np.concatenate([low, held], axis=1), np.concatenate([high, held], axis=1)
 
 
 def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
@@ -86,7 +78,7 @@ def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
 
 
 def require_inside(problem: PlanningProblem, source: Path) -> None:
-    """Raises TaskError where start or goal themselves lie beyond the training."""
+    """Raises InputError where start or goal themselves lie beyond the training."""
     known = problem.trained
     assert known is not None
     for name, q in (("start", problem.start), ("goal", problem.goal)):
@@ -94,7 +86,7 @@ def require_inside(problem: PlanningProblem, source: Path) -> None:
         if len(outside):
             j = int(outside[0])
             low, high = np.degrees(known.low[0, j]), np.degrees(known.high[0, j])
-            raise TaskError(
+            raise InputError(
                 source,
                 f"the {name}'s {problem.scene.arm.joint_names[j]}, {np.degrees(q[j]):.1f} deg, lies beyond the model's "
                 f"training ({low:.1f} to {high:.1f} deg)",

@@ -13,7 +13,7 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
 from plan.dynamics.rigid import manipulability_of
-from plan.geometry.pairs import Margins, find_margins
+from plan.geometry.pairs import find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
 from plan.problem.rules import WayRules
@@ -210,7 +210,7 @@ class PlanningProblem:
             speed=rates,
             torque=_excess(peak / (SHARE * limits.torque)),
             position=np.maximum(over, 0.0),
-            gap=spare + self.margins.asked,
+            gap=spare + limits.clearance,
             peak=peak,
         )
 
@@ -232,8 +232,8 @@ class PlanningProblem:
         return Rules(self.scene.arm, self.way, self.start, self.goal)
 
     @cached_property
-    def margins(self) -> Margins:
-        """Gap that each pair has to keep in a search."""
+    def margins(self) -> Float[Array, " P"]:
+        """Gap that each pair has to keep in a search [m]."""
         return find_margins(self.scene, self.ends, self.limits.clearance)
 
     @cached_property

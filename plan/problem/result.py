@@ -253,7 +253,7 @@ class PlanResult(Result):
             "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
             "energy_half_width_J": certificate.energy_half_width,
             "collision_free": closest.collision_free,
-            "clearance_m": closest.proven if closest.checked else None,
+            "clearance_m": closest.proven if closest.checks else None,
             "closest": {"pair": closest.pair, "time_s": closest.time},
             "asked_clearance_m": certificate.asked_clearance,
             "clearance_cuts": [{**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts],

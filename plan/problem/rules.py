@@ -60,7 +60,7 @@ def read_rules(top: SceneTable) -> WayRules:
     """The tables `[tool]`, `[[tool.cone]]` and `[[pass]]` of a scene file.
 
     Raises:
-        SceneError: A key is missing, unknown or of the wrong kind.
+        InputError: A key is missing, unknown or of the wrong kind.
     """
     tool = top.table("tool")
     for key in ("within_m", "within_deg"):
@@ -88,7 +88,7 @@ def read_poses(task: SceneTable) -> list[Pose]:
     """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
 
     Raises:
-        SceneError: A key is missing, unknown or of the wrong kind.
+        InputError: A key is missing, unknown or of the wrong kind.
     """
     poses, name = task.entry.get("goal_pose", []), task.path("goal_pose")
     tables = [SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])]

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
+from ident.errors import InputError
 from ident.robot.urdf import rpy_to_matrix
-from plan.errors import SceneError
 
 # A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
 ROUNDED = 0.01
@@ -59,17 +59,17 @@ class SceneTable:
 
     def __init__(self, file: Path, name: str, entry: Any, keys: Keys | None = None, joints: int | None = None) -> None:
         if not isinstance(entry, dict):
-            raise SceneError(file, f"{name} is not a table", f"write [{name}] and its keys")
+            raise InputError(file, f"{name} is not a table", f"write [{name}] and its keys")
         self.file, self.name, self.entry, self.joints = file, name, entry, joints
         self.keys = KEYS[name] if keys is None else keys
         unknown = sorted(set(entry) - set(self.keys))
         if unknown:
             what = f"{name or 'file'}: unknown key {unknown[0]!r}"
-            raise SceneError(file, what, f"keys are: {', '.join(sorted(self.keys))}")
+            raise InputError(file, what, f"keys are: {', '.join(sorted(self.keys))}")
         for key in entry:
             for other in self.keys[key].without:
                 if other in entry:
-                    raise SceneError(file, f"{name} has both {other} and {key}", "give one of them")
+                    raise InputError(file, f"{name} has both {other} and {key}", "give one of them")
 
     def __contains__(self, key: str) -> bool:
         return key in self.entry
@@ -93,16 +93,16 @@ class SceneTable:
         """The key that is given, of some that exclude each other."""
         given = [key for key in keys if key in self]
         if not given:
-            raise SceneError(self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them")
+            raise InputError(self.file, f"{self.name} has neither {' nor '.join(keys)}", "give one of them")
         return given[0]
 
     def path(self, key: str) -> str:
         """A key as messages name it."""
         return f"{self.name}.{key}" if self.name else key
 
-    def fault(self, key: str, what: str, remedy: str) -> SceneError:
+    def fault(self, key: str, what: str, remedy: str) -> InputError:
         """What is wrong with a key."""
-        return SceneError(self.file, f"{self.path(key)} {what}", remedy)
+        return InputError(self.file, f"{self.path(key)} {what}", remedy)
 
     def table(self, key: str) -> SceneTable:
         """A table in this one, empty where it is not there."""
@@ -112,7 +112,7 @@ class SceneTable:
         """The tables of a list, each with what it is called in messages."""
         found, name = self.entry.get(key, []), self.path(key)
         if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
-            raise SceneError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
+            raise InputError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
         return [(f"{name} {number}", one) for number, one in enumerate(found, start=1)]
 
     def tables(self, key: str) -> list[SceneTable]:

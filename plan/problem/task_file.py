@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.recordings.recording import Payload
 from ident.safe_read import read_toml
-from plan.errors import SceneError
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
@@ -30,7 +30,7 @@ def read_obstacles(top: SceneTable) -> tuple[Box, ...]:
     """The obstacles of a scene file, and its floor as one more.
 
     Raises:
-        SceneError: A key is missing, unknown or of the wrong kind, or a mesh can't be used.
+        InputError: A key is missing, unknown or of the wrong kind, or a mesh can't be used.
     """
     found = [_shape(_shape_table(top.file, *item)) for item in top.items("obstacle")]
     return (*found, floor_box(top.table("floor")["height_m"])) if "floor" in top else tuple(found)
@@ -44,26 +44,26 @@ def read_attached(top: SceneTable) -> tuple[Carried, ...]:
         touches = table.entry.get("touches", [])
         if not isinstance(touches, list) or not all(isinstance(name, str) for name in touches):
             what = f"touches is {touches!r}, not a list of links"
-            raise SceneError(top.file, what, 'give touches = ["link", …]')
+            raise InputError(top.file, what, 'give touches = ["link", …]')
         found.append(Carried(_shape(table, carried=True), table["link"], tuple(touches)))
     return tuple(found)
 
 
 def floor_box(height: float) -> Box:
     """The floor at a height above the base's origin [m]."""
-    return Box("floor", 0, np.eye(3), np.array([0.0, 0.0, height - FLOOR_HALF[2]]), np.array(FLOOR_HALF))
+    return Box("floor", 0, np.eye(3), np.array([0.0, 0.0, height - FLOOR_HALF[2]]), Solid.simple("box", *FLOOR_HALF))
 
 
 def _shape_table(file: Path, name: str, entry: dict[str, Any], carried: bool = False) -> SceneTable:
     """A shape's table, its kind found out and its keys looked at."""
     kind = entry.get("shape", next((shape for word, shape in TELLING.items() if word in entry), "box"))
     if kind not in SHAPES:
-        raise SceneError(file, f"{name}: shape is {kind!r}", f"use one of: {', '.join(SHAPES)}")
+        raise InputError(file, f"{name}: shape is {kind!r}", f"use one of: {', '.join(SHAPES)}")
     keys = {**KEYS["obstacle"], **KEYS[f"obstacle: {kind}"], **(KEYS["attached"] if carried else {})}
     table = SceneTable(file, name, {**entry, "shape": kind}, keys)
     if kind == "cloud" and carried:
         remedy = "give another shape, or a mesh, of which the hull counts"
-        raise SceneError(file, f"{name}: a cloud can't be carried", remedy)
+        raise InputError(file, f"{name}: a cloud can't be carried", remedy)
     return table
 
 
@@ -82,7 +82,7 @@ def _shape(table: SceneTable, carried: bool = False) -> Box:
     rotation = table["rpy_rad"]
     # What was scanned is given in the base frame, where nothing else is said.
     centre = np.zeros(3) if kind == "cloud" and "xyz_m" not in table else table.need("xyz_m")
-    return Box.around(str(table.entry.get("name", table.name)), solid, 0, rotation, centre + rotation @ middle)
+    return Box(str(table.entry.get("name", table.name)), 0, rotation, centre + rotation @ middle, solid)
 
 
 NO_RULES = WayRules()
@@ -147,11 +147,11 @@ def load_task(path: str | Path) -> Task:
     """Reads a scene file.
 
     Raises:
-        SceneError: Not TOML, a key is missing, unknown or of the wrong kind.
+        InputError: Not TOML, a key is missing, unknown or of the wrong kind.
     """
     top = _read(Path(path))
     if "task" not in top:
-        raise SceneError(top.file, "it has no [task] table", "add one")
+        raise InputError(top.file, "it has no [task] table", "add one")
     start = top.table("task")["start_deg"]
     top.joints = len(start)
     task, limits = top.table("task"), top.table("limits")
@@ -184,7 +184,7 @@ def load_surroundings(path: str | Path, joints: int) -> Surroundings:
     """Reads a scene file for an arm of so many joints; its task, if it has one, is left aside.
 
     Raises:
-        SceneError: As `load_task`.
+        InputError: As `load_task`.
     """
     top = _read(Path(path), joints)
     top.table("task")
@@ -196,19 +196,19 @@ def load_trials(path: str | Path, joints: int) -> list[Trial]:
     """Reads a file of taught via points: `[[trial]]` tables with `via_points_deg`, and `name`, `times_s` if known.
 
     Raises:
-        SceneError: Not such a file.
+        InputError: Not such a file.
     """
-    document = read_toml(Path(path), "give a scene file (TOML)", SceneError)
+    document = read_toml(Path(path), "give a scene file (TOML)")
     top = SceneTable(Path(path), "", {"trial": document.get("trial", [])}, joints=joints)
     if not top.entry["trial"]:
         remedy = "give one [[trial]] with via_points_deg a taught motion"
-        raise SceneError(top.file, "it has no [[trial]] table", remedy)
+        raise InputError(top.file, "it has no [[trial]] table", remedy)
     return [_trial(table) for table in top.tables("trial")]
 
 
 def _read(file: Path, joints: int | None = None) -> SceneTable:
     """The top of a scene file."""
-    return SceneTable(file, "", read_toml(file, "give a scene file (TOML)", SceneError), joints=joints)
+    return SceneTable(file, "", read_toml(file, "give a scene file (TOML)"), joints=joints)
 
 
 def _surroundings(top: SceneTable) -> Surroundings:
@@ -238,10 +238,10 @@ def _surroundings(top: SceneTable) -> Surroundings:
 
 def _trial(table: SceneTable) -> Trial:
     if "via_points_deg" not in table:
-        raise SceneError(table.file, f"{table.name} has no via_points_deg", "give rows of joint angles in degrees")
+        raise InputError(table.file, f"{table.name} has no via_points_deg", "give rows of joint angles in degrees")
     vias, times = np.array(table["via_points_deg"]), table["times_s"]
     if times is not None and len(times) != len(vias):
         raise table.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
     if times is not None and np.any(np.diff(times) <= 0):
-        raise SceneError(table.file, f"{table.name}: times_s do not increase", "give one later stamp a via point")
+        raise InputError(table.file, f"{table.name}: times_s do not increase", "give one later stamp a via point")
     return Trial(str(table.entry.get("name", table.name)), vias, times)

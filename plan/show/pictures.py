@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
+from ident.errors import InputError
 from ident.files import atomic_write
-from plan.errors import MethodError
 from plan.geometry.scene import FLOOR
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -43,9 +43,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def require_picture(path: Path) -> None:
-    """Raises MethodError for a name by which no picture can be written."""
+    """Raises InputError for a name by which no picture can be written."""
     if path.suffix.lower() not in MAKER:
-        raise MethodError("--picture", f"{path.name!r} is no picture's name", f"end it in one of: {', '.join(MAKER)}")
+        raise InputError("--picture", f"{path.name!r} is no picture's name", f"end it in one of: {', '.join(MAKER)}")
 
 
 def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
@@ -65,7 +65,9 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     slower = float(before.total[0] / max(result.splines.total[0], 1e-9))
     slower = slower if not 1.0 / OWN_AXIS < slower < OWN_AXIS else 1.0
     for splines, colour, label in ((before, BEFORE, words), (result.splines, AFTER, "this plan")):
-        times, q, dq, tau = _profiles(problem, splines)
+        times = np.linspace(0.0, float(splines.total[0]), SAMPLES)
+        q, dq, ddq = splines.at(times)
+        tau = problem.model.torque(q[None], dq[None], ddq[None])[0]
         times = times / slower if splines is before else times
         for j in range(n):
             axes[0, j].plot(times, np.degrees(q[:, j]), color=colour, label=label)
@@ -76,7 +78,8 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         if len(stamps) <= 10:
             angles = np.degrees(result.splines.points[0, 1:-1, j])
             axes[0, j].plot(stamps, angles, "o", color=AFTER, ms=4, label="via points")
-        _draw_limits(axes[1, j], problem.limits.torque[j])
+        for limit in (-problem.limits.torque[j], problem.limits.torque[j]):
+            axes[1, j].axhline(limit, color=LIMIT, lw=1, label="torque limit")
         if slower != 1.0:
             top = axes[0, j].secondary_xaxis("top", functions=(lambda t: t * slower, lambda t: t / slower))
             top.set_xlabel("initial: time [s]", color=BEFORE)
@@ -185,14 +188,3 @@ def draw_comparison(comparison: Comparison) -> Figure:
     figure.suptitle(f"{comparison.name}. {words}", parse_math=False)
     figure.tight_layout()
     return figure
-
-
-def _draw_limits(axis: Any, limit: float) -> None:
-    for value in (-limit, limit):
-        axis.axhline(value, color=LIMIT, lw=1, label="torque limit")
-
-
-def _profiles(problem: PlanningProblem, splines: Splines) -> tuple[Any, Any, Any, Any]:
-    times = np.linspace(0.0, float(splines.total[0]), SAMPLES)
-    q, dq, ddq = splines.at(times)
-    return times, q, dq, problem.model.torque(q[None], dq[None], ddq[None])[0]

@@ -42,11 +42,11 @@ def _time_bound(problem: PlanningProblem) -> float:
     bare = replace(
         model, net=None, named=(), losses=replace(model.losses, coulomb=0 * limits.torque, offset=0 * limits.torque)
     )
-    found = differentiate_torque(bare, q, still, still)
-    inverse = np.linalg.inv(found.by_acceleration)
+    gravity, (_, _, inertia) = differentiate_torque(bare, q, still, still)
+    inverse = np.linalg.inv(inertia)
     losses = model.losses
     drag = np.abs(losses.coulomb) + np.abs(losses.offset) + losses.viscous * limits.speed
-    push = limits.torque + np.abs(found.tau).max(axis=0) + np.abs(losses.offset)
+    push = limits.torque + np.abs(gravity).max(axis=0) + np.abs(losses.offset)
     if not (model.net is None or isinstance(model.net, CompiledJointNets)):
         push = np.full(problem.n, np.inf)
     grids = [np.linspace(-top, top, SPEEDS) for top in limits.speed]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.progress import stage
 from ident.results import Result
-from plan.errors import MethodError
 from plan.options import CompareOptions, SolveOptions
 from plan.planners import METHODS, TIME_ONLY, make_planner
 from plan.problem.problem import PlanningProblem
@@ -109,13 +109,13 @@ def compare(
         options: The methods, all that can do the task if none is named; seeds; and where costs are compared.
 
     Raises:
-        MethodError: No such method, or not for this task.
+        InputError: No such method, or not for this task.
     """
     named = None if options.methods is None else [one.strip() for one in options.methods.split(",") if one.strip()]
     unknown = [one for one in named or () if one not in METHODS]
     if named == [] or unknown:
         what = f"{unknown[0]!r} is unknown" if unknown else "names no method"
-        raise MethodError("--methods", what, f"use some of: {', '.join(METHODS)}")
+        raise InputError("--methods", what, f"use some of: {', '.join(METHODS)}")
     chosen = named or able(problem)
     for method in chosen:
         make_planner(method, problem.objective)

@@ -8,11 +8,12 @@ from typing import TypeVar
 import numpy as np
 
 from ident.arrays import Array
+from ident.errors import InputError
 from ident.model.hybrid import HybridModel
+from ident.model.loss import LossParameters
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import METRICS, ChainTorque, Metric, reduce_arm, torque_of_model, torque_of_robot
-from plan.errors import MethodError, TaskError
+from plan.dynamics.power import METRICS, ChainTorque, Metric, torque_of_model
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
@@ -43,14 +44,14 @@ def set_up(
 
     Raises:
         RobotError: A link has no collision geometry, and nothing stands in.
-        TaskError: The task does not fit the robot or the model.
-        MethodError: No such objective, metric or choice of variables.
+        InputError: The task does not fit the robot or the model.
+        InputError: No such objective, metric or choice of variables.
     """
     objective = _one_of("--objective", options.objective, OBJECTIVES)
     metric: Metric = _one_of("--metric", options.metric, METRICS)
     free: Free | None = None if options.variables is None else _one_of("--variables", options.variables, FREE)
     if objective == "time" and free == "vias":
-        raise MethodError("--variables", "time can't fall while the time stamps are fixed", "use times or both")
+        raise InputError("--variables", "time can't fall while the time stamps are fixed", "use times or both")
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
@@ -64,18 +65,18 @@ def set_up(
         if trained is None:
             what = "there is no model, so nothing says" if model is None else "the model does not know"
             remedy = "give --model" if model is None else "fit it again"
-            raise MethodError("--stay-inside", f"{what} where it was fitted", remedy)
+            raise InputError("--stay-inside", f"{what} where it was fitted", remedy)
         limits = stay_inside(limits, trained)
     duration = task.duration
     if duration is None and objective == "energy":
-        raise TaskError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
+        raise InputError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
     if duration is None:  # one that the limits allow; of a pose the way is unknown
         duration = 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0
     disabled = None if task.srdf is None else read_disabled(task.srdf, robot)
     said = say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None)
     return PlanningProblem(
         scene=Scene.build(arm, task.obstacles, stand_in=options.shapes, carried=hung, disabled=disabled),
-        model=torque_of_robot(arm) if model is None else _torque(model, payload, arm, task),
+        model=_torque(model, payload, arm, task),
         limits=limits,
         start=task.start,
         goal=task.goal,
@@ -107,12 +108,12 @@ def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:
     """The value, if it is known.
 
     Raises:
-        MethodError: It is not.
+        InputError: It is not.
     """
     for one in known:
         if one == value:
             return one
-    raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
+    raise InputError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
 
 
 def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
@@ -132,19 +133,19 @@ def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
 
 
 def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
-    """Raises TaskError unless start and goal keep the limits and their distance from all obstacles."""
+    """Raises InputError unless start and goal keep the limits and their distance from all obstacles."""
     bad, limits = _bad_end(problem), problem.limits
     if bad is not None:
-        raise TaskError(task.source, f"task.{bad[0]}_deg: {bad[1]}", bad[2])
+        raise InputError(task.source, f"task.{bad[0]}_deg: {bad[1]}", bad[2])
     cones = [] if problem.rules is None else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
     for number, row in enumerate((row for row in cones if row.name == "cone"), start=1):
         if row.value.max() > row.limit:
             end = ("task.start_deg", "task.goal_deg")[int(row.value.argmax())]
             what = f"{end}: the tool's axis breaks tool.cone {number}"
-            raise TaskError(task.source, what, "move that position, or change the cone")
+            raise InputError(task.source, what, "move that position, or change the cone")
     for number, via in enumerate(problem.way.vias, start=1):
         if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
-            raise TaskError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
+            raise InputError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
 
 
 def find_obstruction(problem: PlanningProblem) -> str:
@@ -193,28 +194,30 @@ def _moving_arm(task: Task, robot: ArmModel) -> ArmModel:
     """The arm of the joints that move, the others held where the task says.
 
     Raises:
-        TaskError: More angles than joints, or held ones out of their limits.
+        InputError: More angles than joints, or held ones out of their limits.
     """
     if len(task.goal) != task.n or not 1 <= task.n <= robot.n:
         what = f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints"
-        raise TaskError(task.source, what, "give as many or fewer")
+        raise InputError(task.source, what, "give as many or fewer")
     rest, held = robot.n - task.n, robot.neutral[task.n :] if task.wrist is None else task.wrist
     if len(held) != rest:
         what = f"task.wrist_deg has {len(held)} angles, {rest} joints stand still"
-        raise TaskError(task.source, what, f"give {rest}")
+        raise InputError(task.source, what, f"give {rest}")
     if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
-        raise TaskError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
-    return reduce_arm(robot, task.n, list(held))
+        raise InputError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
+    return robot.locked(robot.joint_names[task.n :], list(held)) if rest else robot
 
 
-def _torque(model: HybridModel, payload: Payload | None, arm: ArmModel, task: Task) -> ChainTorque:
+def _torque(model: HybridModel | None, payload: Payload | None, arm: ArmModel, task: Task) -> ChainTorque:
     """Torque of the joints that move, a payload in the last link's frame; the model's others held as the arm's are."""
+    if model is None:
+        return ChainTorque(arm.chain, LossParameters.zero(arm.n))
     known, remedy = model.joint_names, "fit a model of all joints (--links 6)"
     if payload is not None and len(known) < model.robot.n:
         what = f"[payload] hangs on the last link, the model knows {len(known)} of {model.robot.n} joints"
-        raise TaskError(task.source, what, remedy)
+        raise InputError(task.source, what, remedy)
     if len(known) < task.n:
-        raise TaskError(task.source, f"the task moves {task.n} joints, the model knows {len(known)}", remedy)
+        raise InputError(task.source, f"the task moves {task.n} joints, the model knows {len(known)}", remedy)
     loaded = model if payload is None else replace(model, arm=model.arm.with_payload(payload))
     return torque_of_model(loaded, task.n, [arm.locked_joints[name] for name in known[task.n :]])
 
@@ -223,7 +226,7 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
     """The robot's limits within those of the task; where the task gives none, its maker's of speed, acceleration, jerk.
 
     Raises:
-        TaskError: They leave nothing.
+        InputError: They leave nothing.
     """
     lower = arm.lower if task.lower is None else np.maximum(arm.lower, task.lower)
     upper = arm.upper if task.upper is None else np.minimum(arm.upper, task.upper)
@@ -233,10 +236,10 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
         if lower[j] >= upper[j]:
             own = f"{np.degrees(arm.lower[j]):.0f} to {np.degrees(arm.upper[j]):.0f} deg"
             what = f"[limits] leave {joint} no room within the robot's own, {own}"
-            raise TaskError(task.source, what, "correct lower_deg or upper_deg")
+            raise InputError(task.source, what, "correct lower_deg or upper_deg")
         if reserve is not None and not usable[j] > 0.0:
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
-            raise TaskError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
+            raise InputError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     asked = makers if task.makers else None
     speed = arm.velocity_limit if task.speed is None else task.speed
     if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last

@@ -61,22 +61,17 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: flo
     if base.label == STRAIGHT and (base.scene.obstacles or base.initial_evaluation.collision[0] > 0):
         seeds = find_seeds(base, rng, seconds=seconds / 2)
     problems = from_seeds(base, seeds)
-    if timed:
-        problems = _energy_first(problem, problems, rng, seconds / 2)
-    return Starts(tuple(problems), tuple(seeds))
-
-
-def _energy_first(
-    problem: PlanningProblem, problems: list[PlanningProblem], rng: np.random.Generator, seconds: float
-) -> list[PlanningProblem]:
-    """Energy optima of the initial trajectories, the best first; three at most, one where the path stays."""
-    ledger, goal = Ledger(Budget(10**9, seconds)), {"objective": "time", "free": problem.free}
+    if not timed:
+        return Starts(tuple(problems), tuple(seeds))
+    ledger, goal = Ledger(Budget(10**9, seconds / 2)), {"objective": "time", "free": problem.free}
     Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
     if not ledger.best_of:  # no time was left
-        return [replace(problems[0], **goal)]  # type: ignore[arg-type]
+        return Starts((replace(problems[0], **goal),), tuple(seeds))  # type: ignore[arg-type]
+    # The best first; three at most, one where the path stays.
     found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
     kept = found[: 1 if problem.free == "times" else 3]
-    return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept]
+    optima = (start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept)
+    return Starts(tuple(optima), tuple(seeds))
 
 
 def solve(
@@ -94,7 +89,7 @@ def solve(
         starts: Initial trajectories, if they are known already.
 
     Raises:
-        MethodError: No such method, or not for this task.
+        InputError: No such method, or not for this task.
     """
     planner = planner or make_planner(options.method, problem.objective)
     options = replace(options, method=planner.name)

@@ -74,7 +74,6 @@ def test_strata_part_the_worlds_that_differ() -> None:
 
 def test_the_worst_stratum_is_reported_and_thin_ones_are_not() -> None:
     worst = report_of(fine_and_coarse()).worst
-    assert worst is not None
     assert worst["strict"] == 0.0
     assert report_of(fine_and_coarse()[:8]).worst is None
 

@@ -60,7 +60,6 @@ def test_what_speaks_for_a_change_but_not_enough_is_a_hint() -> None:
     key = ("joint_2", "coulomb")
     alarms, hint = find_changes("arm", history(np.random.default_rng(7), {(key, 4): 10.0}, 9), NAMES[:9])
     assert alarms == ()
-    assert hint is not None
     assert (hint.joint, hint.figure, hint.since) == (*key, NAMES[4])
     assert hint.evidence >= HINT
     quiet = [find_changes("arm", history(np.random.default_rng(seed), {}, 12), NAMES[:12])[1] for seed in range(20)]
@@ -120,7 +119,6 @@ def test_figures_that_change_alike_are_the_torques_scale() -> None:
         }
 
     scale = gain_change(days({}, 8), days(dict.fromkeys(means, 1.08), 6))
-    assert scale is not None
     assert scale[1] < 1.08 < scale[2]
     assert scale[2] - scale[1] < 0.03
     assert gain_change(days({}, 8), days({"coulomb": 1.08}, 6)) is None

@@ -7,7 +7,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
-from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, read_residual
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import METRICS, ChainTorque, energy, torque_of_model
 from plan.spline import Splines
 from tests.plan.worlds import dense_net, joint_nets, losses, model, problem, three_joints
@@ -114,11 +114,3 @@ def test_offset_and_pure_sign() -> None:
     expected = three_joints().inverse_dynamics(q, dq, ddq)
     expected += base.motor_inertia * ddq + base.viscous * dq + base.coulomb * np.sign(dq) + base.offset
     assert ChainTorque(chain, pure).torque(q, dq, ddq) == pytest.approx(expected, abs=1e-9)
-
-
-def test_read_residual_keeps_the_kind() -> None:
-    """The default preset becomes nets a joint."""
-    q, dq, ddq = random_states(3)
-    rigid = three_joints().inverse_dynamics(q, dq, ddq)
-    net = fit_residual_net([(q, dq, ddq, rigid)], [dq])
-    assert isinstance(read_residual(net), CompiledJointNets)

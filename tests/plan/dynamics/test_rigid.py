@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import torque_of_robot
+from plan.dynamics.power import ChainTorque
 
 SLIDING = """<robot name="slide"><link name="base"/>
       <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.3" rpy="0.2 0 0"/>
@@ -26,4 +27,5 @@ def test_equals_pinocchio(name: str) -> None:
     """Torque of 300 random states equals Pinocchio's to 1e-11 N m, of a prismatic joint and a tilted base too."""
     arm = ArmModel.from_urdf(SLIDING) if name == "slide" else ArmModel.load(name)
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 300, arm.n))
-    assert np.abs(torque_of_robot(arm).torque(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)).max() < 1e-11
+    rigid = ChainTorque(arm.chain, LossParameters.zero(arm.n))
+    assert np.abs(rigid.torque(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)).max() < 1e-11

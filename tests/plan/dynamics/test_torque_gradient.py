@@ -1,28 +1,41 @@
 """Derivatives of the torque."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
-from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import ChainTorque, differentiate_torque, find_kinks, rounded
-from tests.plan.dynamics.differences import slopes_by_differences
+from tests.plan.dynamics.test_named_friction import ALL
 from tests.plan.worlds import bounded_nets, dense_net, joint_nets, losses, model, three_joints
 
+NETS = {"rigid": None, "joint nets": joint_nets(), "bounded": bounded_nets(), "dense net": dense_net()}
+MODELS = {
+    **{name: model(net) for name, net in NETS.items()},
+    "named": replace(model(), named=ALL),
+    "named, joint nets": replace(model(joint_nets()), named=ALL),
+}
 
-@pytest.mark.parametrize(
-    "net", [None, joint_nets(), bounded_nets(), dense_net()], ids=["rigid", "joint nets", "bounded", "dense net"]
-)
-def test_derivatives_are_those_of_the_torque(net: CompiledDenseNet | CompiledJointNets | None) -> None:
-    """Torque equals the model's own, and its derivatives equal differences of it, by position, speed, acceleration."""
-    arm, rng = rounded(model(net), 0.05), np.random.default_rng(3)
-    states = [rng.normal(size=(12, 3)) * scale for scale in (1.0, 1.0, 5.0)]
-    found = differentiate_torque(arm, *states)
-    assert found.tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
-    parts = (found.by_position, found.by_speed, found.by_acceleration)
-    for order, joint, slope in slopes_by_differences(arm, states):
-        assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-5)
+
+@pytest.mark.parametrize("arm", MODELS.values(), ids=MODELS)
+def test_derivatives_are_those_of_the_torque(arm: ChainTorque) -> None:
+    """Torque equals the model's own, and its derivatives equal differences of it, by position, speed, acceleration.
+
+    A named law of the load goes through the rigid torque's slopes.
+    """
+    arm, rng = rounded(arm, 0.05), np.random.default_rng(3)
+    states = [rng.normal(size=(20, 3)) * scale for scale in (1.0, 1.0, 5.0)]
+    tau, parts = differentiate_torque(arm, *states)
+    assert tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
+    for order, joint in product(range(3), range(3)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [state.copy() for state in states]
+            moved[order][:, joint] += sign * 1e-6
+            ends.append(differentiate_torque(arm, *moved)[0])
+        slope = (ends[0] - ends[1]) / 2e-6
+        assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-4 if arm.named else 1e-5)
 
 
 def test_rounding_only_widens_the_sign() -> None:
@@ -43,8 +56,8 @@ def test_kinks_of_power_bend_as_told(metric: str) -> None:
     rng, width, step = np.random.default_rng(0), 1e-3, 1e-7
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 1, 3))
     dq *= metric != "signed"
-    found = differentiate_torque(model, q, dq, ddq)
-    ddq = ddq - np.linalg.solve(found.by_acceleration[0], found.tau[0])
+    tau, (_, _, inertia) = differentiate_torque(model, q, dq, ddq)
+    ddq = ddq - np.linalg.solve(inertia[0], tau[0])
     way = rng.normal(size=(3, 1, 3))
 
     def power(share: float) -> float:

@@ -103,6 +103,5 @@ def test_wider_motion_tells_more_of_the_inertias(predictor: Predictor, runs_of: 
 def test_odds_and_minutes_agree() -> None:
     """At the minutes that 20 : 1 take, the odds are 20 : 1; without a distance they never are."""
     minutes = minutes_to_odds(5.0, 60.0)
-    assert minutes is not None
     assert odds_of(5.0 * minutes) == pytest.approx(20.0)
     assert minutes_to_odds(0.0, 60.0) is None

@@ -47,7 +47,6 @@ def with_mesh(folder: Path, name: str) -> Path:
     """The TM5-900 whose third link is a mesh."""
     text = find_urdf("tm5-900").read_text()
     link = re.search(r'<link name="link_3">.*?</link>', text, flags=re.S)
-    assert link is not None
     part = re.sub(
         r"<collision>.*?</collision>",
         f'<collision><geometry><mesh filename="{name}" scale="1 2 1"/></geometry></collision>',
@@ -97,7 +96,6 @@ def test_stand_ins_enclose_the_joints_they_join(tmp_path: Path, stand_in: str) -
     arm = ArmModel.load(shapeless(tmp_path))
     shapes = arm_shapes(arm, stand_in)
     assert {box.name for box in shapes.boxes} == set(shapes.bare)
-    assert shapes.issue is not None
     assert shapes.issue.issue == "no_shape"
     assert "link_3" in shapes.issue.evidence
     scene = Scene.build(arm, [Box("crate", 0, np.eye(3), [0.6, 0, 0.3], [0.1, 0.1, 0.1])], stand_in=stand_in)

@@ -21,13 +21,13 @@ from tests.plan.worlds import three_joints
 def balls() -> Scene:
     """The cloud's balls one by one."""
     ball = Solid.simple("sphere", RADIUS)
-    return Scene.build(three_joints(), [Box.around(str(i), ball, 0, None, p) for i, p in enumerate(scanned(0)[:150])])
+    return Scene.build(three_joints(), [Box(str(i), 0, np.eye(3), p, ball) for i, p in enumerate(scanned(0)[:150])])
 
 
 def test_a_cloud_is_its_balls(balls: Scene) -> None:
     """Gaps, exact distances and gradients of a cloud, near and far, are those of its balls as single obstacles."""
     points = scanned(0)[:150]
-    together = Scene.build(three_joints(), [Box.around("scan", Solid.cloud(points, RADIUS), 0, None, np.zeros(3))])
+    together = Scene.build(three_joints(), [Box("scan", 0, np.eye(3), np.zeros(3), Solid.cloud(points, RADIUS))])
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (60, 3))
     assert together.separation(q, most=0.045) == pytest.approx(balls.separation(q, most=0.045), abs=1e-4)
     first, near, far = len(together.boxes) - 1, 0, 0

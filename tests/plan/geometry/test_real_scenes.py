@@ -108,7 +108,7 @@ def test_shapes_of_a_scene_file(tmp_path: Path) -> None:
 def test_what_is_carried_is_checked(tmp_path: Path) -> None:
     """A rod in the hand hits what the arm alone does not; links that it may touch are named, unknown ones refused."""
     arm = ArmModel.load("tm5-900")
-    rod = Box.around("rod", Solid.simple("capsule", 0.02, 0.3), 0, None, np.array([0.0, 0.0, 0.4]))
+    rod = Box("rod", 0, np.eye(3), np.array([0.0, 0.0, 0.4]), Solid.simple("capsule", 0.02, 0.3))
     q = np.radians([0.0, 30.0, 60.0, 0.0, 90.0, 0.0])
     tip = arm.forward_kinematics(q)[arm.links[-1]]
     crate = Box("crate", 0, np.eye(3), tip[:3, 3] + 0.5 * tip[:3, 2], np.full(3, 0.05))

@@ -40,7 +40,8 @@ def a_scene(arm: ArmModel, count: int, seed: int) -> Scene:
         place = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.2])
         if np.hypot(*place[:2]) > 0.3:
             kind = KINDS[len(found) % len(KINDS)]
-            found.append(Box.around(f"{kind} {len(found)}", a_solid(kind, rng), 0, random_rotation(rng), place))
+            solid, rotation = a_solid(kind, rng), random_rotation(rng)
+            found.append(Box(f"{kind} {len(found)}", 0, rotation, place, solid))
     return Scene.build(arm, found)
 
 
@@ -63,5 +64,5 @@ def scene_of(name: str) -> Scene:
     if name in ("shapes", "panda"):
         return a_scene(three_joints(), 12, 0) if name == "shapes" else a_scene(ArmModel.load("panda"), 6, 1)
     rotation = random_rotation(np.random.default_rng(1))
-    box = Box.around("scan", Solid.cloud(scanned(0) @ rotation, RADIUS), 0, rotation, np.zeros(3))
+    box = Box("scan", 0, rotation, np.zeros(3), Solid.cloud(scanned(0) @ rotation, RADIUS))
     return Scene.build(three_joints(), [box])

@@ -57,12 +57,6 @@ def test_the_quickest_of_late_ways_and_patience_only_without_any() -> None:
     assert none.asked == [*starts.QUICK, starts.PATIENT]
 
 
-def test_near_trees_are_asked_before_far_ones() -> None:
-    """Trees that may go anywhere bring ways of twice the length: each look after a near one goes as far or farther."""
-    assert starts.QUICK[0][1] == min(reach for _, reach in starts.QUICK)
-    assert list(starts.REACHES) == sorted(starts.REACHES)
-
-
 def test_a_plan_without_a_net_loads_no_heavy_library() -> None:
     """The rigid arm's plan by the default method: neither torch nor cma, which take seconds."""
     code = (

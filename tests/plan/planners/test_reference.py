@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from plan.errors import MethodError
 from plan.planners.reference import Reference, rigid_torque, torque
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
@@ -78,5 +78,5 @@ def test_what_has_no_symbols_is_refused() -> None:
         "net": problem(model=model(dense_net())),
     }
     for word, task in cases.items():
-        with pytest.raises(MethodError, match=word):
+        with pytest.raises(InputError, match=word):
             Reference().run([task], ledger(), np.random.default_rng(0))

@@ -43,7 +43,6 @@ def test_motions_start_and_end_at_rest_with_bounded_jerk(result: PlanResult) -> 
     finer = execute(result, 8000.0)
     jerks = [np.abs(np.diff(one.ddq, axis=0) / np.diff(one.times)[:, None])[:-2].max() for one in (motion, finer)]
     assert jerks[1] < 1.2 * jerks[0]  # a jump of the acceleration would make it four times as large
-    assert result.splines is not None
     path = result.splines.at(np.linspace(0.0, float(result.splines.total[0]), 4000))[0]
     apart = np.abs(motion.q[::50, None, :3] - path[None]).max(axis=2).min(axis=1)
     assert apart.max() < 2e-3
@@ -105,7 +104,6 @@ def test_files_hold_the_motion(result: PlanResult, tmp_path: Path) -> None:
 def test_small_numbers_are_numbers_to_every_reader(result: PlanResult) -> None:
     """No exponent without a point stands in the YAML: readers of version 1.1 would take it for a text."""
     yaml = pytest.importorskip("yaml")
-    assert result.splines is not None
     points = np.array(result.splines.points)
     points[0, :, 0] = [0.0, -8.0e-9, 3e-9, 1e-7]
     small = replace(result, splines=replace(result.splines, points=points))

@@ -44,7 +44,6 @@ def test_what_lies_beyond_is_told_with_its_share() -> None:
     low[1, 0], high[1, 0] = -0.5 * top, 0.5 * top
     high[0, 2] = np.radians(-91.0)  # the goal lies a degree beyond
     found = find_extrapolation(replace(task, trained=TrainingRange(JOINTS, low, high, HALF)), splines)
-    assert found is not None
     assert [(one.joint, one.quantity) for one in found] == [("joint_1", "speed"), ("joint_3", "position")]
     assert found[0].share == pytest.approx(0.5, rel=1e-3)
     assert found[0].reached == pytest.approx(top, rel=1e-3)
@@ -66,7 +65,6 @@ def test_staying_inside_is_a_limit_like_any_other() -> None:
     task = replace(problem(objective="time", free="both"), trained=trained)
     task = replace(task, limits=stay_inside(task.limits, trained))
     best = Sequential(starts=1, kept=(1,), levels=1).run([task], ledger(), np.random.default_rng(0)).best
-    assert best is not None
     certificate = certify(best.problem, best.splines)
     assert certificate.broken == []
     assert certificate.extrapolation == ()
@@ -79,7 +77,6 @@ def test_a_model_keeps_its_range_and_plans_leave_its_doubt_free(tmp_path: Path) 
     trained = known()
     fitted(trained).save(tmp_path / "model")
     read = HybridModel.load(tmp_path / "model").trained
-    assert read is not None
     assert read.to_dict() == trained.to_dict()
 
     def limits(**options: bool) -> Limits:

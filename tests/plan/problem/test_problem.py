@@ -87,8 +87,8 @@ def test_each_pair_has_its_own_margin() -> None:
     have = task.scene.gaps(task.ends).min(axis=0)
     assert (have < 0.1).any()
     assert (have > 0.1).any()
-    assert np.all(task.margins.pairs <= 0.1)
-    assert task.margins.pairs == pytest.approx(np.minimum(have, 0.1), abs=SHORT)
+    assert np.all(task.margins <= 0.1)
+    assert task.margins == pytest.approx(np.minimum(have, 0.1), abs=SHORT)
     found = {cut.pair: cut for cut in find_cuts(task.scene, task.ends, 0.1)}
     exact = np.array([task.scene.distances(q) for q in task.ends])
     for pair, least in enumerate(exact.min(axis=0)):
@@ -118,7 +118,6 @@ def test_an_obstacle_nearer_than_asked_is_refused_by_name() -> None:
     task = problem(MONITOR)
     distances = np.where(task.scene.own, np.inf, task.scene.distances(task.start))
     refused = why_refused(task.scene, task.start, distances.min() + 2 * SHORT)
-    assert refused is not None
     assert f"{task.scene.pair_name(int(np.argmin(distances)))} are " in refused[0]
     assert "task.clearance_m" in refused[1]
     assert why_refused(task.scene, task.start, distances.min()) is None

@@ -21,7 +21,7 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     tables = {"Table 6": [failed], "Fig. 10": [searched], "Table 3": [first]}
     compared = Comparison("fig. 10 of a$x^{$b", "energy", 100, 1.0, (result,))
     motions = {"figure_11": (task, result), "figure_13_6": (task, result)}
-    repeat = Repeat(tables, compared, motions, PaperOptions(epochs=7))
+    repeat = Repeat(None, PaperOptions(epochs=7), tables, motions, compared)
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
