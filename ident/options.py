@@ -242,6 +242,14 @@ class CheckOptions(Options):
     oracle: bool = option(True, "Work out what an oracle would name (in worlds; takes time).")
     edit: bool = option(False, "Take named causes out of the patched model; judge it on the arm without them.")
 
+    def __post_init__(self) -> None:
+        if self.cases < 1:
+            raise InputError("--cases", f"{self.cases} cases", "ask for one or more")
+        if self.workers < 1:
+            raise InputError("--workers", f"{self.workers} processes", "give one or more")
+        if self.seed is not None and not 0 <= self.seed < LARGEST_SEED:
+            raise InputError("--seed", f"{self.seed}", "choose a number from 0 to 2^62")
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(Options):

@@ -13,14 +13,14 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.benchmark.run import BlindOptions, begin_check
+from ident.benchmark.run import BlindOptions, Progress, Say, begin_check
 from ident.benchmark.scoring import Coverage, Score, calibration_curve, calibration_error, mean, share
 from ident.benchmark.summary import group_by, in_columns
 from ident.diagnosis.change.from_reports import compare_reports
@@ -244,9 +244,7 @@ def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]
     return rows_of(answers, {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()})
 
 
-def check_on_real(
-    folder: Path, options: BlindOptions, say: Callable[[str], None], progress: Callable[[str, int, int], None]
-) -> RealReport:
+def check_on_real(folder: Path, options: BlindOptions, say: Say, progress: Progress) -> RealReport:
     """Plants effects onto the real recordings below a folder, diagnoses and scores; goes on where it was stopped.
 
     Raises:
@@ -262,16 +260,13 @@ def check_on_real(
     tasks = {name: (out / "cases" / name, out / "results" / f"{name}.json") for name in seals}
     waiting = {name: task for name, task in tasks.items() if not task[1].is_file()}
     done = itertools.count(len(seals) - len(waiting) + 1)
-    run_tasks(
-        diagnose_case,
-        list(waiting.values()),
-        options.workers,
-        options.scheduler,
-        lambda name: progress("diagnosing", next(done), len(seals)),
-    )
+
+    def count(name: str) -> None:
+        progress("diagnosing", next(done), len(seals))
+
+    run_tasks(diagnose_case, list(waiting.values()), options.workers, options.scheduler, count)
     rows = read_rows(out, out / "results")
-    settings = {"cases": options.cases, "seed": seed, "semi_real": str(folder)}
-    origin = Provenance("ident blind", settings=settings)
+    origin = Provenance("ident blind", settings={"cases": options.cases, "seed": seed, "semi_real": str(folder)})
     report = RealReport(seed, seals, score(*rows), tuple(tables(*rows)), provenance=origin)
     report.save(out / "blind.json")
     return report

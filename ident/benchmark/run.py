@@ -217,13 +217,7 @@ def run_blind(
 
 
 def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
-    """Checks the options, and that the folder holds no other check than one with these settings; returns the seed."""
-    if options.cases < 1:
-        raise InputError("--cases", f"{options.cases} cases", "ask for one or more")
-    if options.workers < 1:
-        raise InputError("--workers", f"{options.workers} processes", "give one or more")
-    if options.seed is not None and not 0 <= options.seed < 2**62:
-        raise InputError("--seed", f"{options.seed}", "choose a number from 0 to 2^62")
+    """Checks that the folder holds no other check than one with these settings; returns the seed."""
     if options.worlds:
         find_worlds(options.worlds)
     path = options.out / "run.json"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +26,7 @@ LINES = Path(__file__).with_name("lines.jinja")
 
 def write(console: Console, result: PlanResult | Comparison | Excitation) -> None:
     """Prints a result in plain lines and tables, as the command does."""
-    {"PlanResult": _print_plan, "Comparison": _print_comparison, "Excitation": _print_motion}[type(result).__name__](
-        console, result
-    )
+    WRITERS[type(result).__name__](console, result)
 
 
 def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> None:
@@ -98,6 +97,13 @@ def _print_motion(console: Console, found: Excitation) -> None:
     _say(console, "motion", found, motion, plural(len(found.runs), "run"), odds)
 
 
+WRITERS: dict[str, Callable[[Console, Any], None]] = {
+    "PlanResult": _print_plan,
+    "Comparison": _print_comparison,
+    "Excitation": _print_motion,
+}
+
+
 def draw(result: Any) -> Figure:
     """A result as a picture: a comparison's costs; angles of a plan, or of a motion's first run, over time."""
     from ident.show.panels import panel
@@ -118,10 +124,10 @@ def draw(result: Any) -> Figure:
         figure, axes = panel("time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}")
         for motion in result.runs[:1]:
             step = max(1, len(motion.q) // SAMPLES)
-            times = TICK_S * np.arange(len(motion.q))[::step]
-            curves = [(times, one, joint) for one, joint in zip(motion.q[::step].T, result.noise, strict=True)]
-    for times, values, name in curves:
-        axes.plot(times, values, label=name)
+            clock = TICK_S * np.arange(len(motion.q))[::step]
+            curves = [(clock, one, joint) for one, joint in zip(motion.q[::step].T, result.noise, strict=True)]
+    for x, y, name in curves:
+        axes.plot(x, y, label=name)
     if curves:
         axes.legend(fontsize=7)
     return figure

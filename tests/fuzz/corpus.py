@@ -21,7 +21,7 @@ from scipy.io import savemat
 
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
-from ident.monitor.store import Store
+from ident.monitor.store import Store, write_rows
 from ident.outputs import write_marker
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
@@ -139,7 +139,7 @@ def _store(folder: Path) -> None:
         row |= {"value": value, "low": value - 0.1, "high": value + 0.1, "std": 0.05, "status": "done"}
         row |= {"effect": "payload", "joints": "joint_1", "probability": 0.9, "shrink": 0.5, "stamp": "0"}
         for kind in ("figures", "effects", "sessions"):
-            Store(folder).write(kind, "left", day, [row])
+            write_rows(Store(folder).place(kind, "left", day), kind, [row])
 
 
 def _scenes(folder: Path, arm: ArmModel) -> None:

@@ -30,9 +30,9 @@ def test_better_than_the_start_and_allowed(planner: Planner) -> None:
 @each_sampler
 def test_same_seed_same_result_within_the_budget(planner: Planner) -> None:
     """Two runs with one seed agree to the last bit, another seed differs; no evaluation goes beyond the budget."""
-    runs = [planner.run([problem()], ledger(337), np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    runs = [planner.run([problem()], ledger(237), np.random.default_rng(seed)) for seed in (1, 1, 2)]
     first, again, other = (run.best.x for run in runs)
-    assert [run.evaluations for run in runs] == [337] * 3
+    assert [run.evaluations for run in runs] == [237] * 3
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
