@@ -75,7 +75,7 @@ told = {
     "motion": ask(arm, "magnet", None, path).family,
     "fit": model.torque_terms(q, dq, ddq)["named"][:, 2].tolist(),
     "module": module.extra_torque(q, dq, ddq)[:, 2].tolist(),
-    "plan": (parts[0].tau - parts[1].tau)[:, 2].tolist(),
+    "plan": (parts[0][0] - parts[1][0])[:, 2].tolist(),
     "slope": (parts[0][1][0] - parts[1][1][0])[:, 2, 2].tolist(),
     "q": q[:, 2].tolist(),
 }
