@@ -14,9 +14,9 @@ from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import Belief
+from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
@@ -182,7 +182,7 @@ def test_a_link_is_named_whatever_its_neighbours_are(short_arm: ArmModel, doubte
     model = project(analysis.evidence.gram(), analysis.evidence, prior)
     links = measure_tuned_links(analysis.baseline, analysis.evidence, model, prior, 1.0)
     apart = [link.evidence for link in links.values()]
-    assert apart[2] > USUAL_SELECTION.wrong_link_nats
+    assert apart[2] > USUAL_VERDICT.wrong_link_nats
     assert max(apart[:2]) < 0.2 * apart[2]
 
 
