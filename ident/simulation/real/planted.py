@@ -146,7 +146,8 @@ def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedCha
     speed = arm.v[:, j] + way * arm.v[:, other]
     viscous, inertia = 0.4 * size * arm.viscous[j] / arm.coulomb[j], 0.002 * size
     turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
-    truth: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "other_joint": arm.source.joints[other]}
+    # Of the other joint's motion, as the catalogue has it.
+    truth: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": way * viscous, "other_joint": arm.source.joints[other]}
     return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, truth)
 
 
