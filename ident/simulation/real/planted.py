@@ -140,13 +140,12 @@ def plant_asymmetric(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 
 
 def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    """The joint's motor is also turned by its neighbour: friction and rotor of both motions together."""
+    """The motor is also turned by its neighbour: friction and rotor of both; drag counts by the neighbour's motion."""
     other = neighbour(arm, j, draw)
     way = float(draw.choice([-1.0, 1.0]))
     speed = arm.v[:, j] + way * arm.v[:, other]
     viscous, inertia = 0.4 * size * arm.viscous[j] / arm.coulomb[j], 0.002 * size
     turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
-    # Of the other joint's motion, as the catalogue has it.
     truth: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": way * viscous, "other_joint": arm.source.joints[other]}
     return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, truth)
 
