@@ -93,15 +93,15 @@ def inspect_parts(
     Raises:
         RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
     """
-    told: set[tuple[str, str, tuple[str, ...], str]] = set()
+    reported: set[tuple[str, str, tuple[str, ...], str]] = set()
 
     def news(report: TelemetryReport) -> TelemetryReport:
         """The report without what is known of its session."""
         issues = []
         for issue in report.issues:
             key = (str(report.session.path or report.session.name), issue.issue, issue.joints, issue.severity)
-            issues += [issue] if key not in told or issue.severity == "fatal" or not report.session.runs else []
-            told.add(key)
+            issues += [issue] if key not in reported or issue.severity == "fatal" or not report.session.runs else []
+            reported.add(key)
         return replace(report, issues=tuple(issues))
 
     # A map and a filter hold on to nothing that they have handed out.

@@ -76,9 +76,9 @@ def diagnose_reports(
         analysis = with_own_model(analysis, model)
     # Findings at joints whose drive gains are guesses say so wherever they say what to do.
     guessed = {name for issue in heard.issues if issue.issue == "guessed_gains" for name in issue.joints}
-    told = "; the drive gain of {} is a guess"
+    caveat = "; the drive gain of {} is a guess"
     findings = tuple(
-        replace(one, caveat=told.format(", ".join(sorted(own)))) if (own := guessed & {*one.joints}) else one
+        replace(one, caveat=caveat.format(", ".join(sorted(own)))) if (own := guessed & {*one.joints}) else one
         for one in analysis.diagnosis.findings
     )
     analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))

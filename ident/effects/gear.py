@@ -214,7 +214,7 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
     along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
     for run, left in zip(session.runs, leftover, strict=True):
-        settled = run.motion.settled[:, joint] & ~np.isnan(left[:, joint])
+        settled = run.motion.settled[:, joint]
         counts = settled[1:] & settled[:-1]
         steps = np.diff(left[:, joint])[counts]
         felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))

@@ -127,7 +127,7 @@ def find_lines(
     """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at."""
     angles, speeds, left = [], [], []
     for run, values in zip(session.runs, leftover, strict=True):
-        counts = run.motion.settled[:, joint] & ~np.isnan(values[:, joint])
+        counts = run.motion.settled[:, joint]
         angles.append(run.motion.q[run.motion.coarse][counts, joint])
         speeds.append(np.abs(run.motion.dq[run.motion.coarse][counts, joint]))
         left.append(values[counts, joint])

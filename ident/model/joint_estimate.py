@@ -281,8 +281,8 @@ def require_parted(sums: BlockSums, named: Sequence[NamedLaw], joints: Sequence[
         gram = sums.of(columns)[0][:, joint].sum(axis=0)
         size = np.sqrt(np.diag(gram))
         if np.any(size <= 0.0) or np.linalg.eigvalsh(gram / np.outer(size, size))[0] < LEAST_PARTED:
-            told = " and ".join(law.effect for law in named if law.joint == joint)
-            what = f"its motions can't tell {told} of {joints[joint]} from plain friction or an offset"
+            laws = " and ".join(law.effect for law in named if law.joint == joint)
+            what = f"its motions can't tell {laws} of {joints[joint]} from plain friction or an offset"
             raise RecordingError(where, what, "fit without --with (or --offset), or record motions that show it")
 
 

@@ -17,8 +17,7 @@ class MotionSettings(Settings, table="motion"):
 
 
 USUAL_MOTION = MotionSettings()
-OF_DIAGNOSIS = read_group(__file__, "diagnosis")  # in place of some of them
-FOR_DIAGNOSIS = MotionSettings(cutoff_hz=OF_DIAGNOSIS.cutoff_hz, oversampling=OF_DIAGNOSIS.oversampling)
+FOR_DIAGNOSIS = MotionSettings(**vars(read_group(__file__, "diagnosis")))
 ENCODER = read_group(__file__, "encoder")
 
 

@@ -117,8 +117,8 @@ class LocalModel:
         shortfall = 0.0
         if len(self.problem.scene.pairs):
             splines = self.grid.splines(coefficients, duration)
-            spare = float(self.problem.scene.sweep(splines, self.problem.margins)[0][0])
-            shortfall = max(0.5 * self._extra - spare, 0.0) / CLEARANCE_UNIT
+            left = float(self.problem.scene.sweep(splines, self.problem.margins)[0][0])
+            shortfall = max(0.5 * self._extra - left, 0.0) / CLEARANCE_UNIT
         return Look(cost, excess, shortfall, rules)
 
     def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, "d d"], ConstraintRows]:

@@ -98,7 +98,7 @@ def test_a_law_that_is_not_there_is_left_out() -> None:
 
 
 def test_what_is_plain_friction_is_refused(runs: list[Motion]) -> None:
-    """|v|¹ is viscous friction, and what differs by the sign of the speed an offset: two figures of one column."""
+    """|v|¹ is viscous friction, and what differs by the sign of the speed an offset: two parameters of one column."""
     named = NamedLaws((NamedLaw("nonlinear_viscous_friction", 0, {"exponent": 1.0}),))
     with pytest.raises(RecordingError, match="can't tell nonlinear_viscous_friction of joint_1 from plain friction"):
         fit_hybrid(runs, ARM, NO_NET, named=named)

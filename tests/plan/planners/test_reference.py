@@ -16,13 +16,11 @@ from tests.plan.dynamics.test_named_friction import ALL
 from tests.plan.dynamics.test_rigid import SLIDING
 from tests.plan.worlds import MONITOR, bounded_nets, dense_net, joint_nets, ledger, model, problem
 
-RNG = np.random.default_rng(0)
-
 
 @pytest.mark.parametrize("name", ["tm5-900", "panda", "sliding"])
 def test_rigid_torque_is_pinocchios(name: str) -> None:
     arm = ArmModel.from_urdf(SLIDING) if name == "sliding" else ArmModel.load(name)
-    states = RNG.normal(size=(3, 50, arm.n))
+    states = np.random.default_rng(0).normal(size=(3, 50, arm.n))
     symbols = [ca.SX.sym(part, arm.n) for part in "qva"]
     function = ca.Function("tau", symbols, [ca.vertcat(*rigid_torque(arm.chain, *symbols))])
     ours = np.array(function.map(50)(*(part.T for part in states))).T
@@ -36,7 +34,7 @@ def test_torque_is_the_compiled_one_and_smooth_at_rest(net: object) -> None:
     symbols = [ca.SX.sym(part, 3) for part in "qva"]
     tau = ca.vertcat(*torque(hybrid, *symbols, 0.0))
     function = ca.Function("tau", symbols, [tau, ca.jacobian(tau, ca.vertcat(*symbols))])
-    for state in RNG.normal(size=(20, 3, 1, 1, 3)) + 0.3:
+    for state in np.random.default_rng(4).normal(size=(20, 3, 1, 1, 3)) + 0.3:  # whatever other tests have drawn
         assert np.array(function(*state[:, 0, 0])[0])[:, 0] == pytest.approx(hybrid.torque(*state)[0, 0], abs=2e-2)
     assert np.isfinite(np.array(function(0.3, 0.0, 0.0)[1])).all()
 
