@@ -14,7 +14,7 @@ from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
-from ident.diagnosis.gap.places import NamedPlace, in_order_of_gap, measure_harm, rank_places
+from ident.diagnosis.gap.places import NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
@@ -139,7 +139,7 @@ def diagnose(
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
     verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
-    findings = _findings(found, names, arm, floors, reach)
+    findings = sorted(_findings(found, names, arm, floors, reach), key=lambda one: -one.closed)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
@@ -151,7 +151,6 @@ def diagnose(
         [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings],
         settings.verdict.loud,
     )
-    findings = in_order_of_gap(findings, next(iter(harm), ""))
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -165,7 +164,7 @@ def diagnose(
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, (found.ladder[0].rms, given[0]), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
-        findings=findings,
+        findings=tuple(findings),
         heldout=heldout,
         not_testable=(
             *layout.silent,

@@ -50,11 +50,6 @@ class Explained:
         return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)
 
     @property
-    def likely(self) -> bool:
-        """Whether one of its class is likelier the cause than not."""
-        return self.estimate.class_probability >= 0.5
-
-    @property
     def gain(self) -> float:
         """Root mean square of the torque that it explains, its joints together [N m]."""
         return float(np.sqrt(max(self.closed, 0.0)))

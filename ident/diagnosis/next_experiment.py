@@ -35,7 +35,8 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The motion that parts the first tied class, or shows what came nearest to a name; else most of the untested.
 
-    A gap without a name is looked into at the joint where it is largest, if motion can show more there.
+    All of it at the joint of the largest gap first; where that has no name and nothing untested, its path in many
+    poses.
 
     Args:
         findings: Findings of `ident.diagnosis/1`, in their order.
@@ -48,16 +49,18 @@ def next_experiment(
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could settle.
     """
-    for finding in findings:
-        if len(finding["class"]) > 1:
-            return _for_tied(list(finding["class"]), finding["joints"][0], known, robot)
+    named = loudest is None or any(loudest in one["joints"] for one in findings)
+    tied = sorted((one for one in findings if len(one["class"]) > 1), key=lambda one: loudest not in one["joints"])
+    if tied and named:
+        joint = str(loudest) if loudest in tied[0]["joints"] else tied[0]["joints"][0]
+        return _for_tied(list(tied[0]["class"]), joint, known, robot)
     unseen = [
         one for one in not_testable if one["joints"] and not any(words in one["reason"] for words in NOT_OF_MOTION)
     ]
     if nearest is not None and (loudest is None or loudest in nearest["joints"]):
         return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
     there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
-    return _for_unseen(there or unseen, known, robot)
+    return _for_unseen(there or unseen, known, robot) if there or named else _advise([], "poses", str(loudest), robot)
 
 
 def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:
@@ -65,12 +68,7 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: st
     if advice is not None:
         motion = f"Motion alone hardly tells these apart. {advice[0].upper()}{advice[1:]}"
         return {"separates": effects, "motion": motion, "minutes": SETUP_MINUTES}
-    family = family_for(effects, known)
-    return {
-        "separates": effects,
-        "motion": f"{_sentence(family, joint)}; {_command(effects, joint, robot)}",
-        "minutes": SHOWINGS[family].minutes,
-    }
+    return _advise(effects, family_for(effects, known), joint, robot)
 
 
 def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
@@ -82,19 +80,13 @@ def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], r
     family = Counter(families.values()).most_common(1)[0][0]
     effects = [effect for effect, own in families.items() if own == family]
     joints = Counter(joint for one in entries if one["effect"] in effects for joint in one["joints"])
-    joint = joints.most_common(1)[0][0]
-    return {
-        "separates": effects,
-        "motion": f"{_sentence(family, joint)}; {_command(effects, joint, robot)}",
-        "minutes": SHOWINGS[family].minutes,
-    }
+    return _advise(effects, family, joints.most_common(1)[0][0], robot)
 
 
-def _sentence(family: str, joint: str) -> str:
-    words = describe_motion(family, joint)
-    return words if words.startswith(joint) else words[0].upper() + words[1:]
-
-
-def _command(effects: Sequence[str], joint: str, robot: str) -> str:
-    command = f"plan excite --robot {shlex.quote(robot)} --separate {','.join(effects)} --joint {shlex.quote(joint)}"
-    return f"`{command} --out next_motion` works it out and writes it"
+def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:
+    """A kind of motion in words, and the command that works it out."""
+    words, separate = describe_motion(family, joint), f" --separate {','.join(effects)}" if effects else ""
+    words = words if words.startswith(joint) else words[0].upper() + words[1:]
+    command = f"plan excite --robot {shlex.quote(robot)}{separate} --joint {shlex.quote(joint)} --out next_motion"
+    motion = f"{words}; `{command}` works it out and writes it"
+    return {"separates": list(effects), "motion": motion, "minutes": SHOWINGS[family].minutes}

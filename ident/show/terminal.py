@@ -23,6 +23,7 @@ from ident.show.report.diagnosis_verdict import (
     diagnosis_headline,
     energy_pair,
     first_action,
+    in_order_of_joints,
     order_of,
 )
 from ident.show.report.words import (
@@ -104,7 +105,7 @@ MARK_FROM = 4.0
 
 def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     """Verdict, findings, and what could not be judged."""
-    facts, verdict, findings = record["session"], record["verdict"], record["findings"]
+    facts, verdict = record["session"], record["verdict"]
     runs = int(facts["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
@@ -112,7 +113,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     say = partial(console.print, soft_wrap=True, highlight=False, markup=False)  # "[open]" is no markup
     if action := first_action(record):
         say(f"  first: {action}")
-    for one in findings:
+    for one in in_order_of_joints(record):
         say(f"{describe(one, runs)}\n    do: {order_of(one, record)}")
     lines = [*describe_reservations(record), describe_unnamed(record), *map(describe_gap, record["gap"].items())]
     lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]

@@ -2,15 +2,13 @@
 
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model, or, where a name that
 tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF
-fixed, in which that was judged. Joints without a gap have no place. Likely names of the first joint come first, so that
-the first place, the first name and its action are about one thing.
+fixed, in which that was judged. Joints without a gap have no place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -34,36 +32,6 @@ class NamedPlace:
     joints: tuple[str, ...]  # the joints that it is reported of
     shown: Collection[str]  # the joints whose error falls by it
     absorbed: bool  # whether it was judged with the URDF fixed
-
-
-class ClosesGap(Protocol):
-    """A name with its joints, the mean square that it closes there [N² m²], and whether its class is likely."""
-
-    @property
-    def joints(self) -> tuple[str, ...]: ...
-    @property
-    def closed(self) -> float: ...
-    @property
-    def likely(self) -> bool: ...
-
-
-Name = TypeVar("Name", bound=ClosesGap)
-
-
-def in_order_of_gap(names: Sequence[Name], loudest: str = "") -> tuple[Name, ...]:
-    """Names by the gap that all likely names of their joints close together; of one joint by what each closes.
-
-    Likely names of the loudest joint come before all. What is less likely than not comes after: nobody is to begin
-    with it.
-    """
-
-    def together(name: Name) -> float:
-        return sum(other.closed for other in names if other.likely and set(other.joints) & set(name.joints))
-
-    def place(name: Name) -> tuple[bool, float, bool, float]:
-        return not (name.likely and loudest in name.joints), -together(name), not name.likely, -name.closed
-
-    return tuple(sorted(names, key=place))
 
 
 def measure_harm(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.report.diagnosis_verdict import energy_pair, order_of, verdict_section
+from ident.show.report.diagnosis_verdict import energy_pair, in_order_of_joints, order_of, verdict_section
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
@@ -81,10 +80,10 @@ def render_diagnosis_report(
 def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | None] = ()) -> Section | None:
     """The named effects, a card each: how sure, how large, how far they shrink the gap, and their twins."""
     runs = record.get("session", {}).get("runs", 2)  # of a single run an energy error has no spread
-    cards = []
-    for one, picture in zip_longest(record.get("findings", []), pictures):
+    picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
+    for one in in_order_of_joints(record):
         before, after = (energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        cards.append((one, order_of(one, record), f"{before} → {after} J", picture))
+        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
     title = "What causes it, and what to do"
     return Section("findings", title, "findings.html", {"findings": cards}) if cards else None
 

@@ -1,9 +1,12 @@
-"""The diagnosis in one sentence, and the gap of every joint."""
+"""The diagnosis in one sentence, and the gap of every joint.
+
+All words begin with the joint of the largest gap, the first place of the map: the first line, what to do first, and the
+names as they are shown. A torque that is off by a factor elsewhere is told before, as no size is right then.
+"""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,44 +55,44 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence, with the size of a gap that has no name; before it what `opening` says."""
-    joint, beyond = largest_gap(record)
-    size = f": {joint} is off by {significant(beyond)} N m beyond noise" if joint else ""
-    findings = record.get("findings", [])
-    more = f", and {len(findings) - 3} more" if len(findings) > 3 else ""
-    names = [_finding(finding) for finding in findings[:3]]
-    named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
-    has = "has a name" if any(one.get("probability", 1.0) >= LIKELY for one in findings) else "may have a name"
-    words = str(TABLES["headlines"].get(verdict_key(record), record["verdict"].replace("_", " ")))
-    return " ".join(filter(None, (opening(record), words.format(has=has, named=named, size=size))))
+    """The verdict as a sentence, with the size of a gap that has no name.
 
-
-def opening(record: Mapping[str, Any]) -> str:
-    """Whose torque is off by a factor, and where the gap is largest if that, or what comes first, is elsewhere.
-
-    Without such words what is to be done first, the first name and the first place of the map are about one joint.
+    Before it whose torque is off by a factor, with the remedy where that is not the first action; and where the gap is
+    largest if no name is there.
     """
-    scale, action = _misread(record), first_action(record)
-    named = [joint for one in record.get("findings", [])[:1] for joint in one["joints"]]
-    about = [one for one in record.get("joints", []) if re.search(rf"(?<!\w){re.escape(one)}(?!\w)", action)]
-    first = f"What to do first is about {join_words(about)}"
+    scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
+    key, size, lines = verdict_key(record), f"{significant(beyond)} N m beyond noise", []
     if scale:
-        about, first = scale["joints"], f"The torque of {join_words(scale['joints'])} is off by a factor"
-    largest = largest_gap(record)[0]
-    mapped = next((one["joint"] for one in record.get("where", [])), largest)
-    if not largest or all(one in (some or [one]) for one in (largest, mapped) for some in (about, named)):
-        return f"{first}." if scale else ""
-    before = f"{first}; " if about and (scale or largest not in about) else ""
-    beside = "" if mapped in (largest, *about, *named) else f", and can be placed at {mapped}"
-    return f"{sentence(f'{before}the gap is largest at {largest}{beside}')}."
+        remedy = "" if joint in scale["joints"] else f": {scale['remedy']}"
+        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{remedy}.")
+    if shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it in its own words
+        lines.append(f"The gap is largest at {joint}, {size}, and has no name there.")
+    more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
+    names = [_finding(finding) for finding in shown[:3]]
+    named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
+    has = "has a name" if any(map(is_likely, shown)) else "may have a name"
+    words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
+    return " ".join([*lines, words.format(has=has, named=named, size=f": {joint} is off by {size}" if joint else "")])
 
 
-def largest_gap(record: Mapping[str, Any]) -> tuple[str, float]:
-    """The joint whose model errs most beyond noise, and by how much [N m]; no joint where there is no gap."""
+def leading_joint(record: Mapping[str, Any]) -> tuple[str, float]:
+    """The joint of the largest gap, and how much it errs beyond noise [N m]; no joint where there is no gap."""
+    for first in record.get("where", [])[:1]:
+        return first["joint"], first.get("beyond_noise_Nm", 0.0)
     gaps = record.get("gap", {}).items()
     found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
-    found |= {one["joint"]: one["beyond_noise_Nm"] for one in record.get("where", []) if "beyond_noise_Nm" in one}
     return max(found.items(), key=lambda one: one[1], default=("", 0.0))
+
+
+def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Names as they are shown: those of the leading joint first, and what is less likely than not after what is."""
+    lead = leading_joint(record)[0]
+    return sorted(record.get("findings", []), key=lambda one: (lead not in one["joints"], not is_likely(one)))
+
+
+def is_likely(finding: Mapping[str, Any]) -> bool:
+    """Whether a name is likelier than not."""
+    return bool(finding.get("probability", 1.0) >= LIKELY)
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
@@ -100,28 +103,24 @@ def verdict_key(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: set a torque that is off by a factor, for no other size is right before."""
-    scale = _misread(record)
-    if scale is None:
-        return _first_of_names(record)
-    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
-    return f"{scale['evidence'].partition(': ')[2] if alone else scale['evidence']}: {scale['remedy']}."
-
-
-def _first_of_names(record: Mapping[str, Any]) -> str:
-    """About what gains most, or what to give or record."""
-    findings = record.get("findings", [])
-    doubted = bool(overtuned_joints(record) or tuned_away_joints(record))
-    believed = any(one.get("probability", 1.0) >= LIKELY for one in findings)
-    if record["verdict"] not in ("not_testable", "none_of_catalogue") and (believed or not doubted):
-        action = next(filter(None, (order_of(one, record) for one in findings)), "")
-        return f"{sentence(action)}." if action else ""
+    """What to do first, about the joint of the largest gap: set its torque if that is off by a factor."""
+    scale, (joint, beyond) = _misread(record), leading_joint(record)
+    if scale and joint in ("", *scale["joints"]):
+        alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
+        return f"{scale['evidence'].partition(': ')[2] if alone else scale['evidence']}: {scale['remedy']}."
+    named = [one for one in in_order_of_joints(record) if joint in ("", *one["joints"])]
+    doubted = overtuned_joints(record) or tuned_away_joints(record)
+    believed = any(map(is_likely, named)) or not doubted
+    action = next(filter(None, (order_of(one, record) for one in named)), "")
+    if action and believed and record["verdict"] not in ("not_testable", "none_of_catalogue"):
+        return f"{sentence(action)}."
     if overtuned_joints(record):
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
     if tuned_away_joints(record):
         return OWN_INERTIAS
-    motion = _next_motion(record)
-    return f"Record this next: {motion}." if motion else ""
+    motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
+    unnamed = f"{significant(beyond)} N m at {joint} have no name. " if record.get("findings") and not named else ""
+    return f"{unnamed}Record this next: {motion}." if motion else ""
 
 
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -130,7 +129,7 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     None, too, where a likely name says what it is: a body, or first of all the gain of every joint that is off.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"), None)
-    likely = [one for one in record.get("findings", []) if one.get("probability", 1.0) >= LIKELY]
+    likely = [one for one in in_order_of_joints(record) if is_likely(one)]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
     if off is None or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
@@ -142,12 +141,12 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """What to do about a name; of one that is less likely than not what to do first, of tied ones no single order."""
     names, action = finding.get("class", []), str(finding.get("action", ""))
-    sure = finding.get("probability", 1.0)
-    if sure >= LIKELY or not action:
+    if is_likely(finding) or not action:
         return action
     if len(names) < 2:
-        return f"only {percent(sure)} sure, so act on it if it shows again: {action}"
-    joint, motion = finding["joints"][0], _next_motion(record)
+        return f"only {percent(finding['probability'])} sure, so act on it if it shows again: {action}"
+    lead, motion = leading_joint(record)[0], _next_motion(record)
+    joint = lead if lead in finding["joints"] else finding["joints"][0]
     parted = set(names[:2]) <= set((record.get("next_experiment") or {}).get("separates", ()))
     if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
         motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
@@ -237,8 +236,7 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
         )
         if first_action(record) != OWN_INERTIAS:
             parts.append(OWN_INERTIAS)
-    nearest = record.get("nearest")
-    if nearest:
+    if nearest := record.get("nearest"):
         parts.append(
             f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
             f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen runs by "
@@ -295,7 +293,7 @@ def _named_joints(record: Mapping[str, Any]) -> set[str]:
 
 def _finding(finding: Mapping[str, Any]) -> str:
     """A name and its joints; one that is less likely than not with those of its class, and how likely they are."""
-    joints, likely = finding["joints"], finding.get("probability", 1.0) >= LIKELY
+    joints, likely = finding["joints"], is_likely(finding)
     where = join_words(joints) if len(joints) <= 3 else "the whole arm"
     tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
     named = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")

@@ -34,7 +34,7 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_places(record: Mapping[str, Any]) -> None:
-    """Places are of joints with a gap, in the order of harm; a likely name of the first of them comes first."""
+    """Places are of joints with a gap, in the order of harm; names stand in the order of what each closes."""
     gap, places = record["gap"], record["where"]
     judged = [(set(f["joints"]) | set(f["heldout"]["rms_before_Nm"]), f["evidence"]) for f in record["findings"]]
     for place in places:
@@ -46,9 +46,9 @@ def check_places(record: Mapping[str, Any]) -> None:
         assert (place["axis"], place["low"]) != ("frequency", 0.0)
     listed = [-place["beyond_noise_Nm"] for place in places]
     assert listed == sorted(listed)
-    likely = [set(one["joints"]) for one in record["findings"] if one["class_probability"] >= 0.5]
-    if places and any(places[0]["joint"] in joints for joints in likely):
-        assert places[0]["joint"] in record["findings"][0]["joints"]
+    errors = [(one["heldout"]["rms_before_Nm"], one["heldout"]["rms_after_Nm"]) for one in record["findings"]]
+    closed = [sum(old**2 - after[joint] ** 2 for joint, old in before.items()) for before, after in errors]
+    assert closed == sorted(closed, reverse=True)
 
 
 def _check_finding(finding: dict[str, Any], joints: set[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
 from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record
-from ident.diagnosis.gap.places import Harm, NamedPlace, in_order_of_gap, measure_harm, rank_places
+from ident.diagnosis.gap.places import Harm, NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.robot.arm import ArmModel
@@ -111,19 +110,6 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
     assert harm(away=np.array([0.0, 2.0, 0.0]))["joint_2"].view == "fixed"
-
-
-def test_names_of_the_joint_where_names_close_most_come_first() -> None:
-    """Law: two names that share a joint's gap come before one that closes more than each of them elsewhere, and names
-
-    that are likelier than not before all others; those of them at the loudest joint come first of all.
-    """
-    rows = [("joint_1", 3.0, True), ("joint_2", 2.0, True), ("joint_2", 2.5, True), ("joint_3", 9.0, False)]
-    rows += [("joint_2", 2.7, False)]
-    names = [SimpleNamespace(joints=(joint,), closed=closed, likely=likely) for joint, closed, likely in rows]
-    assert [name.closed for name in in_order_of_gap(names)] == [2.5, 2.0, 2.7, 3.0, 9.0]
-    assert [name.closed for name in in_order_of_gap(names, "joint_1")] == [3.0, 2.5, 2.0, 2.7, 9.0]
-    assert [name.closed for name in in_order_of_gap(names, "joint_3")] == [2.5, 2.0, 2.7, 3.0, 9.0]
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
