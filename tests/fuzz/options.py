@@ -10,11 +10,14 @@ import gc
 import importlib
 import os
 import pkgutil
+import resource
 import shutil
 import signal
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,8 +25,8 @@ from typing import Any
 import numpy as np
 import typer
 
+from ident.process import run_command
 from ident.robot.names import data_path
-from tests.fuzz.faults import Ended, fork_command
 
 OUTCOMES = ("done", "refused", "taken", "traceback", "status", "lines", "user's")
 GOOD = ("done", "refused", "taken")
@@ -32,6 +35,8 @@ TEXTS = (".", "nan", "", "x" * 5000, "$(touch RUN)", "[bold]\x1b[31m", "a:b:c:d"
 PATHS = (".", "/dev/zero", "/proc/self/mem", "nowhere/below", "\x1b[31m", "notes.txt/x", "x" * 5000, "")
 # Processor time after which a command counts as having taken its options [s].
 MOMENT_S = 0.3
+# A command may take so much processor time, and wait so long on a machine that others use.
+SLOWEST_CPU_S, SLOWEST_S = 60, 300.0
 SKIPPED = ("help", "version", "install_completion", "show_completion")
 
 
@@ -43,6 +48,14 @@ class Trial:
     option: str  # the option in question
     value: str  # what it is given
     arguments: tuple[str, ...]  # all of the command line
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a forked command ended."""
+
+    status: int
+    err: str
 
 
 def load_all() -> None:
@@ -178,3 +191,42 @@ def judge(ended: Ended, folder: Path) -> tuple[str, str]:
     if ended.status != 2:
         return "status", f"{ended.status} {ended.err[-300:]}"
     return ("refused", "") if len(ended.err.strip().splitlines()) == 1 else ("lines", ended.err[-500:])
+
+
+def fork_command(name: str, arguments: list[str], begin: Callable[[], None]) -> Ended:
+    """Runs `ident` or `plan` in a child whose libraries are loaded already."""
+    with tempfile.TemporaryFile() as told:
+        child = os.fork()
+        if not child:
+            _be_command(name, arguments, begin, told.fileno())
+        end = time.monotonic() + SLOWEST_S
+        while True:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended or time.monotonic() > end:
+                break
+            time.sleep(0.01)
+        if not ended:
+            os.kill(child, signal.SIGKILL)
+            _, status = os.waitpid(child, 0)
+        told.seek(0)
+        code = os.WEXITSTATUS(status) if os.WIFEXITED(status) else -os.WTERMSIG(status)
+        return Ended(code, told.read().decode(errors="backslashreplace"))
+
+
+def _be_command(name: str, arguments: list[str], begin: Callable[[], None], told: int) -> None:
+    status = 1
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(told, 2)
+        sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
+        sys.argv = [name, *arguments]
+        spent = int(time.process_time()) + SLOWEST_CPU_S
+        resource.setrlimit(resource.RLIMIT_CPU, (spent, spent + 5))
+        begin()
+        run_command(name, f"{name}.cli.app")
+    except SystemExit as error:
+        status = int(error.code or 0)
+    except BaseException:
+        os.write(2, traceback.format_exc().encode())
+    os._exit(status)

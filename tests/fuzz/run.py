@@ -1,4 +1,4 @@
-"""`make fuzz`: spoilt files into every reader, kills amid every write, faults of the system; a table of the outcomes.
+"""`make fuzz`: spoilt files into every reader, kills amid every write, hostile options; a table of the outcomes.
 
     python -m tests.fuzz.run [--seconds 60] [--seed N] [--keep out/fuzz] [--only KIND,KIND]
 
@@ -19,13 +19,12 @@ import pyarrow as pa
 import torch
 
 from tests.fuzz.corpus import in_a_child, write_files
-from tests.fuzz.faults import fault_table
 from tests.fuzz.kills import kill_table
 from tests.fuzz.kinds import kinds
 from tests.fuzz.options import option_table
 from tests.fuzz.readers import GOOD, OUTCOMES, Readers
 
-# Of the time: the rest goes to kills and faults, which are few.
+# Of the time: the rest goes to kills and options.
 READING = 0.8
 Table = tuple[tuple[str, ...], dict[str, list[int]], tuple[str, ...]]
 
@@ -35,7 +34,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=secrets.randbits(32))
     parser.add_argument("--keep", type=Path, default=Path("out/fuzz"))
-    parser.add_argument("--only", default="", help="kinds of files, with commas; no kills and faults then")
+    parser.add_argument("--only", default="", help="kinds of files, with commas; no kills and options then")
     options = parser.parse_args()
     only = {name for name in options.only.split(",") if name}
     # Children are forked: threads of libraries would not be there in them.
@@ -50,12 +49,11 @@ def main() -> None:
     print(f"seed {options.seed}: {readers.inputs} inputs")
     bad = _print(OUTCOMES, readers.table(), GOOD)
     if not only:
-        rest = options.seconds * (1.0 - READING) / 3
+        rest = options.seconds * (1.0 - READING) / 2
         with tempfile.TemporaryDirectory() as place:
             in_a_child(write_files, Path(place), False)
             parts: dict[str, Callable[[], Table]] = {
                 "kills": lambda: kill_table(rest, options.seed),
-                "faults of the system": lambda: fault_table(rest, options.seed),
                 "hostile options": lambda: option_table(rest, options.seed, Path(place)),
             }
             for title, part in parts.items():
