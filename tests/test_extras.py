@@ -16,6 +16,7 @@ from tests.layout import ROOT, Source, read_sources
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
+KNOWN = packages_distributions()
 # Packages whose name is not the one they are installed by, where no metadata says so.
 INSTALLED_AS = {
     "pinocchio": "pin",
@@ -53,8 +54,7 @@ def outside(source: Source) -> set[str]:
 
 
 def distribution(package: str) -> str:
-    known = packages_distributions().get(package, [package])
-    return INSTALLED_AS.get(package, known[0]).lower().replace("_", "-")
+    return INSTALLED_AS.get(package, KNOWN.get(package, [package])[0]).lower().replace("_", "-")
 
 
 def test_everything_used_is_declared_in_the_core_or_in_the_extra_that_its_message_names() -> None:

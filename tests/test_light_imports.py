@@ -14,8 +14,6 @@ from pathlib import Path
 import pytest
 
 from ident.process import EXTRA_OF
-from ident.recordings.load import load_session
-from ident.recordings.save import write_recording
 from ident.robot.names import data_path
 
 HEAVY = (
@@ -82,12 +80,6 @@ def test_help_and_version_load_nothing_heavy(package: str, arguments: tuple[str,
 
 
 @pytest.mark.parametrize("package", ["ident", "plan"])
-def test_completion_loads_nothing_heavy(package: str) -> None:
-    asked = {f"_{package.upper()}_COMPLETE": "complete_bash", "COMP_WORDS": f"{package} ", "COMP_CWORD": "1"}
-    assert loaded_by(package, **asked) == set()
-
-
-@pytest.mark.parametrize("package", ["ident", "plan"])
 def test_packages_load_nothing_heavy(package: str) -> None:
     assert loaded(f"import sys, {package}\nprint('loaded:', *(n for n in {HEAVY!r} if n in sys.modules))") == set()
 
@@ -105,18 +97,6 @@ def test_a_diagnosis_loads_no_part_of_scipy_that_takes_a_second() -> None:
     slow = ("scipy.signal", "scipy.stats", "scipy.integrate", "sklearn", "pandas", "numba")
     script = "import sys, ident.api.diagnosing, ident.show.terminal\n"
     script += f"print('loaded:', *(n for n in {slow!r} if n in sys.modules))"
-    assert loaded(script) == set()
-
-
-def test_text_tables_load_no_other_format(tmp_path: Path) -> None:
-    """Nor a progress bar where there is no terminal."""
-    table = load_session(E1 / "01_trajectory_1.parquet").runs[0]
-    write_recording(table, tmp_path / "run.csv")
-    script = CORE_ONLY + RUN.format(
-        package="ident",
-        arguments=["ident", "inspect", str(tmp_path / "run.csv"), "--robot", "tm5-900"],
-        heavy=("pyarrow.parquet", "pyarrow.compute", "rich.progress", "jaxtyping", "scipy.signal", "scipy.stats"),
-    )
     assert loaded(script) == set()
 
 

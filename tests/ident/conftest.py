@@ -74,14 +74,6 @@ def ur10e_toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def ur10e_model_toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Settings by which the controller's own rigid model (the last columns) passes for the torque."""
-    path = tmp_path_factory.mktemp("ur10e_model") / "session.toml"
-    path.write_text(ur10e_settings("effort", 26))
-    return path
-
-
-@pytest.fixture(scope="session")
 def sapienza(real_data: Path) -> Session:
     return load_sapienza(real_data)
 

@@ -10,7 +10,7 @@ import pytest
 from ident import files
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write, deliver
-from ident.outputs import MARKER, begin_folder, check_outputs, require_own_file
+from ident.outputs import MARKER, begin_folder, check_outputs
 
 
 def write_half_a_file(target: Path, folder: bool = False) -> None:
@@ -152,19 +152,6 @@ def test_a_result_that_cannot_be_written_takes_nothing_with_it() -> None:
     with pytest.raises(OSError, match="No space"):
         deliver(lambda: done.append("shown"), fail, lambda: done.append("written"))
     assert done == ["written", "shown"]
-
-
-@pytest.mark.parametrize("content", ["mine", '{"name": "package"}', "# notes on ident", "\x00\x01"])
-def test_a_file_of_the_users_stays(tmp_path: Path, content: str) -> None:
-    (tmp_path / "file").write_text(content)
-    with pytest.raises(InputError, match="armgap did not write"):
-        require_own_file(tmp_path / "file")
-
-
-@pytest.mark.parametrize("content", ["", '{\n "schema": "ident.fit/1",\n', '{\n "schema": "plan.result/1",\n'])
-def test_a_result_of_ours_may_be_replaced(tmp_path: Path, content: str) -> None:
-    (tmp_path / "file").write_text(content)
-    require_own_file(tmp_path / "file")
 
 
 def test_devices_links_folders_and_pipes_are_no_places_for_files(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from ident import diagnose
-from ident.arrays import freeze, least_squares
+from ident.arrays import least_squares
 from ident.errors import ArmgapError, InputError, ModelError, RecordingError, RobotError
 from ident.progress import listening, stage, step
 from ident.robot.names import data_path
@@ -28,28 +28,6 @@ def test_time_left_is_what_an_even_pace_leaves() -> None:
         step(4, 4)
     # The clock is looked at once to begin, and once a report.
     assert heard == [("first", 0.0, None), ("first", 0.25, 6.0), ("second", 0.5, 3.0), ("second", 1.0, 0.0)]
-
-
-def test_of_steps_gone_through_again_no_time_is_foretold() -> None:
-    """Law: how often they are gone through nobody knows; a log says so once."""
-    out, seconds = io.StringIO(), count(step=10)
-    with progress_line(Console(file=out), "diagnose", lambda: float(next(seconds))):
-        stage("searching", 0.0, 0.9)
-        for _ in range(5):
-            step(1, 2)
-            step(2, 2)
-    lines = out.getvalue().splitlines()
-    assert lines[-1] == "diagnose: 90 %, searching"
-    assert len(lines) == len(set(lines)) == 4
-
-
-def test_nobody_hears_what_is_not_listened_to() -> None:
-    heard: list[str] = []
-    with listening(lambda words, *_: heard.append(words)):
-        pass
-    stage("alone")
-    step(1, 2)
-    assert heard == []
 
 
 def test_another_job_begins_its_time_anew() -> None:
@@ -125,14 +103,3 @@ def test_an_error_survives_the_way_from_a_worker_process() -> None:
     error = pickle.loads(pickle.dumps(RobotError("a", "b", "c")))
     assert type(error) is RobotError
     assert (error.where, error.what, error.remedy) == ("a", "b", "c")
-
-
-def test_freeze_copies_and_forbids_writing() -> None:
-    """Changing the source does not change the copy, and the copy can't be written."""
-    source = np.arange(3)
-    copy = freeze(source)
-    source[0] = 7
-    assert copy[0] == 0.0
-    assert copy.dtype == float
-    with pytest.raises(ValueError, match="read-only"):
-        copy[0] = 1.0

@@ -156,18 +156,6 @@ def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: 
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
-def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path: Path) -> None:
-    """Law: a diagnosis of parts that are all unfit for the same reason says that reason once."""
-    unfit = written(session, lambda _, run: flipped(run, (0, 1, 2)), tmp_path / "flipped")
-    arm, parts = in_parts([unfit])
-    diagnosis, _, _ = diagnose_reports(parts, arm, ())
-    assert diagnosis.verdict == "refused"
-    fatal = [(issue.issue, issue.joints) for issue in diagnosis.telemetry if issue.severity == "fatal"]
-    assert fatal
-    assert len(fatal) == len(set(fatal))
-
-
-@pytest.mark.usefixtures("long_from_2_runs")
 def test_each_session_is_told_of_its_own_faults_once(session: Session, tmp_path: Path) -> None:
     """Law: a fault of two sessions is reported once for each of them, though both come in parts, and mended in each."""
     jump = 2 * np.pi * (np.arange(RUN) > 500)[:, None]

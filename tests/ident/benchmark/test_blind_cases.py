@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_up_cases import answer, finding, result, truth
 
-from ident.benchmark.cases import FULL_MIX, TWINS, Slot, apportion, draw_case, parse_mix, plan_slots
+from ident.benchmark.cases import FULL_MIX, TWINS, Slot, draw_case, parse_mix, plan_slots
 from ident.benchmark.real_check import rows_of, tables
 from ident.benchmark.real_check import score as score_real
 from ident.benchmark.scoring import comparable, score_case
@@ -38,11 +38,6 @@ def test_the_full_check_holds_every_effect_in_every_size_and_motion() -> None:
     assert Counter(slot.kind for slot in slots) == FULL_MIX
 
 
-@pytest.mark.parametrize("cases", [1, 3, 40, 481])
-def test_shares_add_up(cases: int) -> None:
-    assert sum(apportion(cases, FULL_MIX).values()) == cases
-
-
 def test_the_same_seed_draws_the_same_cases_and_another_does_not() -> None:
     slots = plan_slots(30, FULL_MIX, 5)
     assert slots == plan_slots(30, FULL_MIX, 5)
@@ -64,14 +59,6 @@ def test_kinds_are_what_they_say() -> None:
         assert bool(excluded) == (slot.kind == "excluded")
         if excluded:
             assert excluded == (found[0], *TWINS.get(found[0], ()))
-
-
-def test_another_attempt_keeps_the_effect_and_draws_another_arm_then_another_effect() -> None:
-    slot = next(slot for slot in plan_slots(20, {"single": 1.0}, 2))
-    first, second, later = (draw(slot, 0, 2, attempt) for attempt in (0, 1, 6))
-    assert ids(first) == ids(second) == [slot.effect]
-    assert first[0].seed != second[0].seed
-    assert [one.amplitude for one in later[0].effects] == [slot.amplitude]
 
 
 @pytest.mark.parametrize("text", ["nonsense", "single=x", "single=0", "single=-1", ""])
@@ -108,12 +95,6 @@ def test_the_first_name_counts_by_itself_by_its_class_and_by_its_joint(
     one = score(answer(truth()), result(*names))
     assert (one.strict, one.class_aware, one.joint) == (strict, class_aware, joint)
     assert (one.right, one.class_size, one.confidently_wrong) == (right, class_size, wrong)
-
-
-def test_an_effect_of_the_whole_arm_is_named_where_it_shows() -> None:
-    one = score(answer(truth("payload", "")), result(finding("payload", "joint_3")))
-    assert one.joint
-    assert one.truth == (("payload", ""),)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -136,14 +135,6 @@ def scheduler() -> Iterator[str]:
 
 def errands(folder: Path, deadly: int = -1, count: int = 5) -> list[Errand]:
     return [Errand(folder / f"task_{i}.txt", deadly=i == deadly) for i in range(count)]
-
-
-def test_tasks_run_in_other_processes(tmp_path: Path) -> None:
-    done: list[str] = []
-    run_tasks(run_errand, errands(tmp_path), workers=1, done=done.append)
-    assert sorted(done) == [f"task_{i}" for i in range(5)]
-    pids = {path.read_text().strip() for path in tmp_path.glob("*.txt")}
-    assert str(os.getpid()) not in pids
 
 
 def test_a_killed_process_loses_no_task_and_repeats_none(tmp_path: Path) -> None:

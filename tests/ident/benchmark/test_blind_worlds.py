@@ -17,7 +17,7 @@ from ident.benchmark.cases import FULL_MIX, Slot, draw_case, draw_world_of, name
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.run import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.scoring import Outcome, auroc, score_case
-from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, world_axes
+from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport
 from ident.effects.transmission import SpringTorque
 from ident.export.identified import IdentifiedArm
 from ident.motion.motion import Motion
@@ -91,11 +91,6 @@ def test_what_a_wrong_urdf_makes_true_is_no_false_name() -> None:
     assert outcome(2, sound, RIGHT, link).has_companion
 
 
-def test_rounding_counts_as_noise() -> None:
-    coarse = world_of(3, encoder_noise_rad=1e-6, encoder_bits=12, encoder_at="link")
-    assert world_axes(coarse.to_dict())["encoder_noise_rad"] == pytest.approx(2 * np.pi / 4096 / np.sqrt(12), rel=1e-3)
-
-
 def test_the_curve_of_refusals() -> None:
     assert auroc([0.9, 0.8], [0.1, 0.2]).value == 1.0
     assert auroc([0.5, 0.5], [0.5]).value == 0.5
@@ -148,12 +143,6 @@ def test_what_is_large_and_alone_is_named() -> None:
 def test_twins_are_a_coin_and_what_is_hidden_is_not_named() -> None:
     assert ask((12.0, 0.0), (12.0, 0.0)) == pytest.approx(0.5, abs=0.3)
     assert ask((0.05, 0.0), (0.0, 9.0)) < 0.2
-
-
-def test_more_of_it_is_named_more_often() -> None:
-    told = [ask((size, 0.3 * size), (0.0, 9.0)) for size in (0.5, 2.0, 8.0)]
-    assert told == sorted(told)
-    assert told[0] < 0.5 < told[-1]
 
 
 def test_the_density_of_noise_holds_its_variance() -> None:
@@ -224,15 +213,6 @@ def test_a_cause_that_went_into_tuning_cannot(
     swapped = {**spring, "baseline": {**spring["baseline_alone"]}}
     swapped["baseline"]["joint_3"]["laws"] = spring["baseline"]["joint_3"]["laws"]
     assert ratio(edited_arm(swapped, arm, [0]), healthy, motions, arm) > EDIT_WITHIN
-
-
-def test_nothing_but_the_chosen_names_is_taken_out(arm: ArmModel, spring: dict[str, Any]) -> None:
-    """Law: tuning is the same with a name and without; names that are not chosen stay."""
-    whole, without = edited_arm(spring, arm), edited_arm(spring, arm, [0])
-    assert len(whole.changes) == 1
-    assert not without.changes
-    np.testing.assert_array_equal(whole.links.tuned, without.links.tuned)
-    np.testing.assert_array_equal(whole.losses.coulomb, without.losses.coulomb)
 
 
 def test_the_twin_is_the_arm_of_the_case_without_its_cause() -> None:

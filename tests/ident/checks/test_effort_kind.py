@@ -42,22 +42,6 @@ def test_the_payload_is_in_the_gravity_that_is_added() -> None:
     np.testing.assert_allclose(report.session.runs[0].effort, session.runs[0].effort, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["E1", "E2", "payload_516g"])
-def test_whole_torques_stay_as_they_are(name: str) -> None:
-    session, arm = load_session(LOGS / name), ArmModel.load("tm5-900")
-    report = inspect(session, arm)
-    assert report.issues == ()
-    assert {one.kind for one in report.effort} == {"motor_torque"}
-    assert all(np.array_equal(a.effort, b.effort) for a, b in zip(session.runs, report.session.runs, strict=True))
-
-
-def test_a_current_is_no_torque_without_gravity(clean: Session, arm: ArmModel) -> None:
-    report = inspect(spoil(clean, lambda run: run.replace(effort=0.08 * run.effort)), arm)
-    assert [one.issue for one in report.fatal] == ["effort_not_torque"]
-    assert "effort_kind" in report.fatal[0].remedy
-    assert "gravity_compensated" not in {one.kind for one in report.effort}
-
-
 def test_a_spring_that_carries_the_arm_is_not_gravity_taken_out(clean: Session, arm: ArmModel) -> None:
     """It hides gravity on its own joint; the others show it."""
 

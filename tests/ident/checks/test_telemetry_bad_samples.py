@@ -70,14 +70,6 @@ def test_a_bad_sample_changes_nothing_else(size: float, clean: Session, arm: Arm
     assert found(report) == {"effort_spike" if size < 1e12 else "garbage_cells": "note"}
 
 
-def test_short_bursts_and_many_spikes(clean: Session) -> None:
-    session, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(300, 304), 900.0), 1))
-    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "note")]
-    assert session.samples == clean.samples - 4
-    _, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(None, None, 40), 900.0)))
-    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "fatal")]
-
-
 @pytest.mark.parametrize("size", [400.0, 1e4])
 @pytest.mark.parametrize("rows", [6, 40, 600])
 @pytest.mark.parametrize("together", [True, False])
@@ -216,32 +208,12 @@ def test_an_answer_that_rests_on_one_recording_is_refused(two_joints: ArmModel) 
     assert found.severity == "fatal"
 
 
-def test_motion_of_several_frequencies_is_enough(two_joints: ArmModel) -> None:
-    assert issues(two_joints, *(motion(MANY, MANY, seed=k) for k in range(3))) == []
-    assert issues(two_joints, motion(MANY, MANY)) == []
-    # A third recording of another speed makes up for it: two are left that differ, whichever is held out.
-    three = (((0.6, 1.2),), ONE, ((0.6, 3.1),))
-    assert issues(two_joints, *(motion(tones, tones) for tones in three)) == []
-
-
-def test_a_poor_joint_beside_a_rich_one_is_named(two_joints: ArmModel) -> None:
-    (found,) = issues(two_joints, *(motion(MANY, ONE, seed=k) for k in range(3)))
-    assert (found.severity, found.joints) == ("warning", two_joints.joint_names[1:])
-
-
 def test_a_direction_that_is_shown_once_is_told(two_joints: ArmModel) -> None:
     """Law: friction of a direction of motion is known only where that is repeated."""
     q = np.stack([0.1 * TIME + 0.02 * np.sin(1.3 * TIME), motion(MANY, MANY)[:, 1]], axis=1)
     (found,) = issues(two_joints, q)
     assert found.joints == two_joints.joint_names[:1]
     assert "1 times up and 0 times down" in found.evidence
-
-
-def test_joints_that_move_one_after_the_other_are_enough(two_joints: ArmModel) -> None:
-    """Law: a joint is judged by the recordings in which it moves."""
-    still = np.zeros((len(TIME), 1))
-    rich = motion(MANY, MANY)
-    assert issues(two_joints, np.hstack([rich[:, :1], still]), np.hstack([still, rich[:, 1:]])) == []
 
 
 def test_the_share_is_that_of_the_acceleration_alone() -> None:

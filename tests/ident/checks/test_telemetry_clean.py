@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import inspect, spoil, spoil_column
+from faults import inspect, spoil_column
 
 from ident.checks import TelemetryReport, inspect_sessions
 from ident.errors import InputError, RecordingError
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session, cut_before
+from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_recording, write_session
 from ident.robot.arm import ArmModel
 
@@ -96,23 +96,6 @@ def test_the_ur10e_logs_are_clean_but_for_real_jitter(
     np.testing.assert_array_equal(report.session.runs[0].time, session.runs[0].time)
 
 
-@pytest.mark.real
-def test_every_ur10e_run_alone_is_clean_or_too_poor(real_data: Path, ur10e_toml: Path) -> None:
-    """True findings: runs of one joint at a time do not excite the others; neither does the short first run."""
-    arm = ArmModel.load(real_data / "ur10e/ur10e.urdf")
-    poor = {"ur-19_10_01-14_04_41"} | {f"ur-20_01_22-joint_{joint}" for joint in range(1, 7)}
-    for folder in ("identification", "jointwise", "validation"):
-        session = load_session(real_data / "ur10e" / folder, session_file=ur10e_toml)
-        for run in session.runs:
-            report = inspect(Session(run.name, (run,)), arm)
-            # Where the arm stops, a few samples are wild: they are told in a note.
-            found = alarms(report) - {issue.issue for issue in report.issues if issue.severity == "note"}
-            # The literature's drive gains are not this arm's, most of all at the elbow.
-            assert "elbow_joint" in scaled_joints(report) or run.name in poor or "torque_scale" not in found, run.name
-            found -= {"torque_scale"}
-            assert found == ({"insufficient_excitation"} if run.name in poor else set()), run.name
-
-
 def scaled_joints(report: TelemetryReport) -> set[str]:
     return {joint for issue in report.find("torque_scale") for joint in issue.joints}
 
@@ -131,15 +114,6 @@ def test_the_pandas_and_the_ur10_are_clean(real_data: Path, sapienza: Session) -
             expected = {"elbow_joint"} if robot == "ur10" else {"panda_joint3", "panda_joint4"}
             assert expected <= scaled_joints(report) <= expected | {"panda_joint2"}, session.name
             assert report.session.joints == ArmModel.load(robot).joint_names
-
-
-@pytest.mark.real
-def test_halves_of_the_real_pandas_are_clean(real_data: Path, sapienza: Session) -> None:
-    arm = ArmModel.load("panda")
-    for session in (sapienza, load_session(real_data / "panda/unisa_fer/panda_exciting_trajectory.db3")):
-        run = session.runs[0]
-        for half in cut_before(run, np.array([len(run) // 2])):
-            assert alarms(inspect(session.replace(runs=[half]), arm)) <= {"insufficient_excitation", "torque_scale"}
 
 
 @pytest.fixture(scope="module", params=["ur10e", "panda", "panda bag", "ur10 bag"])
@@ -161,46 +135,6 @@ def test_a_flipped_sign_is_found_on_every_joint(real: tuple[Session, ArmModel]) 
     for joint, name in enumerate(arm.joint_names):
         (issue,) = inspect(spoil_column(session, "effort", joint, np.negative), arm).find("effort_sign_flipped")
         assert issue.joints == (name,)
-
-
-@pytest.mark.real
-def test_another_unit_is_no_torque(real: tuple[Session, ArmModel]) -> None:
-    session, arm = real
-    for scale in (0.1, 1000.0):
-        report = inspect(spoil(session, lambda run, scale=scale: run.replace(effort=run.effort * scale)), arm)
-        assert [issue.issue for issue in report.fatal] == ["effort_not_torque"]
-
-
-@pytest.mark.real
-def test_degrees_and_milliseconds_are_found(real: tuple[Session, ArmModel]) -> None:
-    session, arm = real
-    degrees = spoil(
-        session, lambda run: run.replace(position=np.degrees(run.position), velocity=np.degrees(run.velocity))
-    )
-    assert [issue.issue for issue in inspect(degrees, arm).fatal] == ["units_degrees"]
-    slow = spoil(session, lambda run: run.replace(time=1e3 * run.time))
-    assert [issue.issue for issue in inspect(slow, arm).fatal] == ["wrong_time_base"]
-
-
-@pytest.mark.real
-def test_the_ur10e_controllers_own_model_is_no_measurement(real_data: Path, ur10e_model_toml: Path) -> None:
-    """The last columns of its logs: at least five of six joints are told to be computed."""
-    session = load_session(real_data / "ur10e/identification", session_file=ur10e_model_toml)
-    report = inspect(session, ArmModel.load(real_data / "ur10e/ur10e.urdf"))
-    (issue,) = report.fatal
-    assert issue.issue == "effort_is_model"
-    assert len(issue.joints) >= 5
-
-
-@pytest.mark.real
-def test_raw_currents_are_no_torque(real_data: Path, tmp_path: Path, ur10e_toml: Path) -> None:
-    """The UR10e's currents, read as if they were effort."""
-    settings = tmp_path / "session.toml"
-    settings.write_text(ur10e_toml.read_text().replace("/current", "/effort").partition("[drive")[0])
-    session = load_session(real_data / "ur10e/validation", session_file=settings)
-    (issue,) = inspect(session, ArmModel.load(real_data / "ur10e/ur10e.urdf")).fatal
-    assert issue.issue == "effort_not_torque"
-    assert "drive_gain" in issue.remedy
 
 
 def test_the_report_is_json_with_the_worst_first(clean: Session, arm: ArmModel) -> None:
@@ -231,12 +165,6 @@ def test_bad_cells_are_refused_by_name_and_mended_on_request(clean: Session, arm
     again = inspect(load_session(tmp_path / "mended"), arm)
     assert again.issues == ()
     assert again.session.samples == clean.samples - 1
-
-
-def test_a_robot_with_more_joints_gets_them_locked(clean: Session, arm: ArmModel) -> None:
-    report = inspect(clean.replace(runs=[run.select(arm.joint_names[:5]) for run in clean.runs]), arm)
-    assert report.arm.joint_names == arm.joint_names[:5]
-    assert [issue.issue for issue in report.issues] == ["joints_locked"]
 
 
 def test_sessions_together_need_the_same_joints(clean: Session, arm: ArmModel) -> None:

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from ident.closed_loop import loop
-from ident.closed_loop.loop import KIND_OF, MARGIN, measure_floors, open_kinds, pool_runs
+from ident.closed_loop.loop import KIND_OF, MARGIN, open_kinds, pool_runs
 from ident.closed_loop.recorder import CommandRecorder, draw_effects
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
-from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.loaded import LawModel
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
 from ident.recordings.recording import Session
@@ -134,19 +132,6 @@ def test_few_runs_that_differ_make_nothing_sure() -> None:
     assert even.upper == pytest.approx(even.together)
     assert uneven.upper > MARGIN
     assert pool_runs(counts[:1], counts[:1], JOINTS).upper == np.inf
-
-
-def test_the_gap_of_the_truth_is_the_noise(arm: ArmModel) -> None:
-    session = MadeUpArm(arm).record(())
-    floors, runs = np.full(2, LEFT), prepare(session, FOR_DIAGNOSIS.cutoff_hz)
-    identified = Diagnosed.of_record(written_record(arm, 1.0), needed=False).candidates(arm)
-
-    def gap(one: IdentifiedArm) -> float:
-        return measure_floors([LawModel.of(one)] * len(runs), runs, floors).together
-
-    assert gap(identified["after"]) == pytest.approx(1.0, abs=0.1)
-    assert gap(identified["tuned"]) == pytest.approx(1.0, abs=0.1)
-    assert gap(IdentifiedArm.as_urdf(arm)) > 10.0
 
 
 def test_every_family_of_motion_has_a_kind_and_open_questions_come_first() -> None:

@@ -196,13 +196,6 @@ def test_the_rest_of_the_arm_is_compared(arm: ArmModel, held: tuple[bool, bool],
     assert "friction_change" in silent
 
 
-def test_a_load_is_weighed_by_the_joints_that_move(arm: ArmModel) -> None:
-    (change,) = compared_held(arm, carrying(LOAD), (True, False)).changes
-    assert "payload" in change.estimate.rivals
-    figure = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
-    assert figure.low <= LOAD.mass_kg <= figure.high
-
-
 @pytest.mark.parametrize("held", [(True, False), (False, True)])
 def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bool]) -> None:
     found = compared_held(arm, held_by_friction, held)

@@ -10,8 +10,6 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import NO_LAW, diagnose
-from ident.diagnosis.gap.ceiling import _repeated
-from ident.diagnosis.gap.settings import USUAL_CEILING
 from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, find_holds, join_runs, resting
 from ident.diagnosis.regression.least_squares import Prior
 from ident.diagnosis.regression.noise import shorter_filters, whiten_after_gaps
@@ -79,16 +77,6 @@ def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmM
     assert found.diagnosis.findings == ()
     assert ("spring_torque", NO_LAW) in {(one.effect, one.reason) for one in found.diagnosis.reservations}
     assert found.diagnosis.verdict == "none_of_catalogue"
-
-
-def test_neighbours_of_the_angle_see_teeth_and_nothing_in_noise() -> None:
-    """Bound: a wave of 70 periods a radian, as large as its noise, is foretold; of ten draws of noise none is."""
-    rng = np.random.default_rng(12)
-    angle = np.concatenate([np.linspace(0.0, 1.0, 1200), np.linspace(1.0, 0.0, 1200)])
-    piece = np.arange(SAMPLES) * 40 // SAMPLES
-    wave = np.sqrt(2.0) * np.sin(440.0 * angle)
-    assert _repeated(angle, wave + rng.normal(size=SAMPLES), piece, USUAL_CEILING) > 0.2
-    assert all(_repeated(angle, rng.normal(size=SAMPLES), piece, USUAL_CEILING) == 0.0 for _ in range(10))
 
 
 def test_a_gap_that_is_seen_by_neighbours_alone_is_reported(short_arm: ArmModel) -> None:

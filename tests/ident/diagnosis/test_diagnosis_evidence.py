@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ident.arrays import Array, freeze
+from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import block_sums
 from ident.diagnosis.regression import rows as rows_module
-from ident.diagnosis.regression.block_sums import SymmetricSums, add_products, pack
+from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import build_partition
-from ident.diagnosis.regression.rows import Rows, baseline_columns, baseline_tables, compute_rows
-from ident.motion.motion import Lowpass, Motion
+from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.motion.out_of_core import SpooledArrays
 
 
@@ -95,33 +94,6 @@ def test_gram_is_the_product_of_the_rows(healthy: Analysis, whitened: tuple[Arra
     assert np.array_equal(healthy.evidence.samples, np.bincount(joints))
 
 
-def test_blocks_add_up_to_the_whole(healthy: Analysis, all_rows: list[Rows]) -> None:
-    """Law: sums over a set of blocks and over the others add up; where no run ties its blocks together, each set's are
-
-    those of its own rows.
-    """
-    evidence = healthy.evidence.with_run_spread(np.zeros(3))
-    tall, blocks, _ = tall_rows(evidence, all_rows)
-    chosen = np.arange(len(evidence.fold_of_block)) % 3 == 0
-    whole, part = evidence.gram(), np.zeros_like(evidence.gram())
-    for local, sums in zip(evidence.layout.local, evidence.free, strict=True):
-        part[np.ix_(local, local)] += sums.over(np.flatnonzero(chosen))
-    rest = whole - part
-    mine = tall[chosen[blocks]]
-    assert np.allclose(part, mine.T @ mine, rtol=0, atol=1e-9 * np.abs(whole).max())
-    others = tall[~chosen[blocks]]
-    assert np.allclose(rest, others.T @ others, rtol=0, atol=1e-9 * np.abs(whole).max())
-
-
-def test_columns_that_are_zero_need_no_filter(healthy: Analysis) -> None:
-    """Law: the baseline's columns are the whole regressor's through the filter; no joint feels the links before it."""
-    run = healthy.session.runs[0]
-    chosen = list(healthy.baseline.base.columns)
-    whole = run.motion.filtered(run.regressor[:, :, chosen])
-    for j, table in enumerate(baseline_tables(healthy.evidence.layout, baseline_columns(healthy.baseline, run))):
-        assert np.array_equal(table[:, : len(chosen)], whole[:, j])
-
-
 def test_sums_that_wait_on_disk_are_the_same(healthy: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: to the bit, whatever column ceases to be zero in which run, and so is what folds are made of."""
     known = healthy.evidence
@@ -134,20 +106,6 @@ def test_sums_that_wait_on_disk_are_the_same(healthy: Analysis, monkeypatch: pyt
         assert np.array_equal(known.times(j, np.ones(one.size)), spooled.times(j, np.ones(one.size)))
         assert np.array_equal(known.parts[j].without(columns), spooled.parts[j].without(columns))
         assert np.array_equal(known.plain[j].part(columns), spooled.plain[j].part(columns))
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
-    """Law: after the other half is filled, sums are X Xᵀ as any product gives it, whatever was there before."""
-    rng = np.random.default_rng(2)
-    sums, tables = np.zeros((3, 37, 37)), rng.standard_normal((3, 2, 50, 37))
-    for one, pair in zip(sums, tables, strict=True):
-        add_products(one, pair[0], 1.0)
-        add_products(one, pair[1], sign)
-        add_products(one, pair[1, :0], sign)
-    found = SymmetricSums([pack(one) for one in sums], np.arange(37), 37)
-    expected = np.stack([a.T @ a + sign * b.T @ b for a, b in tables])
-    assert np.allclose(found.part(np.arange(37)), expected, rtol=0, atol=1e-12)
 
 
 def test_rows_that_are_added_are_in_all_that_is_made_of_the_sums() -> None:
@@ -192,18 +150,6 @@ def test_gain_of_a_group_is_the_fall_of_the_misfit(healthy: Analysis, whitened: 
     assert tried >= 5
 
 
-def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
-    """Law: columns of known sign never get a negative coefficient, and the sign costs gain or nothing."""
-    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
-    projection = project(healthy.evidence.gram(), healthy.evidence, prior)
-    signed = [group for group in healthy.evidence.layout.groups if group.effect.nonnegative]
-    assert signed
-    for group in signed:
-        gain, beta = projection.gain(group)
-        assert gain >= 0.0
-        assert beta[[c for c in group.effect.nonnegative if c < len(beta)]].min() >= 0.0
-
-
 def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
     """Law: the score of a fold comes from coefficients that never saw it: refitted rows give the same misfit."""
     tall, blocks, joints = whitened
@@ -217,20 +163,6 @@ def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened:
         left = tall[:, -1] - tall[:, inside] @ estimate
         expected = [np.sum(left[held & (joints == j)] ** 2) for j in range(evidence.layout.n)]
         assert np.allclose(score.misfit[fold], expected, rtol=1e-5)
-
-
-def test_a_model_that_is_asked_for_again_has_its_score(healthy: Analysis) -> None:
-    """Law: scores depend on the groups, not on what was asked before; two views of a session share its sums alone."""
-    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
-    group, other = healthy.evidence.layout.groups[0], healthy.evidence.layout.groups[-1]
-    asked = HeldOut(healthy.evidence, prior)
-    tight = HeldOut(healthy.evidence, prior.tightened(100.0))
-    for groups in ((), (group,), (group, other), (other, group), (), (group,)):
-        for scorer in (asked, tight):
-            first = HeldOut(healthy.evidence, scorer.prior).score(groups)
-            assert np.array_equal(scorer.score(groups).misfit, first.misfit)
-            assert np.array_equal(scorer.score(groups).squares, first.squares)
-    assert not np.array_equal(asked.score((group,)).misfit, tight.score((group,)).misfit)
 
 
 def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,21 +182,6 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
         ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]
         assert np.allclose(a.over() * ours, b.over() * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
-
-
-def test_a_later_pass_has_the_rows_of_the_first(
-    healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Law: what is kept of the baseline's columns changes no number; of a long session nothing is kept."""
-    session = replace(healthy.session, runs=tuple(replace(run) for run in healthy.session.runs))
-    partition = build_partition(session)
-    for most in (0, 10**9, 10**9):  # not kept, kept, and found again
-        monkeypatch.setattr(rows_module, "KEPT_SIZE", most)
-        again = compute_rows(session, healthy.baseline, healthy.evidence.layout, partition)
-        for one, other in zip(again, all_rows, strict=True):
-            for ours, theirs in ((one.tables, other.tables), (one.noise or (), other.noise or ())):
-                assert all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
-        assert all(bool(run.kept) == bool(most) for run in session.runs)
 
 
 ONE_JOINT = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
@@ -312,14 +229,6 @@ def test_noise_over_fewer_rows_than_columns(count: int) -> None:
     assert all(0.27 < one < 0.6 for one in found)
 
 
-def test_noise_of_a_joint_that_stands_still() -> None:
-    """Bound: of a joint without a row that counts the noise is that of its torque from sample to sample, to a tenth."""
-    rng = np.random.default_rng(3)
-    torque = 5.0 * np.sin(np.arange(2000) / 300.0) + 0.05 * rng.standard_normal(2000)
-    rows = rows_of(torque[:, None], counts=False)
-    assert estimate_noise(ONE_JOINT, [rows]).level[0] == pytest.approx(0.05, rel=0.1)
-
-
 def test_a_column_of_encoder_noise_explains_no_noise() -> None:
     """Law: what is mostly encoder noise knows that of the model's own columns; the level is what it is without it."""
     rng = np.random.default_rng(5)
@@ -332,31 +241,3 @@ def test_a_column_of_encoder_noise_explains_no_noise() -> None:
         drawn[:, 3] = rng.standard_normal(1500)
         held.append(rows_of(table, run, drawn=(drawn,)))
     assert estimate_noise(ONE_JOINT, held).level[0] == pytest.approx(0.4, rel=0.05)
-
-
-def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:
-    """Bound: white noise of 0.3 N m at 50 Hz, filtered at 10 Hz, leaves 0.3 √(10 / 25) N m of level; to 15 %."""
-    assert np.allclose(healthy.evidence.whitening.level, 0.3 * np.sqrt(10.0 / 25.0), rtol=0.15)
-
-
-def test_reversals_do_not_count() -> None:
-    """Law: of a swing sin 2πt/4 s no sample counts within 0.08 s of a reversal, and every one beyond 0.2 s does."""
-    time = np.arange(800) / 100.0
-    q = np.sin(2 * np.pi * time / 4.0)[:, None]
-    dq, ddq = np.gradient(q, 0.01, axis=0), np.zeros_like(q)
-    motion = Motion(
-        "swing",
-        ("a",),
-        freeze(time),
-        freeze(q),
-        freeze(dq),
-        freeze(ddq),
-        freeze(q),
-        Lowpass.design(100.0),
-        freeze(np.full((3, 1), 1e-6)),
-    )
-    coarse = time[motion.coarse]
-    distance = np.abs((coarse - 1.0 + 1.0) % 2.0 - 1.0)  # to the reversals at 1, 3, 5, 7 s
-    inner = (coarse > 0.5) & (coarse < 7.5)
-    assert not motion.settled[distance < 0.08].any()
-    assert motion.settled[(distance > 0.2) & inner].all()

@@ -19,7 +19,6 @@ from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from plan.api.exciting import excite
-from plan.experiment.distance import size_effect
 from plan.experiment.hypotheses import ask
 from tests.ident.diagnosis.planted import analyse, at_joint, named
 
@@ -175,14 +174,3 @@ def test_a_motion_is_worked_out_for_it(catalogue: tuple[Effect, ...], diagnosis:
     )
     assert found.runs
     assert found.smallest[0] > 0.0
-
-
-def test_its_typical_size_is_its_own(catalogue: tuple[Effect, ...], analysis: Analysis) -> None:
-    """Law: a share of the largest plausible coefficient, or what a diagnosis tells."""
-    session, magnet = analysis.session, find_effect("magnet", catalogue)
-    (variant,) = magnet.variants(session, 2)
-    largest = magnet.prior_scale(session, 2, variant)
-    assert largest is not None
-    assert size_effect(magnet, session, 2, variant, 1, {})[0] == pytest.approx(0.5 * largest)
-    told, _ = size_effect(magnet, session, 2, variant, 1, {"amplitude_Nm": 2.0})
-    assert told == pytest.approx([2.0])

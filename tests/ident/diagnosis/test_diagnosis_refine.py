@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,16 +14,14 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.selection.finer_sums import FinerSums
-from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
+from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals
 from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import Interval, SessionContext, Variant
+from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.effect_info import LAW_SHARE, TABLE
+from ident.effects.effect_info import TABLE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, named_groups, search_of, stribeck_on_1
 
@@ -134,17 +131,6 @@ def test_certain_is_what_chance_makes_in_one_of_twenty() -> None:
     assert not is_certain(np.array([9.0, 9.0, 9.0]), cells, ())
 
 
-def test_intervals_hold_what_laws_may_differ() -> None:
-    """Law: no interval is narrower than an arm's own law may be off, but of figures that are counted, not measured."""
-    sharp = Interval(2.0, 1.99, 2.01)
-    doubt = find_effect("torque_ripple").doubt
-    wide = widened(sharp, doubt.of("amplitude_Nm", 2.0))
-    assert wide.value == 2.0
-    assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
-    assert widened(sharp, doubt.of("order", 2.0)) == sharp
-    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))
-
-
 def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:
     """Law: whatever signs hold at zero, all coefficients keep a variance, and none is negative that mustn't be."""
     analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
@@ -163,30 +149,6 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
         assert np.all(np.diag(cells) > 0.0)
 
 
-def test_the_same_names_asked_again_get_the_same_sums(short_arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: sums that are kept are those of a pass anew, whatever the friction's variation by then; others are not."""
-    analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
-    search = search_of(analysis)
-    groups = named_groups(analysis)
-    passes: list[int] = []
-
-    def counted(*given: Any, **options: Any) -> Evidence:
-        passes.append(1)
-        return gather(*given, **options)
-
-    monkeypatch.setattr("ident.diagnosis.selection.refine.gather", counted)
-    refine(search, analysis.session, analysis.baseline, groups)
-    wider = analysis.evidence.with_run_spread(2.0 * analysis.evidence.spread)
-    later = replace(search, evidence=wider, held_out=HeldOut(wider, search.prior))
-    kept = refine(later, analysis.session, analysis.baseline, groups).search.evidence
-    anew = refine(replace(later, finer=FinerSums()), analysis.session, analysis.baseline, groups).search.evidence
-    assert len(passes) == 2
-    assert np.array_equal(kept.gram(), anew.gram())
-    other = next(group for group in analysis.evidence.layout.groups if group.joint != groups[0].joint)
-    refine(later, analysis.session, analysis.baseline, [other])
-    assert len(passes) == 3
-
-
 def signs_of(sums: Array) -> Array:
     """Minus one for the torque, one for all columns."""
     return np.append(np.ones(sums.shape[-1] - 1), -1.0)
@@ -196,41 +158,6 @@ def mirrored(sums: Array) -> Array:
     """Sums of the same columns with the torque of the opposite sign."""
     sign = signs_of(sums)
     return sums * sign[:, None] * sign
-
-
-def test_a_class_is_cut_by_the_odds_that_the_settings_ask_for(short_arm: ArmModel) -> None:
-    """Law: in a class are the holder and all that it is ahead of by no more than these odds, the nearest first."""
-    analysis = analyse(short_arm, stribeck_on_1)
-    search = search_of(analysis)
-    projection = project(analysis.evidence.gram(), analysis.evidence, search.prior)
-    truth = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
-    weigh = {
-        odds: weigh_rivals(
-            replace(search, settings=replace(search.settings, class_odds=odds, rival_nats=1e6)),
-            projection,
-            truth,
-            [],
-            1.0,
-        )
-        for odds in (1.0, 1e305)
-    }
-    (probability, none, odds), (same, everything, again) = weigh[1.0], weigh[1e305]
-    assert (probability, odds) == (same, again)
-    assert odds
-    assert none == ("stribeck_friction",)
-    assert everything == ("stribeck_friction", *sorted(odds, key=odds.__getitem__))
-    nearest = min(odds.values())
-    cut = replace(search, settings=replace(search.settings, class_odds=nearest, rival_nats=1e6))
-    assert weigh_rivals(cut, projection, truth, [], 1.0)[1] == everything[:2]
-
-
-def test_a_class_has_the_sum_of_its_names(short_arm: ArmModel) -> None:
-    """Law: a class has the sum of its names, each with the share of its holder over the holder's odds; 1 at most."""
-    (finding,) = analyse(short_arm, stribeck_on_1).diagnosis.findings
-    held = replace(finding.estimate, probability=0.45, rivals=("a", "b", "c"), odds={"b": 1.5, "c": 9.0})
-    assert held.shares == pytest.approx({"a": 0.45, "b": 0.3, "c": 0.05})
-    assert held.class_probability == pytest.approx(0.8)
-    assert replace(held, probability=0.9).class_probability == 1.0
 
 
 RANGE, AMPLITUDE = 0.006, 4.0  # [rad], [N m]
@@ -248,34 +175,6 @@ def stop_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 @pytest.fixture(scope="module")
 def analysis(short_arm: ArmModel) -> Analysis:
     return analyse(short_arm, stop_on_1, [find_effect("presliding_hysteresis")])
-
-
-def test_parts_have_columns_of_the_whole(analysis: Analysis) -> None:
-    """Law: a part's ranges and columns are those of the whole at the same places; no column is made for it."""
-    groups = [group for group in analysis.evidence.layout.groups if group.joint == 0]
-    whole, parts = groups[0], groups[1:]
-    ranges = dict(zip(whole.columns, whole.variant.shape.values(), strict=True))
-    assert not whole.borrows
-    assert len(parts) >= len(ranges)
-    for part in parts:
-        assert part.borrows
-        assert part.key == whole.key
-        assert list(part.variant.shape.values()) == [ranges[column] for column in part.columns]
-    assert sum(len(own) for own in analysis.evidence.layout.own) == len({c for g in groups for c in g.columns}) * 3
-
-
-def test_ranges_that_it_does_not_need_cost_a_build_up_nothing(analysis: Analysis) -> None:
-    """Law: of a spring and slider of one range a part with it has more evidence than all ranges; the name's figures are
-    those of all of them.
-    """
-    evidence, search = analysis.evidence, search_of(analysis)
-    projection = project(evidence.gram(), evidence, search.prior)
-    whole = next(group for group in evidence.layout.groups if group.joint == 0)
-    score, best = search.best_by_key(projection)[whole.key]
-    assert best.borrows
-    assert RANGE in best.variant.shape.values()
-    assert score > search.score_of(projection, whole) + 1.0
-    assert analysis.diagnosis.findings[0].estimate.refined.variant.shape == whole.variant.shape
 
 
 DROP = 1.92
@@ -297,22 +196,6 @@ def figures(grid: Profile) -> dict[str, tuple[float, float]]:
     session: SessionContext = None  # type: ignore[assignment]
     found = grid.widened(told, session, np.full(2, 0.1)) | grid.inner_parameters()
     return {name: (one.low, one.high) for name, one in found.items()}
-
-
-def test_points_that_explain_the_same_are_all_told() -> None:
-    """Law: with nothing between two orders the order is either, and the amplitude reaches over both intervals."""
-    found = figures(waves((0.0, 0.0)))
-    assert found["order"] == (1.0, 2.0)
-    assert found["amplitude_Nm"][0] == pytest.approx(1.0 - 0.196)
-    assert found["amplitude_Nm"][1] == pytest.approx(3.0 + 0.196)
-
-
-def test_a_point_that_is_less_likely_reaches_less_far() -> None:
-    """Law: at a fall of three quarters of the drop an interval is half as wide; beyond the drop a point counts not."""
-    assert figures(waves((0.0, 0.75 * DROP)))["amplitude_Nm"][1] == pytest.approx(3.0 + 0.5 * 0.196)
-    found = figures(waves((0.0, 1.01 * DROP)))
-    assert found["order"] == (1.0, 1.0)
-    assert found["amplitude_Nm"] == pytest.approx((1.0 - 0.196, 1.0 + 0.196))
 
 
 @pytest.mark.parametrize(

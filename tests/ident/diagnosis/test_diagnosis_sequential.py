@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -13,11 +13,11 @@ from ident.api.diagnosing import first_runs
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.sequential import count_runs, find_missing, look_until, spend
+from ident.diagnosis.sequential import find_missing, look_until, spend
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
+from ident.effects.effect_info import describe_motion
 from ident.errors import InputError
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
@@ -40,12 +40,6 @@ def test_all_looks_together_spend_the_error_once() -> None:
     assert 1.0 / late.regression.wandering.draws < late.selection.slow_error
     for name in ("event_nats", "absorbed_nats", "inertial_odds"):
         assert all(getattr(later, name) > getattr(one, name) for one, later in pairwise(spent))
-
-
-def test_looks_grow_and_end_with_all_runs() -> None:
-    assert list(count_runs(20)) == [5, 8, 12, 18, 20]
-    assert list(count_runs(3)) == [3]
-    assert list(count_runs(5)) == [5]
 
 
 def test_it_stops_when_it_is_sure() -> None:
@@ -116,15 +110,6 @@ def unseen(effect: str, *joints: str, reason: str = "it stands still") -> dict[s
     return {"effect": effect, "joints": list(joints), "reason": reason}
 
 
-def test_nothing_open_needs_no_experiment() -> None:
-    """A single name, and effects that no motion could show, leave nothing to propose."""
-    assert next_experiment([], []) is None
-    assert next_experiment([finding("torque_delay")], []) is None
-    assert (
-        next_experiment([], [unseen("torque_ripple", "joint_1", reason="gear ratio of joint_1 is not known")]) is None
-    )
-
-
 def test_first_tied_class_is_parted() -> None:
     """The motion is for the joint and the effects of the first class of two or more, not for later ones."""
     found = next_experiment(
@@ -183,16 +168,3 @@ def test_unseen_effects_get_the_motion_that_shows_most_of_them() -> None:
 def test_every_effect_of_the_catalogue_has_its_motion(effect: Effect) -> None:
     """Whatever is named, there are words for the motion that shows it."""
     assert "{" not in describe_motion(effect.shown_by, "joint_1")
-
-
-def test_every_pair_has_a_motion_or_a_set_up() -> None:
-    """No tied class leaves the user without advice."""
-    for pair in combinations([effect.id for effect in CATALOGUE], 2):
-        assert setup_for(pair, CATALOGUE) or family_for(pair, CATALOGUE) in SHOWINGS
-    assert setup_for(("payload", "link_inertial_error"), CATALOGUE)
-    assert setup_for(("spring_torque", "gravity_misalignment"), CATALOGUE) is None
-
-
-def test_unknown_effects_get_general_motion() -> None:
-    """An effect of the user's own has no row in the tables: wide motion of all joints."""
-    assert family_for(["magnet"], CATALOGUE) == "wide"

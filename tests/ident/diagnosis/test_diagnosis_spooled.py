@@ -11,20 +11,20 @@ import pytest
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.baseline import fit_baseline
-from ident.diagnosis.regression.decimation import decimate, decimation_factor, prepare_slower
+from ident.diagnosis.regression.decimation import decimate
 from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import gather
-from ident.diagnosis.regression.partition import build_partition, choose_draws
+from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.filter import FOR_DIAGNOSIS
-from ident.motion.motion import Lowpass, Motion, prepare
+from ident.motion.motion import Lowpass, Motion
 from ident.motion.out_of_core import SpooledMotions, choose_runs
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, healthy_torque, record, stribeck_on_1
-from tests.ident.made_up import made_motions, made_session
+from tests.ident.made_up import made_motions
 
 
 @pytest.fixture(scope="module")
@@ -149,80 +149,7 @@ def test_a_run_that_alone_shows_a_joint_is_not_left_out_whole(held: Analysis) ->
     assert all(len(each) > 1 for each in folds_of_pieces(replace(held.session, runs=tuple(runs))))
 
 
-def test_very_many_runs_share_blocks(held: Analysis) -> None:
-    """Law: beyond a number of runs neighbours share a block; each block lies in one fold, and none is empty."""
-    partition = build_partition(held.session, replace(USUAL_REGRESSION, most_lone_runs=5, most_blocks=3))
-    assert [int(partition.blocks_of(run, 40)[k]) for run in range(6) for k in (0, -1)] == [0, 0, 0, 0, 1, 1, 1, 1] + [
-        2
-    ] * 4
-    assert partition.folds.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize("most", [1, 300, 10**6])
-def test_draws_of_some_runs_stand_for_all_of_a_block(most: int) -> None:
-    """Law: chosen runs weigh as many samples as their block has; each run of a block counts once on the average, so
-    that sums over the chosen ones are unbiased; a block with no more samples than are asked for has all its runs drawn.
-    """
-    block, rng = np.repeat(np.arange(3), (2, 5, 9)), np.random.default_rng(0)
-    lengths = np.full(len(block), 100)
-    drawn = np.stack([choose_draws(block, lengths, most, rng) for _ in range(4000)])
-    for one in range(3):
-        inside = block == one
-        np.testing.assert_allclose(drawn[:, inside] @ lengths[inside], lengths[inside].sum())
-        count = min(inside.sum(), -(-most // 100))
-        assert np.all(np.count_nonzero(drawn[:, inside], axis=1) == count)
-        error = np.sqrt((inside.sum() / count - 1.0) / len(drawn))
-        assert np.all(np.abs(drawn[:, inside].mean(axis=0) - 1.0) <= 5.0 * error + 1e-12)
-
-
-def test_noise_of_many_runs_is_told_by_some_of_them(held: Analysis) -> None:
-    """Law: with draws for one of a block's runs what is taken off as noise is, in the middle column, that of all draws
-    within a quarter; what was seen stays the same.
-    """
-    few = replace(USUAL_REGRESSION, most_lone_runs=5, most_blocks=3, block_draws=1)
-    layout, rng = held.evidence.layout, np.random.default_rng(0)
-    motions = [
-        replace(run.motion, state_noise=rng.normal(size=(len(run.motion.time), held.session.n, 3)) * (1e-5, 1e-4, 1e-2))
-        for run in held.session.runs
-    ]
-    session = build_session(held.baseline, motions, common_clock=False)
-    some, whole = (
-        gather(session, replace(held.baseline, settings=settings), layout, held.evidence.whitening)
-        for settings in (few, replace(few, block_draws=10**9))
-    )
-    noisy = whole.noise_power > 0.0
-    ratio = some.noise_power[noisy] / whole.noise_power[noisy]
-    assert abs(np.median(ratio) - 1.0) < 0.25
-    assert not np.allclose(ratio, 1.0)
-    for j, own in enumerate(layout.own):
-        places = [layout.places[j][int(column)] for column in own]
-        seen = [one.free[j].diagonal()[places] + one.noise_power[own] for one in (some, whole)]
-        np.testing.assert_allclose(*seen, rtol=1e-9)
-
-
 CUTOFF = 25.0
-
-
-@pytest.mark.parametrize(("rate", "factor"), [(100.0, 1), (125.0, 1), (250.0, 1), (500.0, 4), (1000.0, 8)])
-def test_only_fast_logs_are_decimated(rate: float, factor: int) -> None:
-    """Law: five samples a period of the corner stay, and logs up to 250 Hz are left as they are."""
-    assert decimation_factor(rate, CUTOFF) == factor
-
-
-def test_filtered_signals_are_those_of_the_fast_log(short_arm: ArmModel) -> None:
-    """Law: torque and states pass the common filter as they would have at 1 kHz, within 2 %."""
-    session = made_session(short_arm, lambda *x: healthy_torque(short_arm, *x), (1,), 6.0, 1000.0)
-    (fast,) = prepare(session, CUTOFF, settings=FOR_DIAGNOSIS)
-    (slow,) = prepare_slower(session, CUTOFF)
-    assert (fast.lowpass.rate, slow.lowpass.rate) == pytest.approx((1000.0, 125.0))
-    assert slow.lowpass.cutoff == pytest.approx(fast.lowpass.cutoff)
-    inner, whole = slice(20, -20), Lowpass(fast.lowpass.rate, CUTOFF, 1)
-    for name in ("tau", "dq", "ddq"):
-        exact = np.stack(
-            [np.interp(slow.time[slow.coarse], fast.time, v) for v in whole(getattr(fast, name)).T], axis=1
-        )
-        found = slow.filtered(getattr(slow, name))
-        assert np.abs(found - exact)[inner].max() < 0.02 * np.abs(exact).max()
 
 
 def test_losses_are_those_of_the_fast_log(short_arm: ArmModel) -> None:

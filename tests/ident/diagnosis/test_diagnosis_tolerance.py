@@ -20,7 +20,6 @@ from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
-from ident.model.inertia import base_parameters
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import MASS, analyse, loaded, nothing, record
 
@@ -184,16 +183,3 @@ def test_a_link_is_named_whatever_its_neighbours_are(short_arm: ArmModel, doubte
     apart = [link.evidence for link in links.values()]
     assert apart[2] > USUAL_VERDICT.wrong_link_nats
     assert max(apart[:2]) < 0.2 * apart[2]
-
-
-def test_the_moment_about_an_axis_is_what_the_torques_show(short_arm: ArmModel) -> None:
-    """Law: across a level axis the turning moment is a combination of base parameters; across the upright one none."""
-    base = base_parameters(short_arm).mapping
-
-    def shown(joint: int) -> bool:
-        axis = short_arm.joint_axes[joint]
-        rows = (np.eye(3) - np.outer(axis, axis)) @ turning_moment(short_arm, joint)
-        left = rows.T - base.T @ np.linalg.lstsq(base.T, rows.T, rcond=None)[0]
-        return bool(np.linalg.norm(left) < 1e-9 * np.linalg.norm(rows))
-
-    assert [shown(joint) for joint in range(3)] == [False, True, True]

@@ -10,11 +10,10 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
-from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record
+from ident.diagnosis.gap.gap_map import Place, map_gap
 from ident.diagnosis.gap.places import Harm, NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP
-from ident.robot.arm import ArmModel
 
 JOINTS = ("joint_1", "joint_2", "joint_3")
 
@@ -57,37 +56,6 @@ def test_a_gap_that_is_everywhere_is_nowhere_dense(healthy: Analysis) -> None:
     """
     false = sum(len({joint for joint, _ in sure(with_gap(healthy, seed, "speed", ratio=1.0))}) for seed in range(10))
     assert false <= 4
-
-
-def test_shares_add_up(healthy: Analysis) -> None:
-    """Law: along every axis the shares of gap and time are one, and the joules are those of the whole session."""
-    places = with_gap(healthy, 3, "speed")
-    strips = maps_record(places)
-    assert {strip["axis"] for strip in strips} >= {"speed", "direction", "load", "position", "pose", "reversal", "time"}
-    for strip in strips:
-        assert sum(strip["share_of_gap"]) == pytest.approx(1.0)
-        assert sum(strip["share_of_time"]) == pytest.approx(1.0)
-        assert np.all(np.diff(strip["edges"]) > 0)
-        assert len(strip["edges"]) == len(strip["p_value"]) + 1
-    for joint in JOINTS:
-        totals = [sum(s["energy_J"]) for s in strips if s["joint"] == joint and s["axis"] != "frequency"]
-        np.testing.assert_allclose(totals, totals[0], rtol=1e-9)
-
-
-def test_noise_is_not_on_the_map(healthy: Analysis) -> None:
-    """Law: a joint that leaves no more than its noise has no strips; the others have theirs."""
-    assert with_gap(healthy, 4, "speed", size=1.0, ratio=1.0) == []
-    assert {place.joint for place in with_gap(healthy, 4, "speed", size=1.0)} == {"joint_2"}
-
-
-def test_reach_is_the_distance_of_the_last_link(healthy: Analysis, short_arm: ArmModel) -> None:
-    """Law: the pose axis is the last link's distance from the base, interpolated to a millimetre."""
-    item = healthy.series[0]
-    pick = session_axes([item])["pose"]
-    q = item.run.motion.q[item.run.motion.coarse]
-    for at in (0, 17, 101, len(q) - 1):
-        place = short_arm.forward_kinematics(q[at])[short_arm.links[-1]][:3, 3]
-        assert pick(item, 0)[at] == pytest.approx(np.linalg.norm(place), abs=2e-3)
 
 
 def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_value: float = 0.001) -> Place:

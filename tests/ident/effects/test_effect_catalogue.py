@@ -147,12 +147,6 @@ def test_an_arm_that_hardly_moves_shows_little(effect: Effect, still: SessionCon
         assert all(reasons)
 
 
-def test_an_unknown_id_is_told_the_known_ones() -> None:
-    """The error lists every id."""
-    with pytest.raises(InputError, match=r"stribeck_friction.*external_contact"):
-        find_effect("phlogiston")
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from smooth_motion import Recover, edit_runs, make_session
+from smooth_motion import Recover, make_session
 
-from ident.effects.base import RunContext, SessionContext, Variant
+from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.contact import ExternalContact, Push, force_columns, locate, screen_windows
-from ident.effects.sensing import share_of_steps
-from ident.laws.acting import shifted
 from ident.robot.arm import ArmModel
 
 FORCE = np.array([12.0, -5.0, 8.0])
@@ -33,14 +29,6 @@ def push(session: SessionContext, run_index: int, start: float, end: float) -> l
     return torque
 
 
-def test_a_force_acts_by_the_jacobian(session: SessionContext) -> None:
-    """Unit forces give the columns of −Jᵀ, whatever the links weigh."""
-    run = session.runs[0]
-    torque = push(session, 0, -1.0, 1.0)[0]
-    inside = run.motion.time < 1.0
-    np.testing.assert_allclose(force_columns(run.arm, run.motion.q[inside], run.n) @ FORCE, torque[inside], atol=1e-9)
-
-
 def test_a_push_is_found_in_its_window(session: SessionContext, recover: Recover) -> None:
     """Screening what is left finds the window; in it the force comes out, and times within a tenth of a second."""
     start = session.runs[2].motion.time[0] + 8.0
@@ -58,20 +46,6 @@ def test_a_push_is_found_in_its_window(session: SessionContext, recover: Recover
     np.testing.assert_allclose(found["end_s"].value, start + 1.2, atol=0.1)
     np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=0.1)
     assert found["link"].value == 6.0
-
-
-@pytest.mark.parametrize("link", [2, 4])
-def test_the_pushed_link_is_told_by_the_joints_that_feel_it(session: SessionContext, link: int) -> None:
-    """A force on a link is felt by the joints below it only, each by its lever."""
-    run = session.runs[1]
-    left = [np.random.default_rng(link).normal(0, 0.1, item.motion.tau_filtered.shape) for item in session.runs]
-    time = run.motion.time[run.motion.coarse]
-    start = float(time[0]) + 5.0
-    inside = (time > start) & (time < start + 1.0)
-    left[1][inside] += force_columns(run.arm, run.motion.q[run.motion.coarse][inside], link, 1.0) @ (4.0 * FORCE)
-    place, explained = locate(session, left, Push("run_1", start, start + 1.0))
-    assert place.link == link
-    assert explained > 0.9
 
 
 def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -> None:
@@ -145,31 +119,6 @@ def test_noise_around_a_faint_push_says_nothing_against_it(
     assert least <= explained <= most
 
 
-def test_columns_are_zero_outside_the_window(session: SessionContext) -> None:
-    """No other run, and no other time, feels the push."""
-    contact = ExternalContact((Push("run_1", 25.0, 26.0),))
-    columns = contact.columns(session, 0, contact.variants(session, 0)[0])
-    assert not any(columns[k].any() for k in (0, 2, 3))
-    time = session.runs[1].motion.time
-    assert not columns[1][(time < 25.0) | (time > 26.0)].any()
-    assert columns[1][(time > 25.2) & (time < 25.8)].any(axis=(1, 2)).all()
-
-
-def test_plain_noise_holds_no_window(session: SessionContext) -> None:
-    """Where nothing stands out nothing is looked at."""
-    rng = np.random.default_rng(3)
-    left = [rng.normal(0, 0.3, run.motion.tau_filtered.shape) for run in session.runs]
-    assert screen_windows(session, left) == ()
-
-
-def test_without_a_clock_there_is_no_drift(session: SessionContext) -> None:
-    """One column, the constant."""
-    effect, torn = find_effect("torque_offset"), replace(session, common_clock=False)
-    variant = effect.variants(torn, 0)[0]
-    np.testing.assert_array_equal(effect.columns(torn, 0, variant)[0], np.ones((len(torn.runs[0].motion.time), 1)))
-    assert effect.parameters(torn, 0, variant, np.array([0.2]), np.eye(1))["drift_Nm_s"].value == 0.0
-
-
 @pytest.mark.parametrize("delay", [0.001, 0.005, 0.013, 0.025])
 def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, delay: float) -> None:
     """The torque of the same motion, computed late instead of shifted: the figure is within 3 %."""
@@ -177,47 +126,6 @@ def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, d
     torque = [b.total - a.total for a, b in zip(session.runs, late.runs, strict=True)]
     found = recover(find_effect("torque_delay"), session, 0, torque)["delay_s"]
     np.testing.assert_allclose(found.value, delay, rtol=0.03)
-
-
-def test_a_secant_stands_for_what_is_near_it() -> None:
-    """A coefficient of a third of a millisecond is no delay of 20 ms, whatever that point of the grid explains."""
-    delay, shift = find_effect("torque_delay"), find_effect("encoder_offset")
-    points = {ms: Variant(shape={"delay_s": 1e-3 * ms}) for ms in (2, 8, 20)}
-    for true in (3.5e-4, 2e-3, 4.5e-3, 12e-3, 30e-3):
-        assert any(delay.stands_for(point, np.array([true])) for point in points.values())
-    assert not delay.stands_for(points[20], np.array([3.5e-4]))
-    assert not delay.stands_for(points[2], np.array([12e-3]))
-    secant = Variant(shape={"about_rad": -0.25})
-    assert shift.stands_for(secant, np.array([-0.3]))
-    assert not shift.stands_for(secant, np.array([0.3]))
-
-
-def test_torque_that_steps_leaves_a_delay_open_by_half_an_interval(session: SessionContext) -> None:
-    """Smooth torque does not: what it is late by is known below the log's interval."""
-
-    def in_steps(run: RunContext) -> RunContext:
-        held = 25 * (np.arange(len(run.rigid)) // 25)
-        return replace(slow(run), rigid=run.rigid[held])
-
-    def slow(run: RunContext) -> RunContext:
-        still = np.zeros_like(run.rigid)
-        return replace(run, friction=still, rotor=still, motion=replace(run.motion, log_interval=0.02))
-
-    effect, point = find_effect("torque_delay"), Variant(shape={"delay_s": 0.008})
-    smooth, stepped = edit_runs(session, slow), edit_runs(session, in_steps)
-    assert share_of_steps(smooth) < 0.2 < 0.4 < share_of_steps(stepped) <= 1.0
-    for one in (smooth, stepped):
-        told = effect.parameters(one, 0, point, np.array([0.006]), np.zeros((1, 1)))["delay_s"]
-        assert told.high - told.value == pytest.approx(0.01 * share_of_steps(one))
-
-
-def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:
-    """Three samples late is the value three samples ago; a cubic is shifted by any part exactly."""
-    t = np.arange(40.0)
-    values = np.stack([np.sin(t), 1 + t - 0.1 * t**2 + 0.01 * t**3], axis=1)
-    np.testing.assert_allclose(shifted(values, 3.0, 1.0)[3:], values[:-3])
-    late = t - 2.3
-    np.testing.assert_allclose(shifted(values, 2.3, 1.0)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])
 
 
 def test_flat_tops_are_found_with_their_limit(session: SessionContext, recover: Recover) -> None:

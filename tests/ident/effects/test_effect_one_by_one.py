@@ -170,15 +170,6 @@ def test_what_can_not_show_says_why(
     assert words in str(find_effect(effect).untestable(change(session), joint))
 
 
-def test_a_ripple_of_the_load_is_told_at_typical_load(session: SessionContext, recover: Recover) -> None:
-    """Two per cent of the load, whatever its sign."""
-    load = np.concatenate([run.link[:, 1] for run in session.runs])
-    torque = [0.02 * run.link[:, 1] * np.sin(100 * run.motion.q[:, 1]) for run in session.runs]
-    found = recover(find_effect("torque_ripple"), session, 1, torque)
-    np.testing.assert_allclose(found["amplitude_Nm"].value, 0.02 * np.sqrt(np.mean(load**2)), rtol=0.01)
-    np.testing.assert_allclose(found["phase_rad"].value, np.pi / 2, atol=0.01)
-
-
 def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover) -> None:
     """A log that reads 5 % high reads so of rigid torque, friction and rotor inertia."""
 
@@ -202,24 +193,6 @@ def test_an_offset_is_found_with_its_drift(session: SessionContext, recover: Rec
     first = 0.4 - 0.002 * (middle - session.runs[0].motion.time[0])
     assert (found["offset_Nm"].low, found["offset_Nm"].high) == pytest.approx((first, 0.8 - first), abs=1e-3)
     assert found["drift_Nm_s"].low < 0.002 < found["drift_Nm_s"].high
-
-
-def test_warmth_follows_the_friction_power_where_the_sensor_stays_cold(session: SessionContext) -> None:
-    """A sensor on the housing that never warms says nothing of the gear: its work does."""
-    effect, cold = find_effect("thermal_friction"), mild(session)
-    for one, other in zip(effect.variants(cold, 0), effect.variants(session, 0), strict=True):
-        np.testing.assert_array_equal(effect.columns(cold, 0, one)[0], effect.columns(session, 0, other)[0])
-
-
-def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
-    """With coefficients that aren't negative, torque that scales with the load leaves most of itself unexplained."""
-    from scipy.optimize import nnls
-
-    effect = find_effect("load_dependent_friction")
-    columns = np.concatenate(effect.columns(session, 1, effect.variants(session, 1)[0]))
-    load = np.concatenate([run.link[:, 1] for run in session.runs])
-    _, left = nnls(columns, load)
-    assert left > 0.9 * np.linalg.norm(load)
 
 
 def test_warmth_is_found_with_its_time_constant(arm: ArmModel, recover: Recover) -> None:
@@ -262,17 +235,6 @@ def test_measured_temperature_stands_in_for_the_heat(session: SessionContext, re
     np.testing.assert_allclose(found["coulomb_change"].value, 0.8 / 7.6, rtol=0.03)
 
 
-def test_hysteresis_is_full_friction_far_from_reversals(session: SessionContext) -> None:
-    """Beyond 60 mrad of travel in one direction a stop operator says no more than Coulomb friction."""
-    effect = find_effect("presliding_hysteresis")
-    q = session.runs[0].motion.q[:, 0]
-    stretch = int(np.argmax(np.abs(session.runs[0].motion.dq[:, 0])))
-    heading = np.sign(q[stretch] - q[stretch - 1])
-    assert abs(q[stretch] - q[stretch - 20]) > 0.06
-    for variant in effect.variants(session, 0):
-        np.testing.assert_allclose(effect.columns(session, 0, variant)[0][stretch], heading)
-
-
 def test_what_is_dry_friction_as_well_is_the_joints() -> None:
     """Law: nothing is lost; what is left adds up to the amplitude that is reported of all ranges; the longest ranges
     stay as they were; ranges that make a smooth build-up are all kept.
@@ -290,21 +252,6 @@ def test_what_is_dry_friction_as_well_is_the_joints() -> None:
     whole, none = effect.without_dry_friction(np.array([1.0, 1.0, 1.0]), bend)
     np.testing.assert_array_equal(whole, 1.0)
     assert none == 0.0
-
-
-@pytest.mark.parametrize("mix", [1.0, -1.0])
-def test_friction_of_a_sum_is_none_where_the_sum_stands_still(session: SessionContext, mix: float) -> None:
-    """Law: whatever each of two joints does, what rubs with their sum (difference) feels that alone."""
-
-    def against(run: RunContext) -> RunContext:
-        dq = run.motion.dq.copy()
-        dq[:, 5] = -mix * dq[:, 4]
-        return replace(run, motion=replace(run.motion, dq=dq))
-
-    effect = find_effect("joint_coupling")
-    variant = next(one for one in effect.variants(session, 5) if one.other == 4 and one.shape["mix"] == mix)
-    for columns in effect.columns(edit_runs(session, against), 5, variant):
-        np.testing.assert_allclose(columns, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("turns", [37.3, 161.0])

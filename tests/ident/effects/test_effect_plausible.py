@@ -12,8 +12,6 @@ from ident.effects.base import Effect, Interval, SessionContext, impossible, und
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.contact import ExternalContact, Push
 from ident.effects.intervals import SizePrior
-from ident.effects.typical_sizes import arm_reach
-from ident.robot.arm import ArmModel
 
 
 def sharp(**values: float) -> dict[str, Interval]:
@@ -45,13 +43,6 @@ def test_typical_sizes_are_physical(effect: Effect, session: SessionContext) -> 
         assert not action.endswith(".")
         assert "[" in action
         assert impossible(effect, session, joint, figures) is None
-
-
-def test_friction_that_grows_with_time_alone_is_no_warmth() -> None:
-    """A lubricant's friction falls as it warms: where that may be zero, dry friction merely wanders."""
-    rise = {"viscous_change": Interval(0.0, -0.045, 0.045), "coulomb_change": Interval(0.078, 0.006, 0.149)}
-    assert undefined(find_effect("thermal_friction"), rise) is not None
-    assert undefined(find_effect("thermal_friction"), rise | {"viscous_change": Interval(-0.2, -0.3, -0.1)}) is None
 
 
 @pytest.mark.parametrize("effect", [effect for effect in CATALOGUE if effect.defining], ids=lambda effect: effect.id)
@@ -110,22 +101,6 @@ def test_what_no_arm_has_is_no_finding(
     assert words in reason
 
 
-def test_of_a_law_that_is_nearly_straight_only_the_bend_counts(session: SessionContext) -> None:
-    """Law: the line beside it takes any part of |v|^0.85, so that a large coefficient is no large torque; the bend of
-
-    as large a one of |v|^0.5 is beyond the motor.
-    """
-    figures = {"coefficient": 400.0, "exponent": 0.85}
-    assert impossible(find_effect("nonlinear_viscous_friction"), session, 1, sharp(**figures)) is None
-
-
-def test_reach_is_that_of_the_arm_stretched_out() -> None:
-    """The flange of the TM5-900 goes out to 0.9 m; a longer chain has no shorter reach."""
-    whole = ArmModel.load("tm5-900")
-    assert 0.85 < arm_reach(whole) < 1.4
-    assert arm_reach(ArmModel.load("tm5-900", joints=["joint_1", "joint_2"])) > 0.0
-
-
 def test_what_to_do_bears_the_figures() -> None:
     """Law: the sentence names the size with its interval in the units of the cell, whatever its sign."""
     payload = {"mass_kg": Interval(2.64, 2.31, 2.97)}
@@ -165,30 +140,3 @@ def test_the_cost_is_the_exact_one_where_all_is_normal() -> None:
     exact -= 0.5 * (np.linalg.slogdet(spread)[1] - np.linalg.slogdet(information)[1])
     cost = SizePrior(DEVIATION, normal).cost(estimate, information)
     assert 0.5 * estimate @ information @ estimate - cost == pytest.approx(exact, abs=1e-9)
-
-
-def test_what_recordings_say_nothing_of_costs_nothing() -> None:
-    """Law: a wild estimate of a figure without information, even a negative one of noise, costs no more than none."""
-    prior = SizePrior(DEVIATION, normal)
-    told = np.diag([30.0, 0.0])
-    assert prior.cost(np.array([0.4, 1e3]), told) == pytest.approx(prior.cost(np.array([0.4, 0.0]), told))
-    noisy = np.diag([30.0, -5.0])
-    assert prior.cost(np.array([0.4, 1e3]), noisy) == pytest.approx(prior.cost(np.zeros(2), told), abs=1.0)
-
-
-def test_a_last_link_of_twice_its_weight_carries_something(session: SessionContext) -> None:
-    """Law: the more weight the last link gains, the more it speaks for a load; of half as much again, against one."""
-    load, link = find_effect("payload"), find_effect("link_inertial_error")
-    joints = {load: 0, link: session.n - 1}
-    own = float(session.runs[0].arm.inertial_parameters[-10])
-
-    def odds(share: float) -> float:
-        told = {}
-        for effect, joint in joints.items():
-            prior = effect.size_prior(session, joint, effect.variants(session, joint)[0])
-            told[effect] = prior.log_density(share * own * np.array([1.0, 0.0, 0.0, 0.03]))
-        return told[load] - told[link]
-
-    growing = [odds(share) for share in (0.5, 1.0, 2.0)]
-    assert np.all(np.diff(growing) > 0.0)
-    assert growing[0] < 0.0 < growing[-1]

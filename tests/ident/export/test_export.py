@@ -1,6 +1,5 @@
 """Laws of exported models and of the gate."""
 
-import ast
 import dataclasses
 import shutil
 import subprocess
@@ -74,16 +73,6 @@ def test_named_laws_are_in_the_module_and_the_parameters(model: HybridModel, tmp
 
 def _law(effect: str, joint: int, shape: dict[str, float], *values: float) -> NamedLaw:
     return NamedLaw(effect, joint, shape, tuple((value, value - 0.1, value + 0.1) for value in values))
-
-
-def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -> None:
-    """The file is plain Python: one dictionary of figures by joint."""
-    write_export(model, tmp_path / "export", ("isaaclab",))
-    tree = ast.parse((tmp_path / "export" / "isaaclab.py").read_text(encoding="utf-8"))
-    values = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
-    found = ast.literal_eval(values["ACTUATOR"])
-    assert found["armature"] == dict.fromkeys(model.joint_names, 0.1)
-    assert found["viscous_friction"] == dict.fromkeys(model.joint_names, 8.0)
 
 
 # Fields of DelayedPDActuatorCfg and its bases. Source: Isaac Lab 2.3 and 3.0, isaaclab/actuators/actuator_cfg.py,

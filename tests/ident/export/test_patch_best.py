@@ -11,14 +11,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from ident.api.exporting import patch
 from ident.arrays import Array
 from ident.cli.app import app
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.choose import Gap, choose, measure_gap, mix
+from ident.export.choose import Gap, choose, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import WrittenFile
 from ident.export.mjcf import write_mjcf, write_urdf
@@ -70,14 +69,6 @@ def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Ide
     assert bool(found.in_words(form, arm.joint_names)) == (found.name != "after" or bool(found.worse))
 
 
-def test_a_mixture_has_one_candidates_bodies_and_each_joints_own_losses() -> None:
-    """Law: links of the one, losses of the named candidate at each joint."""
-    options = {"before": stated(1.0, heavier=0.1), "after": stated(2.0)}
-    found = mix(options, "before", ("before", "after", "before", "after", "after", "before"))
-    np.testing.assert_array_equal(found.losses.coulomb, [1, 2, 1, 2, 2, 1])
-    np.testing.assert_array_equal(found.links.total, options["before"].links.total)
-
-
 def test_meshes_are_kept_as_hulls() -> None:
     """The MJCF of an arm of meshes loads, and has a geom a mesh, where the mesh is."""
     arm = ArmModel.load("ur10")
@@ -111,20 +102,6 @@ def test_an_error_is_worse_by_its_ratio_and_by_what_stretches_leave_open_in_a_ch
     assert np.all(luck.cost([better]) >= 0.0)
 
 
-def test_of_a_few_stretches_little_is_sure() -> None:
-    """Law: the same scatter counts more the fewer stretches there are, of one alone all of it; no scatter, nothing."""
-    even, names = np.tile([[1.0], [3.0]], (32, 1)) * np.ones(6), ("torque", "energy", "position")
-
-    def cost(count: int) -> float:
-        one, other = (Gap(dict.fromkeys(names, x[:count]), np.ones(6)) for x in (0.5 * even, even[::-1]))
-        return float(one.cost([other]).max())
-
-    assert cost(64) < 0.0 < cost(8) < cost(4) < cost(2)
-    one, better = (Gap(dict.fromkeys(names, x), np.ones(6)) for x in (even[:1], 0.1 * even[:1]))
-    assert np.all(better.cost([one]) > one.cost([one]))
-    assert np.all(one.cost([one]) == 0.0)
-
-
 def test_a_replay_judges_joints_that_move_and_knows_an_arm_that_is_lost(tmp_path: Path) -> None:
     """Law: standing still is no error; light links don't swing up by friction's steps; one that is lost is off."""
     arm, light = stated().nominal, replace(stated(), losses=replace(LOSSES, motor_inertia=np.zeros(6)))
@@ -147,15 +124,6 @@ def test_what_an_arm_weighs_is_kept_where_tuning_leaves_no_bodies(seed: int) -> 
     weight = arm.regressor(poses, 0.0 * poses, 0.0 * poses)
     left = np.linalg.norm(weight @ (change - tuning).ravel()) / np.linalg.norm(weight @ tuning.ravel())
     assert left < 0.05
-
-
-def test_dry_friction_of_a_light_joint_is_whole_in_mujoco(tmp_path: Path) -> None:
-    """Law: at speeds beyond rest every joint of the MJCF rubs with its friction, however light its link is."""
-    arm = stated()
-    model = WrittenFile.write("mjcf", tmp_path, replace(arm, losses=replace(LOSSES, motor_inertia=np.zeros(6)))).load()
-    q, dq = np.zeros((1, 6)), np.full((1, 6), 0.03)
-    rubbed = model.joint_torque(q, dq, 0 * q, 0.0) - model.joint_torque(q, -dq, 0 * q, 0.0)
-    np.testing.assert_allclose(rubbed / 2.0 - LOSSES.viscous * dq, 4.0, rtol=0.03)
 
 
 def healthy(arm: ArmModel) -> Law:
@@ -219,16 +187,6 @@ def test_a_patch_explains_what_its_effect_does(
         assert miss(gaps[form][when]) < 0.5 * miss(gaps[form]["before"])
 
 
-def test_what_a_file_can_not_say_its_module_adds(tmp_path: Path, arm: ArmModel) -> None:
-    """Stribeck friction is in neither file: what is written is no worse than without it, and the module closes it."""
-    gaps = measure(tmp_path, arm, "stribeck_friction", rough(arm))
-    for found in gaps.values():
-        for when in ("given", "before"):
-            assert torque(found["after"]) <= 1.01 * torque(found[when])
-            assert miss(found["after"]) <= 1.01 * miss(found[when])
-        assert torque(found["after_with_module"]) < 0.1 * torque(found["before"])
-
-
 def test_the_command_writes_measures_and_tells(tmp_path: Path, arm: ArmModel) -> None:
     """`ident patch … --on SESSION` prints what each format says, and writes the gaps."""
     diagnosis = write_diagnosis(tmp_path / "diagnosis.json", arm, "payload", "stribeck_friction")
@@ -267,14 +225,6 @@ def test_the_urdf_stands_as_the_arm_was_mounted(
     wanted = arm.with_gravity(found.gravity * 9.81 / np.linalg.norm(found.gravity)).gravity(POSES)
     assert np.abs(written.gravity(POSES) - wanted).max() < 1e-6
     assert f'gravity="{" ".join(map(repr, map(float, found.gravity)))}"' in write_mjcf(found)
-
-
-def test_a_level_base_stays_as_it_is(arm: ArmModel) -> None:
-    level = IdentifiedArm.as_urdf(arm)
-    turned = IdentifiedArm.as_urdf(arm.with_gravity(Rotation.from_euler("y", 90, degrees=True).apply([0, 0, -9.81])))
-    assert level.is_level
-    assert 'name="level"' not in write_urdf(level)
-    assert not turned.is_level
 
 
 def test_a_patch_says_how_its_base_hangs(tmp_path: Path, arm: ArmModel) -> None:

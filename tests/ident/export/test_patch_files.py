@@ -16,21 +16,20 @@ from ident.effects.added_body import PLACE
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
-from ident.export.bodies import Links, nearest_bodies
+from ident.export.bodies import Links
 from ident.export.controllers import describe_arm
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
 from ident.export.loaded import LoadedMjcf, load_module
-from ident.export.mjcf import spring_at_rest, write_urdf
+from ident.export.mjcf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
-from ident.model.inertia import base_parameters, is_consistent, lift_base, parameter_scale
+from ident.model.inertia import is_consistent
 from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER
 from ident.robot.arm import ArmModel
-from tests.ident.export.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, baseline, write_diagnosis
-from tests.ident.made_up import random_states
+from tests.ident.export.diagnoses import COULOMB, FIGURES, VISCOUS, baseline, write_diagnosis
 
 
 def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **changes: Any) -> dict[str, Any]:
@@ -84,18 +83,6 @@ def test_every_file_says_its_effect_or_that_it_does_not(
         assert left is None if twists else left < (0.01 if effect == "payload" else 1e-6)
 
 
-def test_all_effects_at_once(tmp_path: Path, arm: ArmModel) -> None:
-    """One patch of everything loads, and its module gives finite torque along a run."""
-    make_patch(tmp_path, arm, *(effect for effect in FIGURES if effect != "external_contact"))
-    module = load_module(tmp_path / "patch" / "extra_torque.py")
-    time = np.arange(200)[:, None] / 200.0
-    q, dq, ddq = 0.5 * np.sin(6 * time + np.arange(6)), 3 * np.cos(6 * time + np.arange(6)), -18 * np.sin(6 * time)
-    extra = module.extra_torque(q, dq, ddq + 0 * q, 1 / 200.0)
-    assert extra.shape == q.shape
-    assert np.all(np.isfinite(extra))
-    assert np.abs(extra).max() > 1.0
-
-
 def test_the_module_needs_numpy_alone(tmp_path: Path, arm: ArmModel) -> None:
     """It imports the standard library and NumPy, nothing else, and takes single states."""
     make_patch(tmp_path, arm, "stribeck_friction")
@@ -147,20 +134,6 @@ def test_without_recordings_losses_fitted_without_a_law_stand_in_for_it(tmp_path
     np.testing.assert_allclose(model.dof_frictionloss, rubs.friction)
 
 
-def test_losses_and_intervals_stand_in_the_parameter_file(tmp_path: Path, arm: ArmModel) -> None:
-    """Every figure with its unit in its name and its interval."""
-    make_patch(tmp_path, arm, "payload")
-    record = tomllib.loads((tmp_path / "patch" / "parameters.toml").read_text())
-    assert record["losses"]["joint_2"] == {
-        "motor_inertia_kgm2": ROTOR[1],
-        "viscous_Nms_rad": VISCOUS[1],
-        "coulomb_Nm": COULOMB[1],
-        "transition_rad_s": 0.01,
-        "sliding_range_rad": 0.0,
-    }
-    assert record["effect"][0]["mass_kg"] == {"value": 1.5, "low": 1.35, "high": 1.65}
-
-
 def test_what_the_reported_figures_leave_open_is_carried_along(tmp_path: Path, arm: ArmModel) -> None:
     """All ranges of a hysteresis, and the displacement of dry friction, come from the diagnosis into every part."""
     tuned = baseline(arm)
@@ -197,22 +170,6 @@ def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> N
     assert int(np.argmax(read)) == 10 + round(FIGURES["torque_delay"]["delay_s"] / model.opt.timestep)
 
 
-def test_a_bent_spring_is_written_as_its_cubic() -> None:
-    """MuJoCo's passive force of the written coefficients is minus the cubic's torque."""
-    figures = {"centre_rad": 0.2, "constant_Nm": 1.5, "linear_Nm_rad": 2.0, "square_Nm_rad2": 0.7, "cube_Nm_rad3": 0.4}
-    (rest,), stiffness = spring_at_rest(figures)
-    joint = f'<joint name="a" springref="{rest!r}" stiffness="{" ".join(map(repr, stiffness))}"/>'
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody></mujoco>'
-    )
-    data = mujoco.MjData(model)
-    for q in (-1.2, -0.3, 0.4, 1.1):
-        x = q - 0.2
-        data.qpos[0] = q
-        mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(data.qfrc_passive[0], -(1.5 + 2.0 * x + 0.7 * x**2 + 0.4 * x**3), atol=1e-9)
-
-
 def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmModel) -> None:
     """A kilogram can't be taken from a link of less: bodies that together act as if it were are written instead."""
     error = {"mass_change_kg": -1.0, "moment_change_x_kgm": 0.0, "moment_change_y_kgm": 0.0, "moment_change_z_kgm": 0.0}
@@ -242,23 +199,6 @@ def test_a_body_beside_a_link_has_the_inertia_of_its_place(arm: ArmModel) -> Non
     np.testing.assert_allclose(link_change(link, change.values), mass * point_mass(place), atol=1e-12)
     identified = IdentifiedArm.tuned_to(arm, untuned(6), [change])
     np.testing.assert_allclose(identified.links.named[4], mass * point_mass(place))
-
-
-def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
-    """Base parameters leave the links open: among links of one torque those that are bodies are taken."""
-    rng = np.random.default_rng(1)
-    base, scale = base_parameters(arm), parameter_scale(arm)
-    real = [0.3 * link[0] * point_mass(rng.uniform(-0.2, 0.2, 3)) for link in arm.inertial_parameters.reshape(6, 10)]
-    wanted = lift_base(base, scale) @ (base.mapping @ np.concatenate(real))
-    nominal = arm.inertial_parameters.reshape(6, 10)
-    assert not all(is_consistent(link) for link in nominal + wanted.reshape(6, 10))
-    change, missed = nearest_bodies(arm, wanted.reshape(6, 10))
-    assert all(is_consistent(link) for link in nominal + change)
-    states = random_states(rng, 50, 6)
-    torque = arm.regressor(*states) @ np.stack([wanted, change.ravel()], axis=1)
-    left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))
-    assert left < 0.01
-    assert missed < 0.01
 
 
 def test_friction_that_bends_is_a_polynomial(tmp_path: Path, arm: ArmModel) -> None:

@@ -36,14 +36,6 @@ def other(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_content_is_of_joints_lengths_and_inertias(arm: ArmModel, other: Path) -> None:
-    """Law: the same under another name and from its own copy; another with one other mass."""
-    renamed = ArmModel.from_urdf(arm.urdf.replace(f'name="{arm.name}"', 'name="mine"', 1), arm.source)
-    assert content_of(renamed) == content_of(arm)
-    assert ArmModel.load(str(other)).name == arm.name
-    assert content_of(ArmModel.load(str(other))) != content_of(arm)
-
-
 def test_a_patch_of_another_arm_of_the_same_name_is_refused(arm: ArmModel, other: Path, tmp_path: Path) -> None:
     path = write_diagnosis(tmp_path / "d.json", arm, "payload")
     record = json.loads(path.read_text())

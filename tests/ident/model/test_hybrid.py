@@ -17,7 +17,6 @@ from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.loss import LossParameters
 from ident.model.training_range import find_training_range
 from ident.motion.motion import Motion
-from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session, random_states, two_joint_arm
 
@@ -82,40 +81,6 @@ def test_a_model_knows_where_it_was_fitted(fitted: FitResults, motions: list[Mot
     assert find_training_range(motions, fitted.model.nominal, twice).torque_half_width == pytest.approx(2.0 * half)
 
 
-def test_ladder_climbs_from_the_urdf_to_the_torque(fitted: FitResults, arm: ArmModel) -> None:
-    """Rungs are cumulative: the first is the URDF's rigid arm, the last the model's torque."""
-    model, states = fitted.model, random_states(np.random.default_rng(2), 50, 6)
-    rungs, terms = model.ladder(*states), model.torque_terms(*states)
-    assert list(rungs) == ["analytic", "inertia", "loss", "net"]
-    assert np.array_equal(rungs["analytic"], arm.inverse_dynamics(*states))
-    assert np.allclose(rungs["inertia"], terms["analytic"])
-    assert np.allclose(rungs["loss"] - rungs["inertia"], terms["loss"])
-    assert np.allclose(rungs["net"], model.torque(*states))
-    plain = replace(model, net=None, inertia="nominal", arm=arm)
-    assert list(plain.ladder(*states)) == ["analytic", "loss"]
-    assert np.allclose(plain.ladder(*states)["loss"], plain.torque(*states))
-
-
-def test_every_rung_is_nearer_to_the_truth(fitted: FitResults, motions: list[Motion]) -> None:
-    """On the training runs no rung is worse than the one below it, joint by joint, and inertia takes gravity's part."""
-    errors = []
-    for name in ("analytic", "inertia", "loss", "net"):
-        left = [motion.tau - fitted.model.ladder(motion.q, motion.dq, motion.ddq)[name] for motion in motions]
-        errors.append(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
-    assert np.all(np.diff(errors, axis=0) < 0.05)
-    assert np.mean(errors[-1]) < 0.4  # where a net stays silent, friction's law is left
-    assert np.min(errors[-1]) < 0.25
-
-
-def test_payload_loads_every_rung(fitted: FitResults, arm: ArmModel) -> None:
-    """A payload told to the model is carried by the URDF's arm and by the identified one alike."""
-    payload, states = Payload(1.5, (0.0, 0.0, 0.05)), random_states(np.random.default_rng(3), 20, 6)
-    added = arm.with_payload(payload).inverse_dynamics(*states) - arm.inverse_dynamics(*states)
-    loaded, free = fitted.model.ladder(*states, payload), fitted.model.ladder(*states)
-    for name in ("analytic", "inertia", "loss"):
-        assert np.allclose(loaded[name] - free[name], added, atol=1e-9)
-
-
 def test_a_saved_model_gives_equal_torques(fitted: FitResults, folder: Path) -> None:
     """Torque, ladder, figures and provenance are the same after loading, to the last bit of a float's text."""
     loaded, states = HybridModel.load(folder), random_states(np.random.default_rng(4), 100, 6)
@@ -143,25 +108,6 @@ def test_a_model_without_a_net_comes_back_too(links: int, motions: list[Motion],
         "arm.urdf",
         "model.toml",
     }
-
-
-def test_the_folder_is_text_and_weights(fitted: FitResults, folder: Path) -> None:
-    """URDFs, TOML and JSON that can be read, safetensors, no pickle; data hashes and versions are recorded."""
-    suffixes = {path.suffix for path in folder.iterdir()}
-    assert suffixes == {".urdf", ".toml", ".json", ".safetensors"}
-    for path in folder.iterdir():
-        assert not path.read_bytes().startswith((b"\x80", b"PK"))
-    text = (folder / "model.toml").read_text(encoding="utf-8")
-    assert "ab" * 32 in text
-    assert all(f'{name} = "' in text for name in ("torch", "pin", "numpy", "python"))
-    assert fitted.model.provenance["samples"] == 1600
-
-
-def test_fits_are_repeatable(motions: list[Motion], arm: ArmModel) -> None:
-    """The same runs, options and seed give the same torques, to the last bit."""
-    options, states = FitOptions(net="none", inertia="consistent"), random_states(np.random.default_rng(6), 10, 6)
-    first, second = (fit_hybrid(motions, arm, options).model.torque(*states) for _ in range(2))
-    assert np.array_equal(first, second)
 
 
 def test_a_model_is_for_its_robot(fitted: FitResults, folder: Path, arm: ArmModel) -> None:
@@ -247,13 +193,6 @@ def test_an_unknown_option_is_an_input_error(option: str, value: object, name: s
     """The message names the option, what was given and what may be."""
     with pytest.raises(InputError, match=f"^{name}: {value!r} is unknown; use one of: "):
         FitOptions(**{option: value})  # type: ignore[arg-type]
-
-
-def test_writing_over_a_model_replaces_it_whole(fitted: FitResults, folder: Path) -> None:
-    """A model saved over another leaves none of the old files, weights among them."""
-    replace(fitted.model, net=None).save(folder)
-    assert {path.name for path in folder.iterdir()} == {".armgap.json", "robot.urdf", "arm.urdf", "model.toml"}
-    assert not list(folder.parent.glob(".*part*"))
 
 
 def test_both_smoothers_lead_to_the_same_fit() -> None:

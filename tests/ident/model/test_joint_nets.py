@@ -10,9 +10,8 @@ import pytest
 import torch
 
 from ident.arrays import Array
-from ident.model.dense_training import DenseNet
 from ident.model.joint_nets import DRAWN, ROWS, JointNets, SolvedNet, silu, solve_net, width_of
-from ident.model.net_shrinkage import FOLDS, describe_gate, make_folds, shrink_net
+from ident.model.net_shrinkage import describe_gate, shrink_net
 from ident.model.residual_net import fit_residual_net
 
 
@@ -51,15 +50,6 @@ def test_joint_nets_come_back_from_their_arrays() -> None:
         JointNets.from_arrays(arrays, 3, 2, 6, (5,))
 
 
-def test_dropout_is_for_training_only() -> None:
-    """In evaluation the dense net is a function: the same input, the same output; in training it is not."""
-    net, x = DenseNet(3, 2, (64,), 0.5), torch.randn(5, 3)
-    net.eval()
-    assert torch.equal(net(x), net(x))
-    net.train()
-    assert not torch.equal(net(x), net(x))
-
-
 def _data(seed: int, samples: int = 1200) -> tuple[Array, Array, Array]:
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((samples, 6))
@@ -79,24 +69,6 @@ def test_the_layers_are_a_net_that_follows_the_target() -> None:
     other, truth, _ = _data(2)
     assert np.mean((_run(net, other) - truth) ** 2) < 0.05 * np.mean(truth**2)
     assert net.error < 0.05
-
-
-def test_a_straight_law_is_followed_beyond_the_data() -> None:
-    """Three times as far out as any sample."""
-    x, _, fold = _data(3)
-    y = x @ np.array([0.5, -0.3, 0.0, 0.2, 0.4, 0.0])
-    net = solve_net(x, y, np.ones(len(x), dtype=bool), fold, 0)
-    far = 3.0 * x[:200]
-    assert np.sqrt(np.mean((_run(net, far) - 3.0 * y[:200]) ** 2)) < 0.1 * np.std(3.0 * y)
-
-
-def test_what_is_said_of_a_row_does_not_know_it() -> None:
-    """Chance can't be foretold: on noise the unseen prediction is no better than none, the error says so."""
-    x, _, fold = _data(4, 600)
-    y = np.random.default_rng(5).standard_normal(600)
-    net = solve_net(x, y, np.ones(600, dtype=bool), fold, 0)
-    assert np.mean((net.unseen - y) ** 2) > 0.97 * np.mean(y**2)
-    assert net.error > 0.97
 
 
 def test_rows_that_do_not_count_change_nothing() -> None:
@@ -136,16 +108,6 @@ def test_a_joint_keeps_what_helps_on_every_run_in_torque_and_energy(case: str) -
     assert _judged(predicted, left) == [bool(one) for one in kept]
 
 
-def test_what_says_twice_too_much_counts_by_half() -> None:
-    """The weight is the share that leaves least on runs held back, and the told error is that of the share."""
-    rng = np.random.default_rng(3)
-    law = np.sin(np.arange(800) / 7.0)[:, None]
-    left = law + 0.3 * rng.standard_normal((800, 1))
-    (one,) = shrink_net(2.0 * law, left, np.ones(left.shape, dtype=bool), np.full(left.shape, 0.01), RUN)
-    assert one.weight == 0.5
-    assert one.rmse_with == pytest.approx(np.sqrt(np.mean((left - law) ** 2)))
-
-
 def test_a_silent_joint_gives_nothing() -> None:
     """And one that keeps half gives half; the other's net is as it was."""
     rng = np.random.default_rng(0)
@@ -173,32 +135,3 @@ def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
     assert told.startswith("residual net, on runs held back: kept for a (")
     assert f"{net.gate[0].rmse_without:.3g} → {net.gate[0].rmse_with:.3g} N m" in told
     assert "; left out for b (" in told
-
-
-def test_a_run_of_few_samples_has_no_more_say_than_they() -> None:
-    """One sample on which the net is far off doesn't silence what helps on hundreds of others."""
-    rng = np.random.default_rng(7)
-    left = rng.standard_normal((801, 1))
-    predicted, moving, run = 0.8 * left, np.ones((801, 1), dtype=bool), np.r_[np.repeat(np.arange(8), 100), 8]
-    predicted[-1] = left[-1] + 6.0
-    travel = rng.choice([-1e-3, 1e-3], (801, 1))
-    assert shrink_net(predicted, left, moving, travel, run)[0].kept
-
-
-@pytest.mark.parametrize("lengths", [(900, 400, 700), (500, 300, 800, 600, 450), (100,) * 12])
-def test_whole_runs_are_left_out_where_there_are_three(lengths: tuple[int, ...]) -> None:
-    """All samples of a run lie in one part, and there is more than one part."""
-    parts, _ = make_folds(lengths, 2, np.random.default_rng(0))
-    runs = np.repeat(np.arange(len(lengths)), lengths)
-    assert all(len(np.unique(parts[runs == run])) == 1 for run in range(len(lengths)))
-    assert len(np.unique(parts)) == min(FOLDS, len(lengths))
-
-
-@pytest.mark.parametrize("lengths", [(900,), (900, 30), (5, 900, 411), (3,)])
-def test_a_witness_lies_in_one_run(lengths: tuple[int, ...]) -> None:
-    """No group goes on into the next run; of one run there are parts to leave out."""
-    parts, groups = make_folds(lengths, 1, np.random.default_rng(0))
-    runs = np.repeat(np.arange(len(lengths)), lengths)
-    assert len(parts) == len(groups) == sum(lengths)
-    assert all(len(np.unique(runs[groups == group])) == 1 for group in np.unique(groups))
-    assert len(np.unique(parts)) == min(FOLDS, len(np.unique(groups))) or len(lengths) >= 3

@@ -15,11 +15,8 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError, RecordingError
-from ident.laws.motion import direction
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.model.identification import HowToIdentify, identify
 from ident.model.linearisation import (
-    Sliding,
     _sharpest,
     correlation_time,
     fit_losses,
@@ -78,13 +75,6 @@ def test_equals_the_pseudo_inverse_where_nothing_is_at_its_bound(arm: ArmModel) 
 KINDS = ("viscous", "coulomb", "offset", "transition_speed")
 
 
-@pytest.mark.parametrize("width", [0.005, 0.02, 0.08])
-def test_each_joint_finds_its_own_transition(arm: ArmModel, width: float) -> None:
-    """The width that made the data is the one of the grid that is found, joint by joint."""
-    true = LossParameters([0.5, 0.8], [10.0, 6.0], [8.0, 5.0], [0, 0], [width, 0.02])
-    assert _fitted(arm, _runs(arm, true, noise=0.1)).transition_speed.tolist() == [width, 0.02]
-
-
 def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(arm: ArmModel) -> None:
     resting = []
     for motion in _runs(arm, TRUE):
@@ -117,17 +107,6 @@ def test_correlation_time_of_a_known_process(persistence: float, expected: float
     assert correlation_time(lfilter([1.0], [1.0, -persistence], noise)) == pytest.approx(expected, rel=0.2)
 
 
-def test_torque_is_eq_3() -> None:
-    """B ddq + C dq + f sign(dq) + offset, with tanh in place of the sign where a width is given; zero() has none."""
-    params = LossParameters([2.0, 2.0], [3.0, 3.0], [5.0, 5.0], [0.5, 0.5], [0.0, 0.1])
-    dq, ddq = np.array([[0.1, 0.1], [-0.1, 0.0], [0.0, -1.0]]), np.array([[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
-    near = np.tanh(1.0)
-    expected = [[7.8, 2.8 + 5 * near], [-4.8, 0.5], [0.5, -2.5 - 5 * np.tanh(10.0)]]
-    assert np.allclose(params.torque(dq, ddq), expected)
-    assert np.all(LossParameters.zero(2).torque(dq, ddq) == 0.0)
-    assert np.all(np.abs(direction(10 * dq, params.transition_speed)) <= 1.0)
-
-
 @pytest.fixture(scope="module")
 def three_joints() -> ArmModel:
     return load_arm()
@@ -143,24 +122,6 @@ def record(three_joints: ArmModel, sliding: str) -> list[Motion]:
         return three_joints.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + VISCOUS * dq + COULOMB * slip
 
     return made_motions(three_joints, law, range(3), 8.0, 200.0, noise=0.1)
-
-
-def test_a_stop_holds_its_range() -> None:
-    """Law: the state never leaves ±r, equals the path inside it, and turns over 2 r after a reversal."""
-    q = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101)])
-    state = stop_operator(q, 0.1)
-    assert np.abs(state).max() <= 0.1
-    np.testing.assert_allclose(state[:11], q[:11], atol=1e-12)
-    np.testing.assert_allclose(state[101:122], 0.1 - (1.0 - q[101:122]), atol=1e-12)
-    np.testing.assert_allclose(state[125:], -0.1)
-
-
-def test_direction_does_not_depend_on_the_pace(three_joints: ArmModel) -> None:
-    """Law: the same path at half the speed has the same direction at the same places."""
-    (motion,) = record(three_joints, "range")[:1]
-    sliding = Sliding(np.full(3, 1e-3), np.ones(3))
-    slow = Motion(**{**vars(motion), "dq": motion.dq / 2})
-    np.testing.assert_array_equal(sliding.direction(motion), sliding.direction(slow))
 
 
 @pytest.mark.parametrize("kind", ["range", "speed"])
@@ -243,23 +204,10 @@ def test_a_shafts_figures_are_found_and_kept(text: str, sign: float, tmp_path: P
     assert left[0] < 0.4 * left[1]
 
 
-def test_a_shaft_does_no_work_against_itself() -> None:
-    """Power of the torque that a shaft adds: Coulomb's is |u| f, whatever the sign; both joints' parts together."""
-    dq = np.random.default_rng(1).normal(size=(50, 2))
-    for sign in (1.0, -1.0):
-        coupling = Coupling(Shaft(0, 1, sign), (0.0,) * 3, (0.0,) * 3, (2.0, 1.0, 3.0))
-        power = np.sum(coupling.torque(dq, np.zeros_like(dq)) * dq, axis=1)
-        assert np.allclose(power, 2.0 * np.abs(dq[:, 1] + sign * dq[:, 0]))
-
-
 @pytest.mark.parametrize("text", ["1", "1,1", "1,9", "0,1", "1,2,1", "shoulder,2", "1,two"])
 def test_what_is_no_pair_of_joints_is_told(text: str) -> None:
     with pytest.raises(InputError, match="--coupling"):
         Shaft.parse(text, ("a", "b"))
-
-
-def test_names_of_joints_are_taken_too() -> None:
-    assert Shaft.parse("a, b", ("a", "b")) == Shaft.parse("1,2", ("a", "b")) == Shaft(0, 1)
 
 
 def test_a_plan_refuses_what_it_does_not_know() -> None:
@@ -279,21 +227,3 @@ def fixture() -> Fixture:
 def motion(split: Split) -> Motion:
     run = Recording("run", JOINTS, split.time, split.q, split.tau)
     return prepare(Session("fixture", (run,)))[0]
-
-
-# Worst joint of figaroh's own physical pipeline on the same draws, mean of five [N m].
-@pytest.mark.parametrize(("level", "peer"), [("low", 0.138), ("high", 0.196)])
-def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
-    fixture: Fixture, tmp_path: Path, level: str, peer: float
-) -> None:
-    """Law: over all samples, ends of the run included; two draws stay below what the peer has in the mean of five."""
-    arm = ArmModel.load(fixture.write_urdf(tmp_path / "ur10.urdf"))
-    worst = []
-    for number in range(2):
-        train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
-        found, seen = identify([motion(train)], arm, HowToIdentify("consistent")), motion(test)
-        losses = found.loss.params
-        told = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
-        told += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
-        worst.append(np.sqrt(np.mean((told - test.true_tau) ** 2, axis=0)).max())
-    assert np.mean(worst) < peer

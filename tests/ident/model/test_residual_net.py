@@ -13,8 +13,8 @@ import torch
 from ident.arrays import Array
 from ident.errors import ModelError
 from ident.model.dense_training import DenseNet
-from ident.model.joint_nets import JointNets, width_of
-from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, compute_features, fit_residual_net
+from ident.model.joint_nets import JointNets
+from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_residual_net
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import multisine, two_joint_arm
 
@@ -61,37 +61,6 @@ def test_paper_preset_is_the_papers_net() -> None:
     assert isinstance(net.stack[-1], torch.nn.Linear)
     assert sum(weight.numel() for weight in net.parameters()) == pytest.approx(1.32e6, rel=0.005)
     assert (options.epochs, options.validation_share) == (100, 0.3)
-
-
-@pytest.mark.parametrize("joints", [3, 6, 7])
-def test_default_is_at_most_a_twentieth_of_it(joints: int) -> None:
-    """The default has at most 1/20 of the paper net's weights, and the width that its options tell."""
-    paper = DenseNet(3 * joints, joints, PRESETS["paper"].hidden, 0.5)
-    state = _states(1, 200)
-    net = fit_residual_net([state], [_stribeck(state)])
-    assert net.options.hidden == (width_of(6),) == DEFAULT.hidden
-    assert 20 * net.parameters // state[0].shape[1] * joints <= sum(weight.numel() for weight in paper.parameters())
-
-
-def test_a_joints_net_sees_its_own_joint_only() -> None:
-    """Changing the other joint's state changes nothing in a net a joint; the dense net feels it."""
-    state = _states(1)
-    other = tuple(np.column_stack([part[:, 0], part[:, 1] + 0.3]) for part in state)
-    for options, alone in ((DEFAULT, True), (DENSE, False)):
-        net = fit_residual_net([state], [_stribeck(state)], options=options)
-        same = np.allclose(net.predict(*state)[:, 0], net.predict(*other)[:, 0], atol=1e-6)
-        assert same is alone
-
-
-def test_features_are_six_a_joint_or_the_papers_nine() -> None:
-    """The paper's inputs are (q, dq, ddq); the default's are odd in the motion's direction where friction is."""
-    q, dq, ddq, rigid = _states(1, 40)
-    assert np.array_equal(compute_features(q, dq, ddq, rigid, "paper"), np.concatenate([q, dq, ddq], axis=1))
-    features = compute_features(q, dq, ddq, rigid, "default")
-    assert features.shape == (40, 2, 6)
-    turned = compute_features(q, -dq, -ddq, rigid, "default")
-    assert np.allclose(turned[..., [0, 1, 2, 3, 5]], -features[..., [0, 1, 2, 3, 5]])
-    assert np.array_equal(turned[..., 4], features[..., 4])
 
 
 @pytest.mark.parametrize("options", [DEFAULT, DENSE], ids=["default", "paper"])
@@ -243,25 +212,6 @@ def test_beyond_its_training_the_net_says_what_it_says_at_the_edge(tmp_path: Pat
     assert np.array_equal(ResidualNet.load(tmp_path).predict(*far), net.predict(*far))
 
 
-def test_a_faster_run_is_not_spoilt_by_what_was_never_seen() -> None:
-    """Friction that falls with speed, learnt on slow runs: on runs four times as fast the error stays below that of
-
-    no net at all.
-    """
-
-    def law(state: State) -> Array:
-        return np.asarray(2.0 * np.tanh(state[1] / 0.05) * np.exp(-np.abs(state[1])))
-
-    slow, fast = (
-        [(q, rate * dq, rate**2 * ddq, rigid) for q, dq, ddq, rigid in map(_states, seeds)]
-        for rate, seeds in ((0.25, (41, 42, 43)), (1.0, (44,)))
-    )
-    rng = np.random.default_rng(45)
-    net = fit_residual_net(slow, [law(state) + 0.3 * rng.standard_normal(state[0].shape) for state in slow])
-    left = law(fast[0]) - net.predict(*fast[0])
-    assert np.all(np.mean(left**2, axis=0) < np.mean(law(fast[0]) ** 2, axis=0))
-
-
 def test_noise_is_not_learnt() -> None:
     """On pure noise the default net stays nearly silent: under 3 % of the noise's mean square on an unseen motion."""
     rng, train = np.random.default_rng(8), [_states(seed) for seed in (20, 21)]
@@ -279,14 +229,6 @@ def test_samples_at_rest_do_not_count() -> None:
     assert _same(*fits)
 
 
-def test_a_handful_of_samples_does_not_break_it() -> None:
-    """Ten samples train and predict finite torques, on one joint too."""
-    state = tuple(part[:10, :1] for part in _states(31))
-    net = fit_residual_net([state], [np.ones((10, 1))], options=DEFAULT)
-    assert np.all(np.isfinite(net.predict(*state)))
-    assert net.predict(*(part[:0] for part in state)).shape == (0, 1)
-
-
 def test_a_net_of_earlier_models_is_read(tmp_path: Path) -> None:
     """Several members of two hidden layers a joint, as models once had: their mean is predicted."""
     rng, state = np.random.default_rng(4), _states(33, 100)
@@ -301,13 +243,3 @@ def test_a_net_of_earlier_models_is_read(tmp_path: Path) -> None:
     other.save(tmp_path)
     with pytest.raises(ModelError, match="fit the model again"):
         ResidualNet.load(tmp_path)
-
-
-def test_of_many_samples_some_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A long recording is solved with a share of its samples, and says nearly the same."""
-    state = _states(34, 6000)
-    whole = fit_residual_net([state], [_stribeck(state)])
-    monkeypatch.setattr("ident.model.residual_net.MOST_SAMPLES", 3000)
-    thinned = fit_residual_net([state], [_stribeck(state)])
-    apart = thinned.predict(*state) - whole.predict(*state)
-    assert np.std(apart) < 0.3 * np.std(_stribeck(state))

@@ -7,7 +7,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -171,20 +170,3 @@ def test_arms_are_watched_whatever_they_are_called(arms: Path, tmp_path: Path) -
     assert sorted(arm.arm for arm in found.arms) == sorted(["länk 関節", "arm_\\xff", "関" * 80])
     assert all(Store(tmp_path / "store").page(arm.arm).is_file() for arm in found.arms)
     assert look(folder, tmp_path / "store").fresh == ()
-
-
-def test_what_is_not_ours_in_the_store_is_passed_over(watched: tuple[Path, Watch], arms: Path, tmp_path: Path) -> None:
-    """Tables of other columns, rows without a name, texts, folders, pipes: nothing is examined again, nothing hangs."""
-    store = shutil.copytree(watched[0], tmp_path / "store")
-    for kind in ("sessions", "figures"):
-        place = store / kind / "left"
-        good = pq.read_table(place / "2026-05-03.parquet")
-        pq.write_table(pa.table({"x": [1]}), place / "other.parquet")
-        pq.write_table(good.set_column(0, "arm", pa.nulls(len(good), pa.string())), place / "nameless.parquet")
-        (place / "text.parquet").write_text("hello")
-        (place / "folder.parquet").mkdir()
-        os.mkfifo(place / "pipe.parquet")
-    found = look(arms, store)
-    assert found.fresh == ()
-    assert [one.to_dict() for one in found.alarms] == [one.to_dict() for one in watched[1].alarms]
-    assert [arm.sessions for arm in found.arms] == [arm.sessions for arm in watched[1].arms]

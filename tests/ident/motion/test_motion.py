@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ident.errors import InputError, RecordingError
-from ident.model.loss import loss_columns
 from ident.motion import out_of_core as spooling
 from ident.motion.motion import Lowpass, Motion, prepare
 from ident.motion.out_of_core import CHANNELS, SpooledArrays, SpooledMotions, choose_runs, cut, few, hold, runs_recorded
-from ident.recordings.recording import Payload, Recording, Session
-from ident.robot.arm import ArmModel
+from ident.recordings.recording import Recording, Session
 from ident.sessions import load_robot
 from tests.ident.diagnosis.planted import load_arm
-from tests.ident.made_up import made_motions, two_joint_arm
+from tests.ident.made_up import made_motions
 
 
 def _run(time: np.ndarray, name: str = "run", effort: np.ndarray | None = None) -> Recording:
@@ -25,39 +22,6 @@ def _run(time: np.ndarray, name: str = "run", effort: np.ndarray | None = None) 
     q = np.stack([np.sin(2 * time), 0.5 * np.cos(3 * time)], axis=1)
     noise = 1e-6 * np.random.default_rng(len(time)).standard_normal(q.shape)
     return Recording(name, ("a", "b"), time, q + noise, q * 10.0 if effort is None else effort)
-
-
-def test_lowpass_is_one_linear_map_for_torque_and_columns() -> None:
-    """Filtering is linear: filtered columns times figures = filtered product, on every shape, to 1e-12."""
-    arm = two_joint_arm()
-    motion = made_motions(arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq), [1], duration=4.0)[0]
-    regressor = arm.regressor(motion.q, motion.dq, motion.ddq)
-    product = motion.filtered(regressor) @ arm.inertial_parameters
-    assert product.shape == motion.tau_filtered.shape
-    assert np.allclose(product, motion.tau_filtered, atol=1e-10)
-    columns = loss_columns(motion, np.full(2, 0.01))
-    assert np.allclose(columns[..., 1], motion.filtered(motion.dq), atol=1e-12)
-
-
-def test_lowpass_has_no_phase() -> None:
-    """A swing at a fifth of the corner passes without delay or loss (1e-3), one at four times is gone."""
-    lowpass = Lowpass.design(250.0)
-    assert (lowpass.cutoff, lowpass.factor) == (10.0, 6)
-    time = np.arange(2500) / 250.0
-    slow, fast = np.sin(2 * np.pi * 2.0 * time), np.sin(2 * np.pi * 40.0 * time)
-    middle = slice(40, -40)
-    assert np.allclose(lowpass(slow)[middle], slow[:: lowpass.factor][middle], atol=1e-3)
-    assert np.abs(lowpass(fast)[middle]).max() < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("rate", "cutoff", "expected"), [(30.0, None, 6.0), (125.0, None, 10.0), (1000.0, 25.0, 25.0), (30.0, 25.0, 6.0)]
-)
-def test_corner_stays_below_a_fifth_of_the_rate(rate: float, cutoff: float | None, expected: float) -> None:
-    """At least four samples a period of the corner are kept, whatever the log rate."""
-    lowpass = Lowpass.design(rate, cutoff)
-    assert lowpass.cutoff == expected
-    assert rate / lowpass.factor >= 4 * lowpass.cutoff
 
 
 @pytest.mark.parametrize("cutoff", [float("nan"), -1.0, -0.0, 1e-300])
@@ -122,18 +86,6 @@ def test_moving_is_where_the_speed_is_sure() -> None:
     assert not motion.moving[:, 1].any()
 
 
-def test_selected_joints_keep_their_columns() -> None:
-    """`select` is the same run of fewer joints, in the order asked for."""
-    arm = ArmModel.load("tm5-900")
-    payload = Payload(1.0)
-    motion = made_motions(arm, lambda q, dq, ddq: q + 2 * dq, [1], duration=2.0, payload=payload)[0]
-    part = motion.select(("joint_5", "joint_2"))
-    assert part.joints == ("joint_5", "joint_2")
-    assert np.array_equal(part.tau, motion.tau[:, [4, 1]])
-    assert np.array_equal(part.std, motion.std[:, [4, 1]])
-    assert part.payload == payload
-
-
 @pytest.fixture(scope="module")
 def motions() -> tuple[Motion, ...]:
     """Six runs of 3 s at 100 Hz, one of them with temperatures."""
@@ -186,25 +138,6 @@ def test_short_sessions_stay_in_memory(motions: tuple[Motion, ...], monkeypatch:
     assert few(motions) is motions
 
 
-def test_no_more_than_the_limit_is_held_while_spooling(
-    motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Law: beyond the limit the next run is only asked for when the last one lies on disk."""
-    monkeypatch.setattr(spooling, "HELD_SAMPLES", 2 * len(motions[0].time))
-    written: list[str] = []
-    bare = spooling._with_channels  # what stays of a run whose signals lie on disk
-    monkeypatch.setattr(spooling, "_with_channels", lambda one, none: (written.append(one.name), bare(one, none))[1])
-    ahead = []
-
-    def coming() -> Iterator[Motion]:
-        for k, motion in enumerate(motions):
-            ahead.append(k - len(written))
-            yield motion
-
-    hold(coming())
-    assert ahead == [0, 1, 2, 0, 0, 0]
-
-
 def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: pieces, end to end, are the run; they are about equal, keep its clock, and count as one run."""
     motion = motions[2]
@@ -219,15 +152,6 @@ def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatc
     assert (len(spooled), runs_recorded(spooled)) == (18, 6)
     assert sum(not piece.continues for piece in spooled) == 6
     assert runs_recorded(motions) == 6
-
-
-@pytest.mark.parametrize("every", [1, 2, 7, 54])
-def test_one_run_of_each_stretch_is_chosen(every: int) -> None:
-    """Law: one run of each stretch, the last of which may be short, in order and always the same one."""
-    chosen = choose_runs(500, every)
-    assert [k // every for k in chosen] == list(range(-(-500 // every)))
-    assert chosen[-1] < 500
-    assert chosen == choose_runs(500, every)
 
 
 @pytest.mark.parametrize("every", [2, 3, 4, 8, 9, 27, 54])

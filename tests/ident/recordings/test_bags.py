@@ -77,23 +77,6 @@ def test_a_log_of_the_mcap_library_gives_back_the_run(compression: str, run: Rec
     np.testing.assert_array_equal(read.effort, run.effort)
 
 
-def test_bag_folders_are_runs_of_a_session(run: Recording, tmp_path: Path) -> None:
-    """`[columns]` renames their joints."""
-    for name, start in (("first", 0.0), ("second", 10.0)):
-        write_bag(tmp_path / name, rows_of(run.replace(time=run.time + start)))
-    (tmp_path / "session.toml").write_text('[columns]\n"a/position" = "panda_joint1/position"\n')
-    session = load_session(tmp_path)
-    assert session.joints == ("panda_joint1", "b")
-    assert [each.name for each in session.runs] == ["first", "second"]
-    assert session.common_clock
-
-
-def test_without_stamps_the_time_of_receipt_counts(run: Recording, tmp_path: Path) -> None:
-    read = load_session(write_bag(tmp_path / "bag", rows_of(run, stamped=False))).runs[0]
-    np.testing.assert_allclose(read.time - read.time[0], run.time, atol=1e-6)
-    assert read.time[0] == pytest.approx(RECEIPT_NS * 1e-9)
-
-
 @pytest.mark.parametrize("spread", [False, True])
 def test_joints_may_come_in_any_order(spread: bool, run: Recording, tmp_path: Path) -> None:
     """Also over several messages of one stamp."""
@@ -153,19 +136,3 @@ def test_a_broken_bag_is_refused(storage: StoragePlugin, run: Recording, tmp_pat
             with pytest.raises(RecordingError, match="bag") as told:
                 load_session(path)
             assert "not a whole ROS 2 bag" in str(told.value) or not content
-
-
-@pytest.mark.real
-@pytest.mark.parametrize("stem", ["panda/unisa_fer/panda_exciting_trajectory", "ur10_cb/ur10_exciting_trajectory"])
-def test_a_real_bag_equals_the_table_made_from_it(stem: str, real_data: Path, tmp_path: Path) -> None:
-    """To the nine digits that the table was written with."""
-    bag = load_session(real_data / f"{stem}.db3").runs[0]
-    names = {"q": "position", "dq": "velocity", "effort": "effort"}
-    columns = [f'{short}_{joint} = "{joint}/{name}"' for short, name in names.items() for joint in bag.joints]
-    settings = tmp_path / "session.toml"
-    settings.write_text("\n".join(["[columns]", 't = "time"', *columns]))
-    table = load_session(real_data / f"{stem}.csv", session_file=settings).runs[0]
-    assert bag.joints == table.joints
-    np.testing.assert_allclose(bag.time, table.time, atol=1e-7)
-    for channel, values in table.channels().items():
-        np.testing.assert_allclose(getattr(bag, channel), values, rtol=1e-8, atol=1e-8)

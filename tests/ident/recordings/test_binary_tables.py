@@ -65,15 +65,6 @@ def test_npz_holds_native_columns_or_stacked_arrays(run: Recording, tmp_path: Pa
         np.testing.assert_array_equal(read.effort, run.effort)
 
 
-def test_nan_in_a_binary_table_is_fatal_and_named(run: Recording, tmp_path: Path) -> None:
-    position = np.array(run.position)
-    position[7, 1] = np.nan
-    write_recording(run.replace(position=position), tmp_path / "run.parquet")
-    (issue,) = load_recording(tmp_path / "run.parquet").issues
-    assert (issue.issue, issue.severity, issue.joints) == ("nan_cells", "fatal", ("b",))
-    assert "run.parquet, row 8, column b/position" in issue.evidence
-
-
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
 def test_an_interface_that_the_arm_lacks_is_left_out_with_a_note(suffix: str, run: Recording, tmp_path: Path) -> None:
     """Law: a velocity channel without any number, as ros2_control logs it, is no fault of the rest."""

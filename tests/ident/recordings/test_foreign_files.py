@@ -72,7 +72,7 @@ def test_values_are_counted_as_arrow_counts_them(tmp_path: Path) -> None:
     assert count_values(path) == sum(one.column(j).num_values for one in groups for j in range(4))
     good, rng = path.read_bytes(), np.random.default_rng(0)
     length = int.from_bytes(good[-8:-4], "little")
-    for _ in range(300):
+    for _ in range(100):
         damaged = bytearray(good)
         damaged[-8 - int(rng.integers(1, length))] = int(rng.integers(256))
         path.write_bytes(damaged)
@@ -192,18 +192,3 @@ def test_a_bag_of_ros_1_gives_back_the_run(run: Recording, tmp_path: Path) -> No
     read = load_session(tmp_path / "run.bag").runs[0]
     np.testing.assert_allclose(read.time, run.time, atol=1e-9)
     np.testing.assert_array_equal(read.position, run.position)
-
-
-@pytest.mark.parametrize("separator", [",", " "])
-def test_logs_of_universal_robots_and_franka_are_text_tables(separator: str, run: Recording, tmp_path: Path) -> None:
-    """RTDE's names (`actual_q_0`) and libfranka's (`q[0]`, blanks after commas) reach a recording through [columns].
-
-    Source: Universal Robots' RTDE guide and its example recorder; libfranka's log.cpp.
-    """
-    names = ["timestamp", *(f"actual_{c}_{i}" for c in ("q", "qd", "current_as_torque") for i in (0, 1))]
-    table = np.column_stack([run.time, run.position, run.velocity, run.effort])
-    rows = [separator.join(repr(float(cell)) for cell in row) for row in table]
-    (tmp_path / "run.csv").write_text("\n".join([separator.join(names), *rows]) + "\n")
-    arrays = (("actual_q", "position"), ("actual_qd", "velocity"), ("actual_current_as_torque", "effort"))
-    mapped(tmp_path, {"timestamp": "time", **places(*arrays, mark="_")})
-    np.testing.assert_array_equal(load_session(tmp_path).runs[0].effort, run.effort)

@@ -10,7 +10,7 @@ import pytest
 from ident.errors import RecordingError
 from ident.recordings.columns import map_by_ending, match_joints
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session, count_blocks
+from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_recording
 
 
@@ -71,27 +71,6 @@ def test_what_is_no_session_is_refused(tmp_path: Path) -> None:
             load_session(path)
     with pytest.raises(RecordingError, match="can't be read"):
         load_session(tmp_path, session_file=tmp_path / "no.toml")
-
-
-@pytest.mark.real
-def test_all_ur10e_logs_are_read(real_data: Path, ur10e_toml: Path) -> None:
-    """17 runs without a header; those of a folder come from several days."""
-    folders = [real_data / "ur10e" / name for name in ("identification", "jointwise", "validation")]
-    sessions = [load_session(folder, session_file=ur10e_toml) for folder in folders]
-    assert [len(session.runs) for session in sessions] == [10, 6, 1]
-    assert [session.common_clock for session in sessions] == [False, False, True]
-    table = np.loadtxt(folders[2] / "ur-20_01_17-ptp_10_points.csv", delimiter=",")
-    run = sessions[2].runs[0]
-    np.testing.assert_array_equal(run.time, table[:, 0])
-    np.testing.assert_array_equal(run.position, table[:, 1:7])
-    np.testing.assert_allclose(run.effort[:, 0], 14.87 * table[:, 13], rtol=1e-15)
-
-
-@pytest.mark.parametrize(("durations", "count"), [((7.0,), 4), ((7.6,), 5), ((1.0,) * 6, 0)])
-def test_no_block_is_shorter_than_the_shortest(durations: tuple[float, ...], count: int) -> None:
-    clocks = [np.arange(0.0, duration, 0.01) for duration in durations]
-    runs = [Recording("r", ("a",), time, time[:, None], time[:, None]) for time in clocks]
-    assert count_blocks(Session("s", tuple(runs))) == count
 
 
 PANDA = tuple(f"panda_joint{i}" for i in range(1, 8))

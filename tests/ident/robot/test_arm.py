@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.robot.names import find_urdf
 from tests.ident.made_up import joint, link, random_states, sliding_arm, urdf
 
 ROBOTS = ("tm5-900", "panda", "ur10", "so100", "sliding")
@@ -53,18 +51,6 @@ def test_small_batches_keep_their_shape(arm: ArmModel, samples: int) -> None:
     assert arm.regressor(*states).shape == (samples, arm.n, 10 * arm.n)
 
 
-def test_power_is_the_rate_of_energy(tm5: ArmModel) -> None:
-    """τ·dq = d(T + V)/dt on a free motion: the sign of gravity and of every inertia is right (to 1e-5 W of 100 W)."""
-    time = np.arange(0, 1, 1e-4)
-    size, rate = np.linspace(0.3, 0.8, 6), np.linspace(2, 5, 6)
-    q = size * np.sin(rate * time[:, None])
-    dq, ddq = size * rate * np.cos(rate * time[:, None]), -size * rate**2 * np.sin(rate * time[:, None])
-    data = tm5.model.createData()
-    energy = [pin.computeMechanicalEnergy(tm5.model, data, a, b) for a, b in zip(q, dq, strict=True)]
-    power = (tm5.inverse_dynamics(q, dq, ddq) * dq).sum(axis=1)
-    assert np.allclose(np.gradient(energy, time)[1:-1], power[1:-1], atol=1e-5 * np.abs(power).max())
-
-
 def test_inertial_parameters_come_back(arm: ArmModel) -> None:
     """Parameters put in are read out, also those that no body can have."""
     changed = _changed(arm)
@@ -73,18 +59,6 @@ def test_inertial_parameters_come_back(arm: ArmModel) -> None:
     states = random_states(np.random.default_rng(4), 10, arm.n)
     same = arm.with_inertial_parameters(arm.inertial_parameters)
     assert np.allclose(same.inverse_dynamics(*states), arm.inverse_dynamics(*states), atol=1e-11)
-
-
-def test_changed_copies_leave_the_arm_alone(tm5: ArmModel) -> None:
-    """Payload, gravity and inertias make new arms, no payload none; the old one gives its torque to the last bit."""
-    assert tm5.with_payload(None) is tm5.with_payload(Payload(0.0, (1.0, 1.0, 1.0))) is tm5.locked([]) is tm5
-    states = random_states(np.random.default_rng(5), 10, 6)
-    before = tm5.inverse_dynamics(*states)
-    _changed(tm5).inverse_dynamics(*states)
-    tm5.with_payload(Payload(1.0, (0.0, 0.0, 0.1))).inverse_dynamics(*states)
-    tm5.with_gravity(np.array([1.0, 2.0, 3.0])).inverse_dynamics(*states)
-    tm5.locked(["joint_6"])
-    assert np.array_equal(tm5.inverse_dynamics(*states), before)
 
 
 @pytest.mark.parametrize("robot", ["nominal", "changed inertias", "slides"])
@@ -110,16 +84,6 @@ def test_locked_joints_are_the_full_arm_with_them_frozen(tm5: ArmModel, kept: tu
     assert np.allclose(reduced.inverse_dynamics(*states), expected, rtol=0, atol=1e-9)
 
 
-def test_locking_step_by_step_is_locking_at_once(tm5: ArmModel) -> None:
-    """Two reductions after each other, under tilted gravity, are one."""
-    tilted = tm5.with_gravity(np.array([3.0, 0.0, -9.0]))
-    once = tilted.locked(["joint_4", "joint_6"], [0.3, -0.5])
-    twice = tilted.locked(["joint_6"], [-0.5]).locked(["joint_4"], [0.3])
-    states = random_states(np.random.default_rng(8), 20, 4)
-    assert np.allclose(once.inverse_dynamics(*states), twice.inverse_dynamics(*states), atol=1e-10)
-    assert twice.locked_joints == {"joint_6": -0.5, "joint_4": 0.3}
-
-
 def test_payload_acts_through_the_jacobian(arm: ArmModel) -> None:
     """A point mass m adds m Jᵀ(a − g) to the torque, a the acceleration of its point on the last link."""
     payload = Payload(1.3, (0.05, -0.02, 0.12))
@@ -140,17 +104,6 @@ def test_payload_acts_through_the_jacobian(arm: ArmModel) -> None:
         expected.append(payload.mass_kg * jacobian.T @ (acceleration - model.gravity.linear))
     added = arm.with_payload(payload).inverse_dynamics(*states) - arm.inverse_dynamics(*states)
     assert np.allclose(added, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
-
-
-def test_continuous_joints_turn_without_limit() -> None:
-    """A continuous joint has one position variable (nq = nv) and the torque has a period of 2π in it."""
-    arm = sliding_arm()
-    assert arm.model.nq == arm.model.nv == 4
-    assert arm.upper[2] > 1e6 > -1e6 > arm.lower[2]
-    assert arm.neutral[2] == 0.0
-    q, dq, ddq = random_states(np.random.default_rng(10), 20, 4)
-    turned = q + np.array([0, 0, 4 * np.pi, 0])
-    assert np.allclose(arm.inverse_dynamics(turned, dq, ddq), arm.inverse_dynamics(q, dq, ddq), atol=1e-10)
 
 
 def test_a_gripper_is_locked_and_told() -> None:
@@ -208,11 +161,6 @@ def test_missing_meshes_are_an_input_error(tmp_path: Path) -> None:
     assert error.value.where == str(path)
 
 
-def test_digest_tells_arms_apart(tm5: ArmModel) -> None:
-    """Equal URDF text, equal digest; a locked joint makes another arm."""
-    assert tm5.digest == ArmModel.load("tm5_900").digest != tm5.locked(["joint_6"]).digest
-
-
 @pytest.mark.parametrize("outer", [1.0, -3.0])
 def test_derivatives_are_those_of_inverse_dynamics(outer: float) -> None:
     """Central differences by each joint's position, velocity and acceleration; the mass matrix is symmetric. So it is
@@ -231,17 +179,6 @@ def test_derivatives_are_those_of_inverse_dynamics(outer: float) -> None:
             slope = (arm.inverse_dynamics(*(states + step)) - arm.inverse_dynamics(*(states - step))) / 2e-5
             np.testing.assert_allclose(found[which][:, :, j], slope, atol=1e-6)
     np.testing.assert_allclose(found[2], np.swapaxes(found[2], 1, 2))
-
-
-@pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10", "z1", "xarm7", "sliding"])
-def test_regressor_times_parameters_is_the_torque(robot: str) -> None:
-    """Y π = inverse dynamics to 1e-11 of the torque's size, turning and sliding joints, gravity askew."""
-    arm = sliding_arm() if robot == "sliding" else ArmModel.load(robot)
-    states = random_states(np.random.default_rng(1), 300, arm.n)
-    for tilted in (arm, arm.with_gravity(np.array([1.0, -2.0, 4.0]))):
-        torque = tilted.inverse_dynamics(*states)
-        product = tilted.regressor(*states) @ arm.inertial_parameters
-        assert np.allclose(product, torque, rtol=0, atol=1e-11 * np.abs(torque).max())
 
 
 @pytest.mark.parametrize("robot", ["panda", "sliding"])
@@ -332,21 +269,6 @@ def test_masses_and_moments_are_the_recommended_set(tm5: ArmModel) -> None:
         assert 0.0 < small <= large < small + middle
 
 
-def test_every_link_has_its_box_and_no_mesh(tm5: ArmModel) -> None:
-    """Collision geometry is one box a link, base included, at the published place."""
-    shapes = {item.name.rsplit("_", 1)[0]: item for item in tm5.geometry.geometryObjects}
-    poses = tm5.forward_kinematics(np.zeros(6))
-    data, placed = tm5.model.createData(), tm5.geometry.createData()
-    pin.updateGeometryPlacements(tm5.model, data, tm5.geometry, placed, np.zeros(6))
-    assert len(shapes) == 7
-    for i, (extents, centre) in enumerate(BOXES):
-        item = shapes[f"link_{i}"]
-        index = tm5.geometry.getGeometryId(item.name)
-        assert np.allclose(2 * np.array(item.geometry.halfSide), extents)
-        assert np.allclose(poses[f"link_{i}"] @ [*centre, 1.0], [*placed.oMg[index].translation, 1.0], atol=1e-12)
-    assert "mesh" not in tm5.urdf
-
-
 def test_gear_ratios_are_told(tm5: ArmModel) -> None:
     """100 on joints 1 to 3, 80 on 4 to 6; an arm without transmissions has none, and no words or zeros are ratios."""
     ratios = tm5.gear_ratios
@@ -355,16 +277,3 @@ def test_gear_ratios_are_told(tm5: ArmModel) -> None:
     assert ArmModel.load("panda").gear_ratios is None
     for wrong in ("reduction", "0", "nan"):
         assert ArmModel.from_urdf(tm5.urdf.replace(">100<", f">{wrong}<"), tm5.source).gear_ratios is None
-
-
-def test_each_moving_link_carries_the_source_of_its_figures() -> None:
-    """A comment stands before every link that moves, and the doubtful figures are called doubtful."""
-    text = find_urdf("tm5-900").read_text(encoding="utf-8")
-    builder = ET.TreeBuilder(insert_comments=True)
-    children = list(ET.fromstring(text, ET.XMLParser(target=builder)))
-    for i in range(1, 7):
-        at = next(k for k, item in enumerate(children) if item.tag == "link" and item.get("name") == f"link_{i}")
-        comment = children[at - 1]
-        assert comment.tag is ET.Comment
-        assert "S1" in (comment.text or "")
-        assert "DOUBTFUL" in (comment.text or "")

@@ -93,12 +93,6 @@ def test_two_arms_are_not_guessed_between() -> None:
         ArmModel.load("baxter:left_w9")
 
 
-def test_a_file_with_a_colon_in_its_name_is_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "arm:two.urdf"
-    path.write_text(urdf(link("a"), link("b"), joint("one", "a", "b")))
-    assert ArmModel.load(path).joint_names == ("one",)
-
-
 def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the package is installed, its module knows the path; where it is not, that is told."""
     with pytest.raises(RobotError, match="robot_descriptions"):
@@ -213,9 +207,9 @@ def test_a_bad_urdf_is_refused_with_file_place_and_remedy(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("length", [1, 2000])
+@pytest.mark.parametrize("length", [1, 1100])
 def test_fingers_are_found_however_long_the_chain(length: int) -> None:
-    """Beyond an arm or, without recursion, at the end of 2000 joints one after the other; in document order."""
+    """Beyond an arm or, without recursion, at the end of 1100 joints one after the other; in document order."""
     chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(length)]
     mount = joint("mount", f"l{length}", "hand", "fixed", limit="")
     fingers = [joint("left", "hand", "tip_a"), joint("right", "hand", "tip_b")]

@@ -47,9 +47,3 @@ def test_twenty_rows_are_three_reasons_at_most() -> None:
     assert len(groups) == len(group_silent(rows)) == 3
     assert sum(len(items) for _, items in groups) == 20
     assert all("4 joints" in item for _, items in groups for item in items)
-
-
-def test_joints_of_one_effect_stand_together() -> None:
-    rows = [{"effect": "torque_ripple", "joints": [f"joint_{j}"], "reason": "too slow"} for j in (1, 2)]
-    (line,) = group_silent(rows)
-    assert "torque ripple (joint_1 and joint_2)" in line

@@ -5,9 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.simulation.hardware import AddedBody, build_model, draw_hardware
+from ident.simulation.hardware import build_model, draw_hardware
 from ident.simulation.laws import plain_friction
 from ident.simulation.loop import Laws, advance, engine, fresh_state
 
@@ -70,38 +69,6 @@ def test_forward_dynamics_is_pinocchios(robot):
     for q, dq, tau in random_states(arm, 30):
         expected = pin.aba(arm.model, reference, q, dq, tau)
         np.testing.assert_allclose(accelerations(model, data, q, dq, tau), expected, rtol=1e-8, atol=1e-8)
-
-
-def test_payload_is_a_body(arm):
-    """A point mass at the flange is the payload of the arm model."""
-    bodies = nominal_hardware(arm).bodies.replace(added=(AddedBody(arm.links[-1], 1.2, (0.02, -0.03, 0.08)),))
-    model, data = compiled(arm, bodies)
-    loaded = arm.with_payload(Payload(1.2, (0.02, -0.03, 0.08)))
-    for q, dq, tau in random_states(arm, 10):
-        acceleration = accelerations(model, data, q, dq, tau)
-        again = loaded.inverse_dynamics(q[None], dq[None], acceleration[None])[0]
-        np.testing.assert_allclose(again, tau, atol=1e-8)
-
-
-def test_taking_a_body_away_undoes_adding_it(arm):
-    """Masses, first and second moments add: plus and minus the same body is nothing."""
-    nominal = nominal_hardware(arm).bodies
-    there = AddedBody("link_3", 0.7, (0.1, 0.02, 0.03), radius=0.02)
-    gone = AddedBody("link_3", -0.7, (0.1, 0.02, 0.03), radius=0.02)
-    plain, changed = compiled(arm, nominal), compiled(arm, nominal.replace(added=(there, gone)))
-    for state in random_states(arm, 5):
-        np.testing.assert_allclose(accelerations(*changed, *state), accelerations(*plain, *state), atol=1e-8)
-
-
-def test_individual_arm_differs_by_a_few_per_cent(arm):
-    """A drawn arm's gravity torque is near the URDF's, but not the same."""
-    model, data = compiled(arm, draw_hardware(arm, np.random.default_rng(1)).bodies)
-    relative = []
-    for q, _, _ in random_states(arm, 40):
-        data.qpos[:], data.qvel[:] = q, 0.0
-        mujoco.mj_forward(model, data)
-        relative.append((np.array(data.qfrc_bias) - arm.gravity(q[None])[0])[1:3] / 50.0)
-    assert 0.002 < np.sqrt(np.mean(np.square(relative))) < 0.1
 
 
 @pytest.mark.parametrize("robot", ["tm5-900", "panda"])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ident.simulation.laws import (
-    bristle,
     change_law,
     cool_down,
     heat_law,
@@ -17,9 +16,7 @@ from ident.simulation.laws import (
     warm_up,
 )
 from ident.simulation.loop import fresh_state
-from ident.simulation.sensing import Sensing, ideal_sensing, read_encoder, read_temperature, read_torque, torque_noise
-
-DT = 5e-4
+from ident.simulation.sensing import Sensing, read_encoder, read_torque, torque_noise
 
 
 def joint(**values):
@@ -29,40 +26,6 @@ def joint(**values):
 
 def level(record, v, angle=0.0, load=0.0, acceleration=0.0, warm=0.0):
     return sliding_level(record, v, angle, load, acceleration, warm)
-
-
-def test_sliding_friction_is_its_level():
-    """After some presliding the bristle's torque is the level, against the motion."""
-    z, torque = 0.0, 0.0
-    for _ in range(2000):
-        z, torque = bristle(z, 0.3, 10.0, 5e4, 100.0, DT)
-    assert torque == pytest.approx(10.0, rel=1e-3)
-
-
-@pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
-def test_rest_holds_any_torque_below_the_level(share):
-    """A body pushed with less than the level creeps by no more than the presliding; with more it runs away."""
-    travel = []
-    for load in (share * 10.0, 1.3 * 10.0):
-        z = v = x = 0.0
-        for k in range(6000):
-            z, torque = bristle(z, v, 10.0, 5e4, 250.0, DT)
-            v += DT * (load * min(k / 3000, 1.0) - torque)
-            x += DT * v
-        travel.append(x)
-    assert travel[0] < 2e-3
-    assert travel[1] > 1.0
-
-
-def test_a_cycle_loses_energy():
-    """Over any closed path friction takes energy, also below the breakaway."""
-    for amplitude in (1e-5, 1e-4, 1e-2):
-        phase = np.linspace(0.0, 8.0 * np.pi, 8000)
-        speed, z, work = amplitude * np.cos(phase) * np.pi, 0.0, 0.0
-        for v in speed:
-            z, torque = bristle(z, v, 10.0, 5e4, 100.0, DT)
-            work += torque * v * DT
-        assert work > 0.0
 
 
 def test_levels_move_with_their_own_cause_only():
@@ -157,38 +120,12 @@ def true(times=TIMES):
     return np.column_stack([20.0 * np.sin(2.0 * times), 5.0 * np.cos(3.0 * times)])
 
 
-def test_ideal_sensors_read_the_truth():
-    np.testing.assert_allclose(read(ideal_sensing(2)), true(), atol=1e-4)
-    angles = read_encoder(ideal_sensing(2), TICKS, WAVE, TIMES, np.random.default_rng(0))
-    np.testing.assert_allclose(angles, true(), atol=1e-4)
-
-
-def test_gain_offset_drift_and_limit_act_on_their_own_joint():
-    base = read(ideal_sensing(2))
-    np.testing.assert_allclose(read(ideal_sensing(2).set(0, gain=1.1))[:, 0], 1.1 * base[:, 0])
-    shifted = read(ideal_sensing(2).set(1, offset=0.5, drift=0.01), clock=100.0) - base
-    np.testing.assert_allclose(shifted[:, 1], 0.5 + 0.01 * (TIMES + 100.0), atol=1e-9)
-    np.testing.assert_allclose(shifted[:, 0], 0.0, atol=1e-12)
-    assert read(ideal_sensing(2).set(0, limit=12.0))[:, 0].max() == pytest.approx(12.0, rel=1e-2)
-
-
 def test_noise_has_the_stated_size_and_colour():
     sensing = Sensing.typical(RATED, RATIO)
     noise = torque_noise(sensing, 40000, 4e-3, np.random.default_rng(1))
     np.testing.assert_allclose(noise.std(axis=0), sensing.noise_floor, rtol=0.05)
     neighbours = (noise[1:] * noise[:-1]).mean(axis=0) / noise.var(axis=0)
     assert (neighbours > 0.2).all()
-
-
-def test_noise_grows_with_the_load():
-    sensing = Sensing.typical(RATED, RATIO)
-    steady = np.ones_like(WAVE)
-    spread = []
-    for load in (0.0, 1.0):
-        rng = np.random.default_rng(2)
-        torque = read_torque(sensing, TICKS, load * steady * RATED, 0.0 * steady, TIMES, 0.0, rng)
-        spread.append(torque.std(axis=0))
-    np.testing.assert_allclose(spread[1] / spread[0], 2.0, rtol=1e-6)
 
 
 def test_encoders_count():
@@ -198,14 +135,3 @@ def test_encoders_count():
     counts = reading / sensing.count
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-3)
     assert np.abs(reading - true())[:, 0].max() < 1e-4
-
-
-def test_silent_sensors_repeat_whatever_the_chance():
-    silent = Sensing.typical(RATED, RATIO).silent()
-    np.testing.assert_array_equal(read(silent, seed=1), read(silent, seed=2))
-
-
-def test_temperatures_are_read_in_tenths():
-    reading = read_temperature(TICKS, 0.0 * WAVE + 3.0, TIMES, 24.0, np.random.default_rng(0))
-    np.testing.assert_allclose(reading * 10.0, np.round(reading * 10.0), atol=1e-9)
-    assert reading.mean() == pytest.approx(27.0, abs=0.02)

@@ -15,7 +15,6 @@ from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.files import read_commands
 from ident.trajectories.kinds import KINDS, MotionLimits, plan_motions
-from ident.trajectories.reference import TICK_S, chirp, via_spline
 
 
 @pytest.fixture(scope="module")
@@ -35,70 +34,6 @@ def test_motions_keep_limits_and_rest_at_both_ends(arm, planned, kind):
         assert not limits.touches(motion.q)
         for values in (motion.dq, motion.ddq):
             np.testing.assert_allclose(values[[0, -1]], 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_velocity_is_the_derivative_of_position(planned, kind):
-    for motion in planned[kind]:
-        slope = np.gradient(motion.q, TICK_S, axis=0)
-        assert np.abs(slope - motion.dq).max() < 2e-2
-        assert np.abs(np.diff(motion.q, axis=0)).max() < 4.0 * TICK_S
-
-
-def test_splines_go_both_ways_at_several_speeds(arm):
-    slow, back, fast, fast_back = plan_motions(arm, ["spline"], 4, 6.0, np.random.default_rng(2))
-    np.testing.assert_allclose(slow.q, back.q[::-1])
-    np.testing.assert_allclose(fast.q, fast_back.q[::-1])
-    np.testing.assert_allclose(fast.q[[0, -1]], slow.q[[0, -1]], atol=1e-9)
-    assert fast.duration < slow.duration
-
-
-def test_a_ladder_holds_its_speeds(planned):
-    motion = planned["ladder"][0]
-    for j in range(6):
-        speeds = np.abs(motion.dq[:, j])
-        steady = speeds[(np.abs(motion.ddq[:, j]) < 1e-3) & (speeds > 0.02)]
-        levels = np.unique(np.round(steady, 2))
-        assert len(levels) >= 4
-        assert (motion.dq[:, j] > 0.02).any()
-        assert (motion.dq[:, j] < -0.02).any()
-
-
-def test_a_chirp_reaches_ten_hertz():
-    motion = chirp("chirp", np.zeros(1), np.ones(1) * 0.3, (0.2, 10.0), np.zeros(1), 8.0)
-    crossings = np.flatnonzero(np.diff(np.sign(motion.q[:, 0])) != 0) * TICK_S
-    late = np.diff(crossings[crossings < 7.5])[-4:]
-    assert 0.5 / late.mean() > 7.0
-    assert 0.5 / np.diff(crossings)[1] < 1.5
-
-
-def test_sweeps_reverse_again_and_again_ever_nearer(planned):
-    motion = planned["sweep"][0]
-    for j in range(6):
-        moving = motion.dq[np.abs(motion.dq[:, j]) > 1e-3, j]
-        assert (np.diff(np.sign(moving)) != 0).sum() >= 6
-
-
-def test_holds_are_approached_from_both_sides(planned):
-    motion = planned["hold"][0]
-    for j in range(6):
-        still = np.abs(motion.dq[:, j]) < 1e-9
-        starts = np.flatnonzero(np.diff(still.astype(int)) == 1)
-        signs = {float(np.sign(motion.dq[max(start - 20, 0), j])) for start in starts}
-        assert {-1.0, 1.0} <= signs
-
-
-def test_jointwise_moves_one_joint_at_a_time(planned):
-    moving = np.abs(planned["jointwise"][0].dq) > 1e-3
-    assert moving.sum(axis=1).max() == 1
-    assert moving.any(axis=0).all()
-
-
-def test_a_folded_arm_is_seen_to_collide(arm):
-    """Shoulder and elbow bent so far that the wrist meets the base: no motion may go there."""
-    folded = np.array([1.3, -1.4, -2.4, -3.0, 1.9, 3.8])
-    assert MotionLimits(arm).touches(via_spline("", np.array([np.zeros(6), folded]), 1.0).q)
-    assert not MotionLimits(arm).touches(via_spline("", np.array([np.zeros(6), 0.2 * np.ones(6)]), 1.0).q)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from laboratory import RATE_HZ, changes, record, there_and_back, with_effect
 
-from ident.recordings.recording import Payload
-from ident.trajectories.reference import chirp, ramps, together, via_spline
+from ident.trajectories.reference import chirp, via_spline
 
 J = 1  # joint_2 carries the arm: friction, gravity and inertia all show there
 SLIP = 0.02
@@ -136,13 +135,6 @@ def profile(hardware, effect, size, span, speed):
     return np.interp(POSE[J] + 0.6 * span * np.linspace(-1.0, 1.0, 9), run.position[going, J], change[going, J])
 
 
-def test_position_dependent_friction_is_locked_to_the_angle(hardware):
-    """At two speeds the same change at the same angle, and it changes along the way."""
-    slow, fast = (profile(hardware, "position_dependent_friction", 3.0, 0.8, speed) for speed in (0.3, 0.9))
-    np.testing.assert_allclose(slow, fast, atol=0.25)
-    assert np.ptp(slow) > 1.0
-
-
 def test_spring_is_a_function_of_the_angle_alone(hardware):
     """At two speeds and with another load the same torque at the same angle, falling or rising along the way."""
     loaded = with_effect(hardware, [there_and_back(POSE, J, 0.6, [0.3])], "payload", J, 3.0)
@@ -153,15 +145,6 @@ def test_spring_is_a_function_of_the_angle_alone(hardware):
     np.testing.assert_allclose(fast, slow, atol=0.3)
     np.testing.assert_allclose(heavy, slow, atol=0.3)
     assert (np.diff(slow) > 0.0).all()
-
-
-def test_asymmetry_has_one_sign_in_both_directions(hardware):
-    motion = there_and_back(POSE, J, 0.3, [0.3, 0.9])
-    (change,), (run,) = changes(hardware, [motion], "asymmetric_friction", J, 3.0)
-    forward, backward = steady(run, change, J, 0.9), steady(run, change, J, -0.9)
-    assert forward > 0.5
-    assert backward > 0.5
-    assert forward > steady(run, change, J, 0.3)  # its viscous part
 
 
 def test_coupling_moves_with_the_other_joint(hardware):
@@ -222,28 +205,6 @@ def test_ripple_is_a_line_that_follows_the_speed(hardware, speed):
     assert frequency[int(np.argmax(amplitude))] == pytest.approx(order * speed / (2.0 * np.pi), rel=0.08)
 
 
-def test_payload_shows_on_all_joints_by_the_jacobian(hardware):
-    """At rest the change is what the arm model says of such a body."""
-    arm = hardware.arm
-    motion = together("rest", [ramps(here, [(here + 0.4, 1.0)], 4.0, 0.02) for here in POSE]).held(0.5, 0.5)
-    changed = with_effect(hardware, [motion], "payload", J, 1.0)
-    com = changed.bodies.added[-1].com
-    (before,), (after,) = record(hardware, [motion]), record(changed, [motion])
-    change = (after.effort - before.effort)[60:100].mean(axis=0)
-    expected = (arm.with_payload(Payload(1.0, com)).gravity(POSE[None]) - arm.gravity(POSE[None]))[0]
-    # Sticking joints hide a part below their dry friction; the moving average of both sides would not.
-    assert np.abs(change - expected).max() < 1.5
-    assert change[J] == pytest.approx(expected[J], rel=0.3)
-
-
-def test_link_inertia_shows_on_its_own_joint_and_those_before(hardware):
-    (forward, _), _ = changes(hardware, path_and_back(hardware.arm), "link_inertial_error", 2, 0.3)
-    size = np.sqrt((forward**2).mean(axis=0))
-    assert size[1] > 1.0
-    assert size[2] > 0.5
-    assert (size[3:] < 0.1).all()
-
-
 def test_tilt_gives_gravity_to_the_vertical_joint(hardware):
     """Joint 1 is vertical: without tilt it carries no gravity; with it, a torque that turns with the joint."""
     motion = there_and_back(POSE, 0, 1.5, [0.5])
@@ -254,12 +215,6 @@ def test_tilt_gives_gravity_to_the_vertical_joint(hardware):
     fitted = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
     assert np.ptp(torque) > 0.5
     assert np.std(torque - fitted) < 0.1 * np.std(torque)
-
-
-def test_gain_scales_the_reading(hardware):
-    (forward, _), runs = changes(hardware, path_and_back(hardware.arm), "torque_gain_error", J, 0.07)
-    np.testing.assert_allclose(forward[:, J], 0.07 * runs[0].effort[:, J], atol=1e-9)
-    np.testing.assert_allclose(np.delete(forward, J, axis=1), 0.0, atol=1e-12)
 
 
 def test_offset_is_there_at_rest_too_and_drifts(hardware):

@@ -3,20 +3,17 @@
 import json
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from ident.effects.catalogue import CATALOGUE as EFFECTS
 from ident.errors import InputError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload
-from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.simulation import visibility
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
-from ident.simulation.hardware import DECOYS, add_decoy
+from ident.simulation.hardware import DECOYS
 from ident.simulation.request import (
     ENVELOPE_NAME,
     Answer,
@@ -32,7 +29,7 @@ from ident.simulation.simulate import SimulationOptions, simulate, simulate_to, 
 from ident.simulation.simulator import Simulator, choose_step
 from ident.simulation.visibility import VisibilityMeter
 from ident.trajectories.kinds import plan_motions
-from logs.make import TRAINING_SAMPLES, sealed_key, training_counts
+from logs.make import sealed_key
 
 SHORT = SimulationOptions(motions=("spline", "chirp"), runs=3, duration=2.5, rate=100.0, seed=5, temperature=True)
 
@@ -55,14 +52,6 @@ def test_the_arm_follows_and_starts_and_ends_at_rest(hardware):
         assert (np.abs(trace.log.torque[0] - holding) < 1.2 * hardware.friction.coulomb + 5.0).all()
 
 
-def test_torques_and_speeds_stay_within_the_urdfs_limits(short):
-    arm = ArmModel.load("tm5-900")
-    for run in short.session.runs:
-        assert (np.abs(run.effort) < arm.effort_limit).all()
-        assert (np.abs(run.velocity) < arm.velocity_limit).all()
-        assert ((run.position > arm.lower) & (run.position < arm.upper)).all()
-
-
 def test_a_seed_repeats_bit_for_bit(short):
     again = simulate(SHORT)
     for one, other in zip(short.session.runs, again.session.runs, strict=True):
@@ -70,18 +59,6 @@ def test_a_seed_repeats_bit_for_bit(short):
             assert values.tobytes() == getattr(other, name).tobytes(), name
         assert one.time.tobytes() == other.time.tobytes()
     assert again.answer == short.answer
-
-
-def test_an_arm_seed_keeps_the_arm(short):
-    options = SimulationOptions(**{**vars(SHORT), "seed": 6, "arm_seed": 5, "runs": 1})
-    np.testing.assert_array_equal(simulate(options).hardware.friction.coulomb, short.hardware.friction.coulomb)
-
-
-def test_the_clock_goes_on_through_pauses(short):
-    runs = short.session.runs
-    for before, after in pairwise(runs):
-        assert SHORT.pause[0] <= after.time[0] - before.time[-1] <= SHORT.pause[1] + 0.1
-    assert all(np.all(np.diff(run.time) > 0.0) for run in runs)
 
 
 def test_channels_are_optional():
@@ -142,12 +119,6 @@ def motions(arm):
     return plan_motions(arm, ["fourier"], 2, 3.0, np.random.default_rng(1))
 
 
-def test_the_catalogue_is_complete():
-    assert set(CATALOGUE) == {effect.id for effect in EFFECTS}
-    assert len(OUTSIDE) >= 4
-    assert not set(OUTSIDE) & set(CATALOGUE)
-
-
 @pytest.mark.parametrize("effect", [*CATALOGUE, *OUTSIDE])
 def test_every_effect_runs_at_every_joint_and_changes_the_recording(hardware, motions, effect):
     """Typical sizes are physical, simulable and visible at one joint or another."""
@@ -170,13 +141,6 @@ def test_an_amplitude_beyond_physics_is_refused(hardware, motions):
     scene = Circumstances(hardware, 0, motions, np.random.default_rng(2))
     with pytest.raises(InputError, match="can't be reached"):
         meter.find_size(cause, scene, 50.0, seed=2)
-
-
-def test_effects_act_together():
-    both = simulate(replace(TINY, effects=("payload:1.2", "torque_gain_error:joint_3:0.05")))
-    assert [effect.effect for effect in both.answer.effects] == ["payload", "torque_gain_error"]
-    assert both.hardware.bodies.added[-1].mass == 1.2
-    assert both.hardware.sensing.gain[2] == pytest.approx(1.05)
 
 
 @pytest.mark.parametrize(
@@ -246,14 +210,6 @@ def test_decoys_change_the_arm_but_name_no_effect(plain, decoy):
     assert not np.array_equal(plain.session.runs[0].effort, changed.session.runs[0].effort)
 
 
-def test_decoys_have_their_stated_size(hardware):
-    rng = np.random.default_rng(0)
-    shifted = add_decoy(hardware, "geometry", rng)
-    assert 0.0 < np.abs(shifted.bodies.geometry_shift).max() <= 1e-3
-    heavier = add_decoy(hardware, "inertia", rng)
-    assert np.abs(heavier.bodies.mass_scale / hardware.bodies.mass_scale - 1.0).max() <= 0.1
-
-
 def test_a_known_payload_is_told_and_carried():
     result = simulate(replace(TINY, payload=Payload(1.0, (0.0, 0.0, 0.04))))
     assert (result.session.payload, result.answer.effects) == (Payload(1.0, (0.0, 0.0, 0.04)), ())
@@ -303,12 +259,6 @@ def test_an_envelope_opens_with_its_key_only(tmp_path):
     file.write_text(json.dumps({**envelope, "text": "00" + envelope["text"][2:]}))
     with pytest.raises(InputError, match="changed"):
         open_envelope(tmp_path, key)
-
-
-def test_the_papers_number_of_samples():
-    counts = training_counts(np.random.default_rng(901))
-    assert 2 * counts.sum() == TRAINING_SAMPLES
-    assert counts.min() > 50
 
 
 def test_shipped_envelopes_open():

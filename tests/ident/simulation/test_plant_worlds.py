@@ -12,10 +12,9 @@ from ident.robot.arm import ArmModel
 from ident.simulation.hardware import draw_hardware
 from ident.simulation.record import Channels, record_one
 from ident.simulation.simulate import SimulationOptions, simulate
-from ident.simulation.simulator import LARGEST_LOOP_RAD_S, Simulator, controller_gains, feed_forward, least_link_inertia
+from ident.simulation.simulator import Simulator
 from ident.simulation.world import (
     FULL,
-    GROUPS,
     PRESETS,
     World,
     channels_of,
@@ -23,9 +22,7 @@ from ident.simulation.world import (
     find_world,
     find_worlds,
     friction_path,
-    noise_floor,
     settle,
-    usable_band,
 )
 from ident.trajectories.reference import TICK_S, stepped, via_spline
 
@@ -51,21 +48,6 @@ def test_worlds_lie_within_the_full_table_and_their_arms_load(name: str) -> None
             assert value in options if isinstance(options[0], str | bool) else options[0] <= value <= options[1]
         assert World(**world.to_dict()) == world
         assert ArmModel.load(world.robot).n >= 4
-
-
-def test_the_full_range_reaches_every_decade_and_every_choice() -> None:
-    worlds = [PRESETS["any"].draw(np.random.default_rng(seed)) for seed in range(200)]
-    noise = np.log10([world.encoder_noise_rad for world in worlds])
-    assert (np.histogram(noise, [-6, -5, -4, -3])[0] > 40).all()
-    for key, options in FULL.items():
-        assert not isinstance(options[0], str | bool) or {getattr(world, key) for world in worlds} == set(options)
-
-
-def test_worlds_to_tune_on_and_worlds_to_quote_have_none_in_common() -> None:
-    assert not set(GROUPS["development"]) & set(GROUPS["quoted"])
-    assert {one.name for one in find_worlds("all")} >= set(GROUPS["quoted"])
-    left = [one.name for one in find_worlds("development,-scara")]
-    assert left == [name for name in GROUPS["development"] if name != "scara"]
 
 
 def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) -> None:
@@ -143,14 +125,6 @@ def test_velocity_channels_are_late_differenced_or_true(hardware, trace) -> None
     assert 15 <= int(np.argmin(errors)) <= 25
 
 
-def test_encoders_on_the_link_show_the_link(hardware, trace) -> None:
-    shifted = trace.log._replace(link_angle=trace.log.link_angle + 0.01)
-    other = replace(trace, log=shifted)
-    sensing = hardware.sensing.silent().replace(link_side=True)
-    run = record_one(hardware.replace(sensing=sensing), other, "run", Channels(), np.random.default_rng(7))
-    np.testing.assert_allclose(run.position, shifted.link_angle[::4][: len(run.position)], atol=1e-6)
-
-
 def test_friction_changes_from_run_to_run_and_drifts_as_asked(arm, sound: World) -> None:
     rest = [via_spline("", np.zeros((2, 6)), 1.0)] * 40
     both = (
@@ -166,16 +140,6 @@ def test_friction_changes_from_run_to_run_and_drifts_as_asked(arm, sound: World)
     assert drift[:, 0].std() < 0.3 * drift[:, -1].std()
 
 
-def test_feed_forward_of_friction_closes_what_the_rigid_one_leaves(hardware) -> None:
-    motion = via_spline("", np.array([[0.0] * 6, [0.8] * 6]), 2.0)
-    rigid = feed_forward(hardware, motion)
-    both = feed_forward(hardware.replace(feed_forward="friction"), motion)
-    held = feed_forward(hardware.replace(feed_forward="none"), motion)
-    middle = len(motion.q) // 2
-    assert ((both - rigid)[middle] > 0.5 * hardware.friction.coulomb).all()
-    np.testing.assert_allclose(held, hardware.arm.gravity(motion.q))
-
-
 @pytest.mark.parametrize(("shape", "order"), [("acceleration", 2), ("jerk", 3)])
 def test_references_step_where_they_say(shape: str, order: int) -> None:
     smooth = via_spline("spline", np.array([[0.0, 0.0], [0.8, -0.4]]), 3.0).held(0.25, 0.25)
@@ -186,19 +150,6 @@ def test_references_step_where_they_say(shape: str, order: int) -> None:
     change = np.abs(np.diff(rough.q, order + 1, axis=0)[:, 0]) / TICK_S**order
     assert np.sort(change)[::-1][: len(change) // 8].sum() > 0.9 * change.sum()
     assert stepped(smooth, "smooth") is smooth
-
-
-def test_the_noise_floor_rises_with_what_the_world_adds(arm, sound: World) -> None:
-    motions = [via_spline("", np.array([[0.0] * 6, [0.8] * 6]), 2.0)]
-    quiet = replace(sound, friction_spread=0.0, friction_drift=0.0, encoder_noise_rad=1e-6, encoder_bits=24)
-    hardware = draw_world_arm(arm, quiet, np.random.default_rng(8))
-    plain = noise_floor(hardware, quiet, motions)
-    np.testing.assert_allclose(plain, hardware.sensing.noise_floor, rtol=0.02)
-    rubbing = noise_floor(hardware, replace(quiet, friction_spread=0.05), motions)
-    assert (rubbing**2 - plain**2 > (0.05 * hardware.friction.coulomb) ** 2 * 0.99).all()
-    coarse = draw_world_arm(arm, replace(quiet, encoder_noise_rad=1e-3), np.random.default_rng(8))
-    assert (noise_floor(coarse, quiet, motions) > plain).all()
-    assert (usable_band(coarse, quiet) < usable_band(hardware, quiet)).all()
 
 
 @pytest.mark.parametrize("name", ["scara", "hobby"])
@@ -214,17 +165,3 @@ def test_a_world_simulates_again_the_same_and_tells_itself(name: str) -> None:
         np.testing.assert_array_equal(run.effort, same.effort)
         assert (run.velocity is None) == (world.velocity == "none")
         assert channels_of(world).rate == pytest.approx(1.0 / np.median(np.diff(run.time)), rel=0.1)
-
-
-@pytest.mark.parametrize("robot", ["tm5-900", "panda", "scara"])
-@pytest.mark.parametrize("elastic", [False, True])
-def test_no_speed_loop_is_faster_than_its_ticks_can_follow(robot: str, elastic: bool) -> None:
-    """Law: damping over the least inertia that a motor feels is bounded; where nothing is fast, gains are as asked."""
-    world = replace(PRESETS["any"].draw(np.random.default_rng(3)), robot=robot, bandwidth_hz=30.0, rotor_scale=0.3)
-    stiff = draw_world_arm(ArmModel.load(robot), world, np.random.default_rng(1))
-    stiff = stiff.with_laws("drive", elastic=elastic)
-    lightest = stiff.drive.rotor_inertia if elastic else least_link_inertia(stiff)
-    assert np.all(controller_gains(stiff)[1] / lightest <= LARGEST_LOOP_RAD_S * (1.0 + 1e-9))
-    soft = stiff.replace(bandwidth=2.0)
-    stiffness, damping = controller_gains(soft)
-    assert np.allclose(damping * soft.bandwidth, 2.0 * soft.damping_ratio * stiffness)

@@ -48,6 +48,7 @@ def test_solves_and_writes_everything(tmp_path: Path) -> None:
 def test_compares_and_draws(tmp_path: Path) -> None:
     """A table of methods, a JSON record, pictures of costs and of the best motion."""
     arguments = ["compare", str(DATA / "table3.toml"), "--methods", "cma,reference", "--seeds", "2"]
+    arguments += ["--evaluations", "300"]
     outcome = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "c.json"), "--out", str(tmp_path / "o")])
     assert outcome.exit_code == 0, outcome.output
     record = check_file(tmp_path / "c.json")

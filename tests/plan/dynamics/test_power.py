@@ -1,16 +1,22 @@
-"""Torque, energy by every metric, and the laws that rest-to-rest motion obeys."""
+"""Torque, its derivatives and named friction; energy by every metric, and the laws that rest-to-rest motion obeys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
+from ident.laws.carried import NamedLaw, named_torque
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
-from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
-from plan.dynamics.power import METRICS, ChainTorque, energy, torque_of_model
+from plan.dynamics.power import ChainTorque, differentiate_torque, energy, find_kinks, rounded, torque_of_model
+from plan.solving.bound import lower_bound
 from plan.spline import Splines
-from tests.plan.worlds import dense_net, joint_nets, losses, model, problem, three_joints
+from tests.plan.worlds import bounded_nets, dense_net, joint_nets, losses, model, problem, three_joints
 
 
 @pytest.fixture(scope="module")
@@ -47,21 +53,6 @@ def test_energy_balance_closes(splines: Splines) -> None:
     assert found == pytest.approx(potential_change(splines) + lost, rel=2e-3)
 
 
-def test_metrics_are_ordered(splines: Splines) -> None:
-    """Signed ≤ positive ≤ absolute, and absolute = 2 positive − signed."""
-    signed, positive, absolute, copper = (energy(model(), splines, metric)[0] for metric in METRICS)
-    assert np.all(signed <= positive + 1e-9)
-    assert np.all(positive <= absolute + 1e-9)
-    assert absolute == pytest.approx(2 * positive - signed)
-    assert np.all(copper > 0)
-
-
-def test_quadrature_is_good_enough(splines: Splines) -> None:
-    """Eight points a section give the absolute energy to 1 % of forty points."""
-    few, many = (energy(model(), splines, "absolute", points=points)[0] for points in (8, 40))
-    assert few == pytest.approx(many, rel=1e-2)
-
-
 def random_states(n: int, count: int = 40) -> np.ndarray:
     return np.random.default_rng(1).normal(size=(3, count, n))
 
@@ -95,16 +86,6 @@ def test_planner_sees_the_fitted_model(preset: str) -> None:
     assert np.abs(part.torque(*(v[None, :, :3] for v in (q, dq, ddq)))[0] - expected).max() < 1e-3
 
 
-@pytest.mark.parametrize("net", [joint_nets(), dense_net()], ids=["default", "paper"])
-def test_net_adds_to_the_rest(net: CompiledDenseNet | CompiledJointNets) -> None:
-    """The model with a net is the model without plus the net's torque."""
-    q, dq, ddq = random_states(3)
-    rigid = three_joints().inverse_dynamics(q, dq, ddq)
-    with_net, without = model(net).torque(q, dq, ddq), model().torque(q, dq, ddq)
-    assert with_net - without == pytest.approx(net.torque(q, dq, ddq, rigid), abs=1e-9)
-    assert np.abs(with_net - without).max() > 0.1
-
-
 def test_offset_and_pure_sign() -> None:
     """A transition width of zero is the paper's sign; offsets add."""
     base = losses()
@@ -114,3 +95,137 @@ def test_offset_and_pure_sign() -> None:
     expected = three_joints().inverse_dynamics(q, dq, ddq)
     expected += base.motor_inertia * ddq + base.viscous * dq + base.coulomb * np.sign(dq) + base.offset
     assert ChainTorque(chain, pure).torque(q, dq, ddq) == pytest.approx(expected, abs=1e-9)
+
+
+SLIDING = """<robot name="slide"><link name="base"/>
+      <joint name="turn" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.3" rpy="0.2 0 0"/>
+        <axis xyz="0 0.6 0.8"/><limit lower="-3" upper="3" velocity="2" effort="50"/></joint>
+      <link name="a"><inertial><origin xyz="0.1 0 0.2"/><mass value="3"/>
+        <inertia ixx="0.1" iyy="0.2" izz="0.15" ixy="0.01" ixz="0" iyz="0.02"/></inertial></link>
+      <joint name="slide" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0 0.1 0.4" rpy="0 0.5 0"/>
+        <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="2" effort="50"/></joint>
+      <link name="b"><inertial><origin xyz="0 0.05 0.1"/><mass value="2"/>
+        <inertia ixx="0.05" iyy="0.04" izz="0.03" ixy="0" ixz="0.01" iyz="0"/></inertial></link>
+      <joint name="last" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0.2 0 0"/>
+        <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="2" effort="50"/></joint>
+      <link name="c"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+        <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+@pytest.mark.parametrize("name", ["tm5-900", "panda", "z1", "slide"])
+def test_equals_pinocchio(name: str) -> None:
+    """Torque of 300 random states equals Pinocchio's to 1e-11 N m, of a prismatic joint and a tilted base too."""
+    arm = ArmModel.from_urdf(SLIDING) if name == "slide" else ArmModel.load(name)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 300, arm.n))
+    rigid = ChainTorque(arm.chain, LossParameters.zero(arm.n))
+    assert np.abs(rigid.torque(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)).max() < 1e-11
+
+
+def _figures(*values: float) -> tuple[tuple[float, float, float], ...]:
+    return tuple((value, 0.9 * value, 1.1 * value) for value in values)
+
+
+LAWS = {
+    "stribeck": NamedLaw(
+        "stribeck_friction", 0, {"stribeck_velocity_rad_s": 0.3, "exponent": 1.3}, figures=_figures(4.0)
+    ),
+    "curved": NamedLaw("nonlinear_viscous_friction", 1, {"exponent": 0.6}, figures=_figures(3.0)),
+    "curved, with a knee": NamedLaw(
+        "nonlinear_viscous_friction", 1, {"exponent": 0.3, "knee_rad_s": 0.2}, figures=_figures(3.0)
+    ),
+    "load": NamedLaw("load_dependent_friction", 1, {"terms": 2, "load_Nm": 1.0}, figures=_figures(0.08, 0.03)),
+    "load, four terms": NamedLaw(
+        "load_dependent_friction", 2, {"terms": 4, "load_Nm": 9.0}, figures=_figures(0.08, 0.03, 0.02, 0.05)
+    ),
+    "position": NamedLaw("position_dependent_friction", 2, {"order": 3.0}, figures=_figures(0.7, -0.4)),
+    "asymmetric": NamedLaw("asymmetric_friction", 0, {}, figures=_figures(0.8, 0.3)),
+}
+ALL = tuple(LAWS.values())
+
+
+def _with(*laws: NamedLaw) -> ChainTorque:
+    return replace(model(), named=laws)
+
+
+@pytest.mark.parametrize("law", ALL, ids=list(LAWS))
+def test_torque_is_the_laws_own_beside_the_rest(law: NamedLaw) -> None:
+    """To 1e-9 N m, whatever the state."""
+    rng, arm = np.random.default_rng(3), three_joints()
+    q, dq, ddq = (rng.normal(size=(200, 3)) * scale for scale in (1.0, 1.0, 5.0))
+    own = named_torque([law], q, dq, arm.inverse_dynamics(q, dq, ddq), model().losses.transition_speed)
+    whole, bare = (one.torque(q[None], dq[None], ddq[None])[0] for one in (_with(law), model()))
+    assert np.abs(own).max() > 0.1
+    assert whole == pytest.approx(bare + own, abs=1e-9)
+
+
+@pytest.mark.parametrize("metric", ["signed", "absolute"])
+def test_the_bound_stays_below_what_motions_cost(metric: str) -> None:
+    """Friction that only takes raises it; no trajectory undercuts it."""
+    task = problem(metric=metric, duration=1.5, model=_with(*ALL))
+    bound, bare = lower_bound(task), lower_bound(problem(metric=metric, duration=1.5))
+    rng = np.random.default_rng(6)
+    drawn = task.initial + 0.2 * rng.standard_normal((40, len(task.initial)))
+    assert bound <= task.evaluate(np.concatenate([task.initial[None], drawn])).cost.min()
+    passive = lower_bound(problem(metric=metric, duration=1.5, model=_with(LAWS["stribeck"], LAWS["curved"])))
+    assert passive > bare
+
+
+NETS = {"rigid": None, "joint nets": joint_nets(), "bounded": bounded_nets(), "dense net": dense_net()}
+MODELS = {
+    **{name: model(net) for name, net in NETS.items()},
+    "named": replace(model(), named=ALL),
+    "named, joint nets": replace(model(joint_nets()), named=ALL),
+}
+
+
+@pytest.mark.parametrize("arm", MODELS.values(), ids=MODELS)
+def test_derivatives_are_those_of_the_torque(arm: ChainTorque) -> None:
+    """Torque equals the model's own, and its derivatives equal differences of it, by position, speed, acceleration.
+
+    A named law of the load goes through the rigid torque's slopes.
+    """
+    arm, rng = rounded(arm, 0.05), np.random.default_rng(3)
+    states = [rng.normal(size=(20, 3)) * scale for scale in (1.0, 1.0, 5.0)]
+    tau, parts = differentiate_torque(arm, *states)
+    assert tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
+    for order, joint in product(range(3), range(3)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [state.copy() for state in states]
+            moved[order][:, joint] += sign * 1e-6
+            ends.append(differentiate_torque(arm, *moved)[0])
+        slope = (ends[0] - ends[1]) / 2e-6
+        assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-4 if arm.named else 1e-5)
+
+
+def test_rounding_only_widens_the_sign() -> None:
+    """Far from rest a rounded model gives the same torque; at rest it lets friction rise over the width."""
+    arm = replace(model(), losses=replace(model().losses, transition_speed=np.zeros(3)))
+    still = np.zeros((1, 1, 3))
+    for speed, change in ((1.0, 0.0), (0.01, 1.0)):
+        dq = np.full((1, 1, 3), speed)
+        difference = arm.torque(still, dq, still) - rounded(arm, 0.05).torque(still, dq, still)
+        expected = change * arm.losses.coulomb * (1.0 - np.tanh(0.2))
+        assert difference[0, 0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("metric", ["absolute", "positive", "signed"])
+def test_kinks_of_power_bend_as_told(metric: str) -> None:
+    """Where joints coast, or stand, power is bent along any way as the kinks say."""
+    model = ChainTorque(three_joints().chain, replace(losses(), transition_speed=np.full(3, 1e-3)))
+    rng, width, step = np.random.default_rng(0), 1e-3, 1e-7
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 1, 3))
+    dq *= metric != "signed"
+    tau, (_, _, inertia) = differentiate_torque(model, q, dq, ddq)
+    ddq = ddq - np.linalg.solve(inertia[0], tau[0])
+    way = rng.normal(size=(3, 1, 3))
+
+    def power(share: float) -> float:
+        moved = [part + share * step * w for part, w in zip((q, dq, ddq), way, strict=True)]
+        rate = model.torque(*(part[None] for part in moved))[0] * moved[1]
+        root = np.sqrt(rate**2 + width**2)
+        return float({"absolute": root, "positive": 0.5 * (rate + root), "signed": rate}[metric].sum())
+
+    kinks = find_kinks(model, dq, differentiate_torque(model, q, dq, ddq), metric, width)
+    bent = sum(float((sum((p * w).sum(axis=1) for p, w in zip(by, way, strict=True)) ** 2).sum()) for _, by in kinks)
+    assert (power(1.0) + power(-1.0) - 2.0 * power(0.0)) / step**2 == pytest.approx(bent, rel=0.05)

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.robot.names import find_urdf, robot_argument
 from ident.trajectories.files import read_commands
 from plan.cli.app import app
 from plan.experiment.hypotheses import ask
@@ -133,16 +132,6 @@ def test_other_files_are_refused(tmp_path: Path, whole: ArmModel, changes: dict[
     """A file of something else, or of another arm though its joints have the same names, is the user's mistake."""
     with pytest.raises(InputError, match=words):
         ask(whole, None, None, diagnosis(tmp_path / "d.json", **changes))
-
-
-def test_commands_name_the_robot_so_that_they_run(tmp_path: Path) -> None:
-    """A known name stands for itself; a path is quoted for the shell."""
-    for name in ("tm5-900", "ur10"):
-        arm = ArmModel.load(name)
-        assert robot_argument(arm.name, arm.source) == name
-    path = tmp_path / "my arm; $x.urdf"
-    path.write_text(find_urdf("tm5-900").read_text())
-    assert robot_argument("tm5_900", path) == f"'{path}'"
 
 
 def test_a_foreign_folder_is_not_replaced(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ident.effects.catalogue import find_effect
-from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import Predictor
@@ -74,30 +73,6 @@ def test_exact_twins_stay_together(predictor: Predictor, runs_of: Callable[[str]
     assert view.distance(0, None) > 0.1
     assert view.distance(0, 1) < 1e-5 * view.distance(0, None)
     assert view.distance(1, 0) < 1e-5 * view.distance(1, None)
-
-
-def test_a_payload_hides_the_last_link(whole: ArmModel) -> None:
-    """What is wrong with the last link is a payload for all that motion tells."""
-    runs = plan_motions(whole, ("spline",), 2, 8.0, np.random.default_rng(1))
-    view = Predictor.of(whole).look(runs, [(find_effect("link_inertial_error"), 5), (find_effect("payload"), 0)])
-    assert view.distance(0, None) > 0.01
-    assert view.distance(0, 1) < 0.1 * view.distance(0, None)
-
-
-def test_what_a_motion_cannot_show_has_no_distance(predictor: Predictor, random_runs: Runs) -> None:
-    """A joint that stands still says nothing of its friction, and the reason is kept."""
-    one = random_runs[0]
-    frozen = ReferenceMotion("still", *(np.repeat(part[:1], len(part), 0) for part in (one.q, one.dq, one.ddq)))
-    view = predictor.look([frozen], [STRIBECK, VISCOUS])
-    assert view.between() == dict.fromkeys(view.between(), 0.0)
-    assert "not seen: " in view.candidates[0].source
-    assert "covers only" in view.candidates[0].source
-
-
-def test_wider_motion_tells_more_of_the_inertias(predictor: Predictor, runs_of: Callable[[str], Runs]) -> None:
-    """All joints over wide poses inform the base parameters more than one joint's slow swing."""
-    wide, slow = (predictor.look(runs_of(family)).information() for family in ("wide", "slow"))
-    assert wide > slow > 0.0
 
 
 def test_odds_and_minutes_agree() -> None:

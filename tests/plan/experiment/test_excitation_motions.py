@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
-from plan.experiment.design import BASELINE, LEAST_RUNS, Designer, search
+from plan.experiment.design import LEAST_RUNS, Designer
 from plan.experiment.feasible import Feasibility, surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.run_set import FAMILIES, RunSet
@@ -56,16 +56,6 @@ def test_runs_keep_limits_and_distance(feasible: Feasibility, family: str) -> No
     middle = RunSet.decode(family, np.full(len(shares), 0.5), 1, feasible.limits, 0).runs(LEAST_RUNS, feasible)
     moved = np.array([np.ptp(run.q, axis=0) > 0.2 for run in middle])
     assert np.all(moved.sum(axis=0) >= 2)
-
-
-def test_the_same_seed_makes_the_same_motion(feasible: Feasibility) -> None:
-    """Chance comes from the seed alone, run by run."""
-    shares = np.full(RunSet.freedom("wide", 3), 0.5)
-    first, again, other = (
-        RunSet.decode("wide", shares, 1, feasible.limits, seed).runs(2, feasible)[1].q for seed in (5, 5, 6)
-    )
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first[:2000], other[:2000])
 
 
 def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> ReferenceMotion:
@@ -151,26 +141,3 @@ def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int
     proposed, by_chance = found.smallest
     assert proposed > by_chance
     assert found.clearance > 0.0
-
-
-@pytest.mark.slow
-def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
-    """Asymmetric friction that grows with speed shows in motion; a pure offset is a special case of it in motion."""
-    asked = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
-    found = Designer(arm, asked, ExciteOptions(minutes=0.5, evaluations=16)).best()
-    assert found.status == "one_sided"
-    assert found.testable == (("asymmetric_friction", "torque_offset"),)
-    assert found.distances[("torque_offset", "asymmetric_friction")] < 1.0
-    assert found.smallest[0] == found.distances[("asymmetric_friction", "torque_offset")] > found.smallest[1]
-    assert "brakes" in (found.set_up or "")
-    assert found.to_dict()["told_by_motion"] == ["asymmetric_friction against torque_offset"]
-    assert "if it is torque_offset, no motion tells: asymmetric_friction can fit as well" in found.summary()
-
-
-def test_random_motion_is_a_start_like_any_other(arm: ArmModel) -> None:
-    """However short the search, the usual random motion is rated, and stays in to the end."""
-    designer = Designer(arm, ask(arm, "stribeck_friction,presliding_hysteresis", "joint_2", None))
-    ranked = search(designer.rate, arm.n, "ladder", len(FAMILIES), 0)
-    assert BASELINE in {trial.family for trial in ranked}
-    assert [trial.rate for trial in ranked] == sorted((trial.rate for trial in ranked), reverse=True)
-    assert len({trial.family for trial in ranked}) == len(ranked)

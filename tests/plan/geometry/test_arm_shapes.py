@@ -81,15 +81,6 @@ def test_an_arm_without_shapes_is_refused(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("visual", [True, False])
-def test_bodies_without_any_shape_are_bare(tmp_path: Path, visual: bool) -> None:
-    """With or without pictures, every link that weighs something and has no shape is named; frames are not."""
-    arm = ArmModel.load(shapeless(tmp_path, visual=visual))
-    assert set(bare_links(arm)) >= {f"link_{i}" for i in range(1, 7)}
-    assert bare_links(ArmModel.load("tm5-900")) == ()
-    assert bare_links(ArmModel.load("ur10")) == ()
-
-
 @pytest.mark.parametrize("stand_in", WORDS)
 def test_stand_ins_enclose_the_joints_they_join(tmp_path: Path, stand_in: str) -> None:
     """Whatever stands in, it lies at its joint; fitted shapes reach the next joint, and the issue tells of them."""
@@ -106,18 +97,6 @@ def test_stand_ins_enclose_the_joints_they_join(tmp_path: Path, stand_in: str) -
         assert np.all(inside <= box.half + 1e-9)
 
 
-def test_stand_ins_hit_what_the_arm_hits(tmp_path: Path) -> None:
-    """Capsules for the whole arm touch a box at the elbow, as the arm's own boxes do."""
-    q = np.radians([80.0, 30.0, -90.0, 0.0, 0.0, 0.0])
-    own = ArmModel.load("tm5-900")
-    elbow = own.forward_kinematics(q)["link_3"][:3, 3]
-    crate = Box("crate", 0, np.eye(3), elbow, [0.1, 0.1, 0.1])
-    bare = ArmModel.load(shapeless(tmp_path))
-    assert Scene.build(own, [crate]).proximity.distances(q).min() < 0.0
-    assert Scene.build(bare, [crate], stand_in="capsules").proximity.distances(q).min() < 0.0
-    assert Scene.build(bare, [crate], stand_in="boxes").proximity.distances(q).min() < 0.0
-
-
 def test_unknown_stand_ins_and_missing_pictures_are_refused(tmp_path: Path) -> None:
     """No such stand-in, and no visual shape where that was asked for: the remedy is named."""
     arm = ArmModel.load(shapeless(tmp_path, visual=False))
@@ -125,27 +104,6 @@ def test_unknown_stand_ins_and_missing_pictures_are_refused(tmp_path: Path) -> N
         arm_shapes(arm, "spheres")  # type: ignore[arg-type]
     with pytest.raises(RobotError, match="use --shapes capsules or boxes"):
         arm_shapes(arm, "visual")
-
-
-@pytest.mark.parametrize(
-    ("name", "place"),
-    [
-        ("package://pack/meshes/part.obj", "pack/meshes"),
-        ("package://other/meshes/part.obj", "pack/meshes"),
-        ("package://other/meshes/part.obj", "pack/urdf/other/meshes"),
-        ("part.obj", "pack/urdf"),
-        ("../meshes/part.obj", "pack/meshes"),
-    ],
-)
-def test_meshes_are_found_beside_the_urdf(tmp_path: Path, name: str, place: str) -> None:
-    """Package names resolve to the folders above the URDF, or beside it; the mesh counts with its scale."""
-    folder = tmp_path / place
-    folder.mkdir(parents=True)
-    (folder / "part.obj").write_text(TETRAHEDRON)
-    arm = ArmModel.load(with_mesh(tmp_path, name))
-    box = next(box for box in arm_shapes(arm).boxes if box.name == "link_3")
-    assert box.solid.kind == "hull"
-    assert 2 * box.half == pytest.approx([0.1, 0.2, 0.4])
 
 
 @pytest.mark.parametrize(

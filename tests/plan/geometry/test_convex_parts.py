@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.robot.arm import ArmModel
-from plan.geometry.arm_shapes import clip, convex_parts
+from plan.geometry.arm_shapes import convex_parts
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Solid
 
@@ -34,30 +34,8 @@ def prism(outline: list[tuple[float, float]], height: float) -> Array:
     return np.array(found)
 
 
-BRICK = prism([(0, 0), (0.3, 0), (0.3, 0.1), (0, 0.1)], 0.2)
 # Seen whole from the inner corner of the bend.
 BEND = prism([(0.1, 0.1), (0.1, 0.5), (0, 0.5), (0, 0), (0.5, 0), (0.5, 0.1)], 0.1)
-
-
-def test_a_convex_mesh_is_one_part_and_a_bend_is_two_that_hold_no_more() -> None:
-    """What is convex is not cut; a bend of two bars is, where its hull would hold as much again."""
-    brick, bend = convex_parts(BRICK), convex_parts(BEND)
-    assert (len(brick.corners), len(bend.corners)) == (1, 2)
-    assert brick.excess == pytest.approx(0.0, abs=1e-9)
-    assert bend.excess == pytest.approx(0.0, abs=0.02)
-
-
-def test_a_cut_keeps_every_bit_of_the_surface_on_its_side() -> None:
-    """Both sides of a cut have the area of the whole, and none of them passes the plane."""
-
-    def area(triangles: Array) -> float:
-        sides = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-        return float(np.linalg.norm(np.cross(*sides), axis=1).sum() / 2)
-
-    for axis, place in ((0, 0.13), (1, 0.1), (2, 0.077)):
-        below, above = clip(BEND, axis, place)
-        assert below[..., axis].max() <= place + 1e-12 <= above[..., axis].min() + 2e-12
-        assert area(below) + area(above) == pytest.approx(area(BEND))
 
 
 def test_every_point_of_a_links_mesh_lies_inside_a_part() -> None:

@@ -9,7 +9,6 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.geometry.clearance_proof import prove_clearance
-from plan.geometry.obstacle_files import holds, read_mesh
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box, Solid
 from plan.geometry.tool import Carried, hang
@@ -34,15 +33,6 @@ def test_a_link_inside_a_closed_mesh_collides(tmp_path: Path) -> None:
         assert not prove_clearance(problem.scene, problem.decode(problem.initial)).collision_free
         with pytest.raises(InputError, match="hall collide there"):
             require_valid_ends(problem, task)
-
-
-def test_points_inside_are_told_from_points_outside(tmp_path: Path) -> None:
-    """The solid angle tells the inside of a closed surface, wherever the point is."""
-    (tmp_path / "cube.obj").write_text(CUBE)
-    solid, middle = read_mesh(tmp_path / "cube.obj", np.ones(3), False)
-    assert middle == pytest.approx([0.5] * 3)
-    points = np.random.default_rng(6).uniform(-1, 1, (200, 3))
-    assert [holds(solid, point) for point in points] == [bool(np.all(np.abs(point) < 0.5)) for point in points]
 
 
 @pytest.mark.parametrize(
@@ -71,16 +61,6 @@ def test_bad_mesh_obstacles(
     assert str(tmp_path) in str(error.value)
     assert "\n" not in str(error.value)
     assert "".join(capfd.readouterr()) == ""  # nor does the reader say anything of its own
-
-
-def test_an_open_mesh_counts_by_its_hull(tmp_path: Path) -> None:
-    """With hull = true, an open mesh is the convex body round it."""
-    (tmp_path / "cube.obj").write_text(CUBE.rsplit("f", 1)[0])
-    path = tmp_path / "scene.toml"
-    path.write_text(f'{TASK}[[obstacle]]\nfile = "cube.obj"\nhull = true\nxyz_m = [2, 0, 0]\n')
-    (box,) = load_task(path).obstacles
-    assert box.solid.kind == "hull"
-    assert box.centre == pytest.approx([2.5, 0.5, 0.5])
 
 
 def test_shapes_of_a_scene_file(tmp_path: Path) -> None:
@@ -166,18 +146,6 @@ def test_a_payload_hangs_where_it_is_said(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(f'{head}[payload]\nmass_kg = 2\nlink = "panda_link4"\n')
     with pytest.raises(InputError, match="'panda_link4' is not moved by the last joint"):
         set_up(load_task(tmp_path / "scene.toml"))
-
-
-def test_a_payload_takes_torque(tmp_path: Path) -> None:
-    """Two kilograms in the hand raise the torque that holds the arm."""
-    torques = []
-    for more in ("", "[payload]\nmass_kg = 2\ncom_m = [0, 0, 0.05]\n"):
-        (tmp_path / "scene.toml").write_text(TASK + more)
-        problem = set_up(load_task(tmp_path / "scene.toml"))
-        still = np.zeros((1, 1, 3))
-        torques.append(problem.model.torque(problem.start[None, None], still, still)[0, 0])
-    lever = np.abs(torques[1] - torques[0])[1]
-    assert 2.0 < lever < 2.0 * 9.81 * 1.1
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ from plan.planners.reference import Reference, rigid_torque, torque
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import WayRules
-from tests.plan.dynamics.test_named_friction import ALL
-from tests.plan.dynamics.test_rigid import SLIDING
+from tests.plan.dynamics.test_power import ALL, SLIDING
 from tests.plan.worlds import MONITOR, bounded_nets, dense_net, joint_nets, ledger, model, problem
 
 

@@ -1,18 +1,24 @@
-"""The planners that sample: what every one of them owes, and what each is for."""
+"""The planners that sample, and brute force: what every one of them owes, and what each is for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 from ident.errors import InputError
 from plan.initial.starts import from_vias
+from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.paper.toppra import Toppra
-from plan.planners import METHODS, Planner, make_planner
+from plan.planners import Planner
 from plan.planners.evolution import Evolution
 from plan.problem.result import certify
-from tests.plan.worlds import MONITOR, ledger, problem
+from tests.plan.worlds import MONITOR, joint_nets, ledger, model, problem
 
 SAMPLERS = {"ppo": Ppo(epochs=300), "ga": Genetic(population=40, generations=20), "cma": Evolution()}
 each_sampler = pytest.mark.parametrize("planner", SAMPLERS.values(), ids=SAMPLERS)
@@ -35,24 +41,6 @@ def test_same_seed_same_result_within_the_budget(planner: Planner) -> None:
     assert [run.evaluations for run in runs] == [237] * 3
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
-
-
-def test_cma_goes_round_the_box() -> None:
-    """From a way beside the box CMA-ES ends clear of it, from several starts at once."""
-    task = problem(MONITOR, duration=1.0)
-    starts = [task, from_vias(task, np.radians([[40.0, 20.0, -94.0]]), "beside", 2)]
-    book = Evolution(most=3000).run(starts, ledger(), np.random.default_rng(0))
-    assert book.best.feasible
-    assert set(book.best_of) == {"straight", "beside"}
-    assert certify(book.best.problem, book.best.splines).clearance.proven > 0.004
-
-
-def test_ppo_is_near_the_optimum() -> None:
-    """Five hundred epochs, as in the paper's table 3, come within 1 % of CMA-ES's optimum."""
-    task = problem()
-    known = Evolution().run([task], ledger(), np.random.default_rng(0)).best
-    found = Ppo(epochs=500).run([task], ledger(), np.random.default_rng(0)).best
-    assert found.cost < 1.01 * known.cost
 
 
 def test_ppo_schedule() -> None:
@@ -91,16 +79,6 @@ def test_compression_stops_at_a_limit(mode: str) -> None:
         assert np.ptp(book.best.splines.durations) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_sections_beat_one_factor() -> None:
-    """Sections drawn together one by one end faster than all by one factor."""
-    task = problem(duration=4.0, objective="time", free="times")
-    times = [
-        Compression(mode=mode).run([task], ledger(), np.random.default_rng(0)).best.cost  # type: ignore[arg-type, union-attr]
-        for mode in ("factor", "sections")
-    ]
-    assert times[1] < times[0]
-
-
 def test_toppra_bounds_its_path() -> None:
     """toppra's time is below that of any cubic time law on the same path, and its motion breaks nothing."""
     task = problem(duration=1.0, objective="time", free="times")
@@ -116,11 +94,34 @@ def test_toppra_bounds_its_path() -> None:
     assert away.max() < 0.02
 
 
-def test_methods_by_name() -> None:
-    """Every name makes a planner; an unknown one names those there are; time-only methods refuse energy."""
-    for method in METHODS:
-        assert isinstance(make_planner(method, "time"), Planner)
-    with pytest.raises(InputError, match="use one of: sqp, reference, cma"):
-        make_planner("magic", "energy")
-    with pytest.raises(InputError, match="shortens time only"):
-        make_planner("toppra", "energy")
+@pytest.mark.parametrize("net", [None, joint_nets()], ids=["no net", "default"])
+@pytest.mark.parametrize("blocked", [False, True])
+def test_finds_the_best_allowed_grid_point(net: object, blocked: bool) -> None:
+    """On a grid of 3⁶ points the result is the cheapest feasible one of plain evaluation, obstacle or not."""
+    task = problem(*[MONITOR] if blocked else [], duration=1.0, model=model(net), radius=4.0)  # type: ignore[arg-type]
+    start = task.start
+    if blocked:  # widen the cells, so that some grid points pass beside the box
+        task = replace(task, goal=task.goal + np.radians([10.0, 25.0, 20.0]))
+    cells = [(start + (task.goal - start) * k / 2, start + (task.goal - start) * (k + 1) / 2) for k in range(2)]
+    axes = [np.linspace(low[j], high[j], 3) for low, high in cells for j in range(3)]
+    found = task.evaluate(np.array(list(product(*axes))))
+    known = found.cost[found.feasible].min() if found.feasible.any() else None
+    book = BruteForce(levels=3).run([task], ledger(), np.random.default_rng(0))
+    assert book.evaluations == 3**6
+    if known is None:
+        assert not book.best.feasible
+    else:
+        assert book.best.cost == pytest.approx(known, rel=1e-9)
+
+
+def test_refuses_a_grid_too_large() -> None:
+    """Five via points would be 11¹⁵ points."""
+    with pytest.raises(InputError, match="11\\^15"):
+        BruteForce().run([problem(vias=5)], ledger(), np.random.default_rng(0))
+
+
+def test_budget_ends_it() -> None:
+    """Out of evaluations, the best so far is kept and the note says so."""
+    book = BruteForce(levels=5).run([problem()], ledger(2000), np.random.default_rng(0))
+    assert book.best is not None
+    assert any("budget" in note for note in book.notes)

@@ -1,18 +1,21 @@
-"""The default planner: its coefficients, its derivatives, and that what it may do more never makes it worse."""
+"""The default planner: its coefficients, derivatives, steps and turns; what it may do more never makes it worse."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import Generator
 
 from plan.dynamics.power import METRICS
-from plan.initial.starts import quickest_of_each_joint, straight
+from plan.initial.starts import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
-from plan.planners import local_model, velocity_reversals
-from plan.planners.descent import begin, descend, refine
+from plan.planners import local_model, subproblem, velocity_reversals
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.sequential import Sequential, begin_course
+from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import certify
@@ -72,47 +75,6 @@ def test_what_is_found_hardly_depends_on_the_seed() -> None:
     assert max(costs) <= 1.005 * min(costs)
 
 
-def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
-    """Sections in two change nothing, and steps from there lower the cost."""
-    course = begin_course(problem(duration=1.0))
-    course = descend(course, ledger(), 30, 0.3, 1e-4)
-    local = course.local
-    finer = refine(course, local.width, local.power, (local.grid.nodes, local.weights))
-    assert finer.look.cost == pytest.approx(course.look.cost, rel=2e-3)
-    better = descend(finer, ledger(), 30, 0.1, 1e-5)
-    assert better.look.cost <= finer.look.cost
-
-
-@pytest.mark.parametrize("objective", ["energy", "time"])
-def test_better_than_few_vias(objective: str) -> None:
-    """Free knots reach at least what five via points reach, and what they reach is allowed."""
-    task = problem(vias=5, objective=objective, free="vias" if objective == "energy" else "both")
-    task = replace(task, limits=replace(task.limits, jerk=np.full(3, 1e6)))  # ends without acceleration for both
-    known = Sequential().run([replace(task, grows=False)], ledger(), np.random.default_rng(0)).best
-    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
-    assert best.feasible
-    assert best.cost <= known.cost * 1.001
-
-
-def test_more_via_points_never_end_worse() -> None:
-    """Asked for five via points it finds what it finds for three, or better, and gives five at least."""
-    costs = []
-    for count in (3, 5, 8):
-        task = replace(problem(), vias=straight(START, GOAL, count), durations=np.full(count + 1, 0.65 / (count + 1)))
-        best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
-        assert best.problem.via_count >= count
-        costs.append(best.cost)
-    assert costs[1] <= costs[0] * (1.0 + 1e-9)
-    assert costs[2] <= costs[1] * (1.0 + 1e-9)
-
-
-def test_goes_round_what_is_in_the_way() -> None:
-    """A box on the line is passed with the clearance asked for, every instant proven."""
-    task = problem(MONITOR, duration=1.0)
-    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
-    assert certify(task, best.splines).broken == []
-
-
 def test_acceleration_and_jerk_are_kept() -> None:
     """With limits on both, a time plan keeps them, and starts and ends without acceleration."""
     task = problem(objective="time", free="both")
@@ -124,29 +86,6 @@ def test_acceleration_and_jerk_are_kept() -> None:
     assert np.abs(ddq).max() <= 15.0
     assert np.abs(ddq[[0, -1]]).max() < 1e-6
     assert np.abs(np.diff(ddq, axis=0)).max() / (total / 2000) <= 300.0 * (1 + 1e-6)
-
-
-def test_the_same_seed_gives_the_same_plan() -> None:
-    """No hidden randomness."""
-    task = problem(MONITOR, duration=1.0)
-    costs = [QUICK.run([task], ledger(), np.random.default_rng(4)).best.cost for _ in range(2)]
-    assert costs[0] == costs[1]
-
-
-def test_steps_end_with_the_budget() -> None:
-    """A dozen evaluations are a dozen, a step's own among them."""
-    book = ledger(evaluations=12)
-    QUICK.run([problem(MONITOR, duration=1.0)], book, np.random.default_rng(0))
-    assert book.evaluations <= 13
-
-
-def test_first_step_is_taken_from_the_start() -> None:
-    """A course before its first step is the initial trajectory, on knots that are named."""
-    task = problem(duration=1.0)
-    course = begin_course(replace(task, grows=False))
-    assert begin(course.local, course.x).look.cost == course.look.cost
-    points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
-    assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -194,3 +133,109 @@ def test_the_shortest_time_does_not_hang_on_the_guess() -> None:
     quickest = quickest_of_each_joint(task)
     assert found[0].cost <= 1.02 * quickest.durations.sum() or certify(task, found[0].splines).torque_share.max() > 0.95
     assert find_time_law(task, found[0].splines).duration == pytest.approx(found[0].cost)
+
+
+Programme = tuple[np.ndarray, np.ndarray, list[ConstraintRows], np.ndarray, tuple[np.ndarray, np.ndarray]]
+
+
+def draw(rng: Generator, broken: float) -> Programme:
+    """Twelve variables, inequalities of two sets of which some are broken from the start."""
+    size, root = 12, rng.normal(size=(12, 12))
+    groups = [ConstraintRows(rng.normal(size=(30, size)), rng.uniform(-broken, 1.0, 30)) for _ in range(2)]
+    span = rng.uniform(0.1, 0.5, size)
+    return 5.0 * rng.normal(size=size), root @ root.T + 0.1 * np.eye(size), groups, np.array([4.0, 20.0]), (-span, span)
+
+
+def price(programme: Programme, step: np.ndarray) -> float:
+    """What is to be minimised, the shortfalls at their price."""
+    gradient, hessian, groups, weights, _ = programme
+    slack = [max(0.0, float((rows.matrix @ step - rows.room).max())) for rows in groups]
+    return float(gradient @ step + 0.5 * step @ hessian @ step + weights @ slack)
+
+
+@pytest.mark.parametrize("broken", [0.0, 0.5])
+def test_nothing_near_a_step_costs_less(broken: float) -> None:
+    """Law: the programme is convex: a step that no neighbour undercuts is the optimum; and it keeps its bounds."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        programme = draw(rng, broken)
+        step, promised = solve_step(*programme)
+        low, high = programme[-1]
+        assert np.all(step >= low)
+        assert np.all(step <= high)
+        best = price(programme, step)
+        for length in (1e-1, 1e-3):
+            others = np.clip(step + length * rng.normal(size=(200, len(low))), low, high)
+            assert min(price(programme, other) for other in others) > best - 1e-7
+        assert promised == pytest.approx(price(programme, np.zeros(len(low))) - best, abs=1e-9)
+
+
+def test_both_methods_agree_and_either_alone_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: where the active-set method gives nothing the interior-point method gives the same step."""
+    programme = draw(np.random.default_rng(1), 0.5)
+    quick = solve_step(*programme)
+    monkeypatch.setattr(subproblem, "_active_set", lambda *_: None)
+    sure = solve_step(*programme)
+    assert quick[0] == pytest.approx(sure[0], abs=1e-5)
+    assert quick[1] == pytest.approx(sure[1], rel=1e-5)
+
+
+@pytest.fixture
+def local(monkeypatch: pytest.MonkeyPatch) -> LocalModel:
+    monkeypatch.setattr(local_model, "WATCHED_SHARE", 0.0)
+    return begin_course(replace(problem(), objective="time", free="both")).local
+
+
+def bent(local: LocalModel) -> np.ndarray:
+    """Variables of a motion on which joints turn round."""
+    rng, x = np.random.default_rng(0), local.join(local.grid.fit(local.problem.decode(local.problem.initial)), 0.6)
+    x[:-1] += 0.1 * rng.normal(size=len(x) - 1)
+    return x
+
+
+def shares(local: LocalModel, x: np.ndarray) -> np.ndarray:
+    """Torque at the turns as shares of the limits."""
+    coefficients, duration = local.split(x)
+    turns, at, first = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
+    return np.abs(turns.torque(local.problem.model, at)) / local._turn_limit(turns, first)  # type: ignore[arg-type]
+
+
+def test_slopes_equal_finite_differences(local: LocalModel) -> None:
+    """Also where the place moves with the motion."""
+    x = bent(local)
+    coefficients, duration = local.split(x)
+    rows = local._turn_rows(coefficients, local.grid.states(coefficients, duration), duration)
+    assert len(rows.room) > 2 * 2 * local.n
+    assert 1.0 - rows.room == pytest.approx(shares(local, x))
+    along = np.random.default_rng(1).normal(size=len(x))
+    slopes = (shares(local, x + 1e-6 * along) - shares(local, x - 1e-6 * along)) / 2e-6
+    off = np.abs(rows.matrix @ along - slopes) / (1.0 + np.abs(slopes))
+    assert np.median(off) < 1e-3
+    assert off.max() < 0.1
+
+
+def test_no_peak_where_a_joint_turns_is_missed(local: LocalModel) -> None:
+    """At ten thousand places the torque near a turn is nowhere above what was found at the turns."""
+    x = bent(local)
+    splines = local.splines(x)
+    q, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, 1000)))
+    tau = np.abs(local.problem.model.torque(q[None], dq[None], ddq[None])[0])
+    coefficients, duration = local.split(x)
+    turns, at, _ = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
+    found = np.abs(turns.torque(local.problem.model, at))  # type: ignore[arg-type]
+    for j in range(local.n):
+        slow = np.abs(dq[:, j]) < 0.02
+        assert tau[slow, j].max() < 1.02 * found[turns.joints == j].max()
+
+
+def test_a_joint_that_waits_does_not_turn(local: LocalModel) -> None:
+    """Creeping to and fro slower than friction takes to change sides is no turn: no limit jumps with it."""
+    x = bent(local)
+    moved = x[:-1].reshape(-1, local.n)
+    moved[:, 0] = local.problem.start[0] + 1e-6 * np.random.default_rng(2).normal(size=len(moved))
+    coefficients, duration = local.split(x)
+    _, dq, ddq = local.grid.states(coefficients, duration)
+    assert (dq[:-1, 0] * dq[1:, 0] < 0.0).any()
+    turns = local._turns(coefficients, dq, ddq, duration)[0]
+    assert 0 not in turns.joints[turns.inside]
+    assert {1, 2} & set(turns.joints[turns.inside])

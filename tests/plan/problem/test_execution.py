@@ -101,17 +101,6 @@ def test_files_hold_the_motion(result: PlanResult, tmp_path: Path) -> None:
     assert np.array([p["accelerations"] for p in message["points"]]) == pytest.approx(motion.ddq, abs=1e-8)
 
 
-def test_small_numbers_are_numbers_to_every_reader(result: PlanResult) -> None:
-    """No exponent without a point stands in the YAML: readers of version 1.1 would take it for a text."""
-    yaml = pytest.importorskip("yaml")
-    points = np.array(result.splines.points)
-    points[0, :, 0] = [0.0, -8.0e-9, 3e-9, 1e-7]
-    small = replace(result, splines=replace(result.splines, points=points))
-    message = yaml.safe_load(execute(small, 10.0).yaml())
-    numbers = [value for point in message["points"] for key in ("positions", "velocities") for value in point[key]]
-    assert all(isinstance(value, float) for value in numbers)
-
-
 def test_bad_names_and_rates_are_refused() -> None:
     """An unknown format and a rate out of bounds are told before anything is planned."""
     with pytest.raises(InputError, match=r"end it in one of: \.csv"):

@@ -1,6 +1,11 @@
-"""Decision vectors, limits, penalties and singular positions."""
+"""Decision vectors, limits, makers' limits, penalties and singular positions."""
 
+from __future__ import annotations
+
+import tomllib
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -11,34 +16,11 @@ from plan.dynamics.power import energy
 from plan.dynamics.rigid import manipulability_of
 from plan.geometry.pairs import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
-from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
+from plan.problem.makers_limits import TABLE, find_makers_limits
+from plan.problem.problem import PlanningProblem
+from plan.problem.task_file import load_task
+from plan.solving.set_up import set_up
 from tests.plan.worlds import MONITOR, problem, three_joints
-
-
-@pytest.mark.parametrize("free", ["vias", "times", "both"])
-@pytest.mark.parametrize("objective", ["energy", "time"])
-def test_decoding_inverts_encoding(free: str, objective: str) -> None:
-    """The initial decision vector is the initial trajectory, and lies within the bounds."""
-    task = problem(objective=objective, free=free)
-    splines = task.decode(task.initial)
-    assert splines.points[0, 1:-1] == pytest.approx(task.vias)
-    assert splines.durations[0] == pytest.approx(task.durations)
-    assert np.all(task.lower <= task.initial)
-    assert np.all(task.initial <= task.upper)
-
-
-def test_energy_keeps_the_duration() -> None:
-    """Whatever the free time stamps, the energy objective's whole duration is fixed."""
-    task = problem(free="both")
-    x = task.initial + np.random.default_rng(0).normal(size=(20, task.dimension))
-    assert task.decode(x).total == pytest.approx(np.full(20, 0.65))
-
-
-def test_bounds_hold() -> None:
-    """Vectors beyond the bounds are clipped, so no via angle leaves its reach or the position limits."""
-    task = problem(radius=0.2)
-    splines = task.decode(np.full((1, 6), 99.0))
-    assert np.abs(splines.points[0, 1:-1] - task.vias).max() <= 0.2 + 1e-12
 
 
 def test_every_limit_is_seen() -> None:
@@ -53,32 +35,6 @@ def test_every_limit_is_seen() -> None:
     assert task.initial_evaluation.feasible[0]
     for broken in (fast, narrow.initial_evaluation, problem(MONITOR).initial_evaluation):
         assert not broken.feasible[0]
-
-
-def test_torque_limit_is_met_at_its_share() -> None:
-    """The excess is zero up to the share of the limit, and counts from there."""
-    task = problem(objective="time", free="times")
-    _, _, tau = task.decode(task.initial).states(TIME_NODES)
-    peak = task.initial_evaluation.peak[0].max()
-    for factor, broken in ((0.99, True), (1.01, False)):
-        limits = replace(task.limits, torque=np.full(3, factor * peak / SHARE))
-        assert bool(replace(task, limits=limits).initial_evaluation.torque[0] > 0) == broken
-    assert tau.shape[1] == 3 * len(TIME_NODES)
-
-
-def test_feasible_is_always_better() -> None:
-    """In the one number to minimise, no cheap broken motion passes for better than a dear allowed one."""
-    task = problem(MONITOR, duration=1.0)
-    beside = np.radians([47.0, 12.0, -95.0, 57.0, 23.0, -90.0])
-    share = np.repeat(np.linspace(0.0, 1.2, 40), 10)[:, None]
-    x = task.initial + share * (beside - task.initial) + np.random.default_rng(1).normal(size=(400, 6)) * 0.03
-    found = task.evaluate(x)
-    value = task.penalised(found)
-    near = found.feasible & (found.cost < 1.5 * task.scale)
-    deep = found.collision > 0.5
-    assert near.any()
-    assert deep.any()
-    assert value[near].max() < value[deep].min()
 
 
 def test_each_pair_has_its_own_margin() -> None:
@@ -137,15 +93,6 @@ def test_manipulability_is_yoshikawas() -> None:
     assert ratio == pytest.approx(np.full(20, ratio[0]))
 
 
-def test_six_joints_lose_a_direction() -> None:
-    """With the fifth joint at zero the TM5-900's wrist is singular; the measure says so."""
-    arm = ArmModel.load("tm5-900")
-    q = np.radians([[20.0, 30.0, -60.0, 10.0, 0.0, 0.0], [20.0, 30.0, -60.0, 10.0, 90.0, 0.0]])
-    singular, regular = manipulability_of(arm)(q)
-    assert singular < 1e-9
-    assert regular > 0.02
-
-
 def test_singular_motions_cost_more() -> None:
     """Where that is asked for, passing a singular position adds a share of the cost; starting in one does not."""
 
@@ -170,3 +117,57 @@ def find_singular_elbow(task: PlanningProblem) -> float:
     angles = np.linspace(-1.5, 1.5, 4001)
     q = np.column_stack([np.full(4001, task.vias[0, 0]), np.full(4001, task.vias[0, 1]), angles])
     return float(angles[np.argmin(manipulability_of(three_joints())(q))])
+
+
+TASK = """robot = "{robot}"
+[task]
+start_deg = {start}
+goal_deg = {goal}
+duration_s = 2
+{more}"""
+
+
+def limits_of(folder: Path, more: str = "", robot: str = "panda", joints: int = 7):  # type: ignore[no-untyped-def]
+    start, goal = ([*ends, 0, -90, 0, 90, 0][:joints] for ends in ([0, 0], [20, 10]))
+    (folder / "scene.toml").write_text(TASK.format(robot=robot, start=start, goal=goal, more=more))
+    return set_up(load_task(folder / "scene.toml"))
+
+
+def test_every_row_says_where_it_is_from() -> None:
+    """A source, and as many positive numbers as joints; a binding row has limits of acceleration."""
+    for row in tomllib.loads(TABLE.read_text())["arm"]:
+        assert len(row["source"]) > 20
+        for key in ("speed_rad_s", "acceleration_rad_s2", "jerk_rad_s3"):
+            assert key not in row or (len(row[key]) == row["joints"] and min(row[key]) > 0.0)
+        assert not row["binding"] or "acceleration_rad_s2" in row
+
+
+@pytest.mark.parametrize(("robot", "binding"), [("panda", True), ("xarm7", True), ("ur5", False), ("tm5-900", False)])
+def test_arms_are_known_by_their_urdf(robot: str, binding: bool) -> None:
+    found = find_makers_limits(ArmModel.load(robot))
+    assert found.binding == binding
+
+
+NAMES = [("fr3", 7, 301.4), ("lbr_iiwa_14_r820", 7, 135.0), ("iiwa7", 7, 180.0), ("GEN3_URDF_V12", 7, 66.46)]
+
+
+@pytest.mark.parametrize(("name", "joints", "speed"), [*NAMES, ("gen3", 6, 66.46), ("ur3e_robot", 6, 360.0)])
+def test_arms_are_known_by_the_names_of_makers(name: str, joints: int, speed: float) -> None:
+    """Law: the first row that fits a name and a number of joints, its last joint's speed among them."""
+    found = find_makers_limits(SimpleNamespace(name=name, source=None, n=joints))  # type: ignore[arg-type]
+    assert np.degrees(found.speed)[-1] == pytest.approx(speed, rel=1e-3)
+
+
+def test_makers_limits_are_kept_where_the_task_gives_none(tmp_path: Path) -> None:
+    """The task's own come first; without either the result says that they are missing. A URDF may not say more."""
+    kept = limits_of(tmp_path)
+    assert kept.limits.acceleration == pytest.approx([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+    assert len(kept.limits.jerk) == 7
+    assert limits_of(tmp_path, "", "ur10", 6).limits.speed[0] == pytest.approx(np.radians(120.0), rel=1e-4)
+    assert any("libfranka" in note for note in kept.notes)
+    assert any("without --model" in note for note in kept.notes)
+    own = limits_of(tmp_path, "[limits]\nacceleration_deg_s2 = [90, 90, 90, 90, 90, 90, 90]\n")
+    assert own.limits.acceleration == pytest.approx(np.full(7, np.pi / 2))
+    without = limits_of(tmp_path, "[limits]\nmakers = false\n")
+    assert without.limits.acceleration is None
+    assert any("no limit of acceleration and jerk" in note for note in without.notes)
