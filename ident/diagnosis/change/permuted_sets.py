@@ -79,19 +79,17 @@ class PermutedSets:
             whole[np.ix_(local, local)] += parts[j].sum(axis=0)
         return cls(sums, tuple(parts), whole, _deal(later, seed), len(members) - 2)
 
-    def null_of(self, group: Group, prior: Prior, names: Sequence[Group]) -> NullVariance:
-        """By how much more a law gains between sets that are none.
+    def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
+        """By how much more each law of one joint's rows, or of several joints' (-1), gains between sets that are none.
 
         Args:
-            group: The law.
+            joint: The joint.
             prior: What is known of the baseline.
-            names: All that changed between the sides, the law itself among it.
-        """
-        found = self.nulls(joint_of(group), prior, names)
-        return found.get(group.key, found[None])
+            names: All that changed between the sides.
 
-    def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
-        """The same of all laws of a joint's rows alone, or of several joints (-1); by None of one that is not seen."""
+        Returns:
+            By a law's key; by None of one that is not seen, as all of them together say.
+        """
         dealt = self._dealt(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)

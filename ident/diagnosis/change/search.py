@@ -32,9 +32,11 @@ from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
+from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.intervals import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.sign_flips import block_scores
 from ident.effects.intervals import NORMAL_95
 
 # Odds that a change must have to be named, if something has changed as likely as not.
@@ -137,32 +139,47 @@ class ChangeSearch(Search):
         return len({group.key for group in self.evidence.layout.groups} - self.barred)
 
     def find(self) -> tuple[list[Weighed], dict[Key, Weighed]]:
-        """Changes that stand, and those that explained as much as a change must and did not."""
+        """Changes that stand, and those that explained as much as a change must and did not.
+
+        What did not stand beside few names is tried again beside more: what they explain was chance to it. A name that
+        fell stays out.
+        """
         names: list[Group] = []
         failed: dict[Key, Weighed] = {}
+        fallen: set[Key] = set()
         while len(names) < self.settings.most_effects * self.evidence.layout.n:
-            step = self._next(names, failed)
+            step = self._next(names, failed, fallen)
             if step is None:
                 break
-            names = self._settled([*names, step], failed)
+            names = self._settled([*names, step], failed, fallen)
         return self.weigh(names), failed
 
-    def _next(self, names: Sequence[Group], failed: dict[Key, Weighed]) -> Group | None:
+    def _next(self, names: Sequence[Group], failed: dict[Key, Weighed], fallen: set[Key]) -> Group | None:
         """The likeliest further change that stands beside the names."""
+        tried: dict[Key, Weighed] = {}
         for one in self.candidates(names):
-            if one.group.key not in failed:
-                last = self.weigh([*names, one.group])[-1]
-                daily = [each.group for each in failed.values() if each.standing.of_the_day]
+            if one.key not in fallen:
+                last = self.weigh([*names, one])[-1]
+                daily = [each.group for each in tried.values() if each.standing.of_the_day]
                 stands = last.odds > 0.0 and self._counts(last.group, names)
                 if stands and not self.stands_in(last.group, names, daily):
                     return last.group
-                failed[one.group.key] = last
+                tried[one.key] = failed[one.key] = last
         return None
 
     def _counts(self, group: Group, names: Sequence[Group]) -> bool:
         """Whether a change is more than what a larger cause of slightly another law may leave at its joints."""
-        item = self.judged_beside(self.evidence.gram(), [*names, group], len(names))
-        return item.gates.own_share >= self.settings.least_own_share
+        none, before, after = (self._squares(some) for some in ((), names, (*names, group)))
+        joints = group.acts_on(self.evidence.layout.n)
+        own, all_of_them = (before - after)[joints], (none - after)[joints]
+        most = int(np.argmax(own))
+        return bool(own[most] >= self.settings.least_own_share * all_of_them[most])
+
+    def _squares(self, names: Sequence[Group]) -> Float[Array, " n"]:
+        """What a model leaves of each joint's rows, in squares of the noise."""
+        weights = residual_weights(self.evidence, project(self.evidence.gram(), self.evidence, self.prior, names))
+        own = [weights[local] for local in self.evidence.layout.local]
+        return np.array([sums.times(w)[0] @ w for sums, w in zip(self.evidence.total, own, strict=True)])
 
     def stands_in(self, group: Group, names: Sequence[Group], daily: Sequence[Group]) -> bool:
         """Whether a change says nothing beside friction that differs from day to day: it stands in for it."""
@@ -171,15 +188,14 @@ class ChangeSearch(Search):
         others = [one for one in daily if not is_gain_by_load(model, group, one)]
         return bool(others) and self.score_beside(gram, group, [*names, *others]) < self.least
 
-    def _settled(self, names: list[Group], failed: dict[Key, Weighed]) -> list[Group]:
+    def _settled(self, names: list[Group], failed: dict[Key, Weighed], fallen: set[Key]) -> list[Group]:
         """The names, each at its best point or with a likelier one in its place, without those that do not stand."""
         for _ in range(ROUNDS):
             before = list(names)
-            for slot in range(len(names)):
+            for slot, own in enumerate(names):
                 others = names[:slot] + names[slot + 1 :]
-                likely = [one for one in self.candidates(others) if one.odds > 0.0 and one.group.key not in failed]
-                if likely:
-                    names[slot] = likely[0].group
+                rivals = {one: score for one, score in self._rivals(own, others).items() if one.key not in fallen}
+                names[slot] = max(rivals, key=rivals.__getitem__, default=own)
             if names == before:
                 break
         while names:
@@ -187,56 +203,60 @@ class ChangeSearch(Search):
             if weakest.odds > 0.0:
                 break
             failed[weakest.group.key] = weakest
+            fallen.add(weakest.group.key)
             names = [group for group in names if group is not weakest.group]
         return names
 
-    def candidates(self, names: Sequence[Group]) -> list[Weighed]:
-        """What may have changed beside the names, of that which has enough evidence, likeliest first."""
+    def candidates(self, names: Sequence[Group]) -> dict[Group, float]:
+        """What may have changed beside the names, of that which has enough evidence, most first; with its evidence."""
         known = frozenset(names)
         if known not in self._candidates:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
             best = [pair for pair in self.best_by_key(model, names).values() if pair[0] >= self.least]
             joints = {joint_of(group) for _, group in best}
-            nulls = {joint: self.design.permuted.nulls(joint, self.prior, names) for joint in joints}
-            # Of laws at one joint that of more evidence comes first; what it counts is decided by all of them there.
-            counts = {group: score / nulls[joint_of(group)][None].ratio for score, group in best}
-            tried = sorted(counts, key=counts.__getitem__, reverse=True)
+            # What counts at a joint is what all laws there gain by chance.
+            chance = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
+            counts = {group: score / chance[joint_of(group)] for score, group in best}
+            evidence = {group: score for score, group in best}
+            scores = block_scores(self.evidence, model)
 
             def odds(group: Group) -> float:
-                null, k = nulls[joint_of(group)].get(group.key, nulls[joint_of(group)][None]), len(group.columns)
-                gain = float(np.log1p(self.gain_of(model, group)[0] / (null.freedom * null.ratio)))
-                return 0.5 * ((null.freedom + k) * gain + k * np.log(null.ratio)) - self.cost_of(group)
-
-            likely = sorted(tried, key=odds, reverse=True)
-            found = []
-            for group in dict.fromkeys([*tried[:MOST_WEIGHED], *likely[:MOST_WEIGHED]]):
+                """A test by its blocks, to which what shows in few of them or changes its sign is nothing."""
                 gain, scaled = self.gain_of(model, group)
-                found.append(self._weighed(group, [*names, group], gain, scaled, (1.0 / gain, np.inf)))
-            self._candidates[known] = sorted(found, key=lambda one: (one.odds <= 0.0, -counts[one.group]))
+                uneven = float(np.square(scores[:, group.columns] @ scaled).sum()) / gain**2 * len(scores)
+                return 0.5 * (len(scores) + len(group.columns)) * np.log1p(1.0 / uneven) - self.cost_of(group)
+
+            tried = (sorted(counts, key=key, reverse=True)[:MOST_WEIGHED] for key in (counts.__getitem__, odds))
+            likely = sorted({one for some in tried for one in some}, key=lambda one: -counts[one])
+            self._candidates[known] = {one: evidence[one] for one in likely}
         return self._candidates[known]
 
     @cached_property
-    def _candidates(self) -> dict[frozenset[Group], list[Weighed]]:
-        """What was weighed already: it is needed again."""
+    def _candidates(self) -> dict[frozenset[Group], dict[Group, float]]:
+        """What was found already: it is needed again."""
         return {}
+
+    def _rivals(self, own: Group, others: Sequence[Group]) -> dict[Group, float]:
+        """What would stand at a change's joints in its place, itself among it; with its evidence."""
+        n = self.evidence.layout.n
+        here = set(own.acts_on(n))
+        near = {one: score for one, score in self.candidates(others).items() if here & set(one.acts_on(n))}
+        return {one: score for one, score in near.items() if self.weigh([*others, one])[-1].odds > 0.0}
 
     def weigh(self, names: Sequence[Group]) -> list[Weighed]:
         """How each name stands beside the others, its variance by blocks counted."""
-        if not names:
-            return []
-        model = project(self.evidence.gram(), self.evidence, self.prior, names)
-        solved, _ = solve_effects(Refined(self, tuple(names)), [False] * len(names))
-        found = []
-        for group, (beta, cells) in zip(names, solved, strict=True):
-            scale = self.evidence.scale[group.columns]
-            scaled = beta * scale
-            at = np.flatnonzero(np.isin(model.inside, group.columns))
-            along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ scaled
-            gain = float(scaled @ along)
-            variance = float(along @ (cells * np.outer(scale, scale)) @ along) / max(gain, 1e-300) ** 2
-            blocks = variance, len(self.evidence.fold_of_block)
-            found.append(self._weighed(group, names, gain, scaled, blocks))
-        return found
+        known = tuple(names)
+        if known not in self._weighs:
+            model = project(self.evidence.gram(), self.evidence, self.prior, names)
+            solved = solve_effects(Refined(self, tuple(names)), [False] * len(names))[0] if names else []
+            pairs = zip(names, solved, strict=True)
+            self._weighs[known] = [self._weighed(group, model, names, *each) for group, each in pairs]
+        return self._weighs[known]
+
+    @cached_property
+    def _weighs(self) -> dict[tuple[Group, ...], list[Weighed]]:
+        """What was weighed already: it is needed again."""
+        return {}
 
     def with_class(
         self, estimate: Estimate, weighed: Sequence[Weighed], slot: int, places: Sequence[Group], gain: bool
@@ -251,19 +271,20 @@ class ChangeSearch(Search):
             gain: Whether a gain would look alike.
         """
         others = [one.group for k, one in enumerate(weighed) if k != slot]
-        own = weighed[slot].group
+        own, standing = weighed[slot].group, weighed[slot].standing
+        name, sure = own.effect.id, TEMPER * weighed[slot].odds
         best: dict[str, float] = {}
-        here = set(own.acts_on(self.evidence.layout.n))
-        for one in self.candidates(others):
-            if here & set(one.group.acts_on(self.evidence.layout.n)):
-                best[one.group.effect.id] = max(best.get(one.group.effect.id, -np.inf), TEMPER * one.odds)
-        name = own.effect.id
-        sure = best.setdefault(name, TEMPER * weighed[slot].odds)
+        evidence = self.score_beside(self.evidence.gram(), own, others)
+        for one, score in self._rivals(own, others).items():
+            # Evidence is worth as much less as the change's variance exceeds that of the noise model.
+            odds = sure + TEMPER * (score - evidence) / np.exp(standing.looser)
+            best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
+        best[name] = max(best.get(name, -np.inf), sure)
         # Nothing at all has odds of one to LEAST_ODDS at the threshold.
         total = float(np.logaddexp.reduce([*best.values(), -np.log(LEAST_ODDS)]))
         near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CLASS_NATS)
         # Where the model lacks much, a law may explain another cause's torque better than none by any odds.
-        likely = self.settings.most_sure * float(np.exp(sure - total)) / (1.0 + MISFIT * weighed[slot].standing.looser)
+        likely = self.settings.most_sure * float(np.exp(sure - total)) / (1.0 + MISFIT * standing.looser)
         odds = {one: float(np.exp(sure + log)) for log, one in near}
         more = [group.effect.id for group in places] + ([GAIN] if gain else [])
         rivals = tuple(dict.fromkeys((name, *(one for _, one in near), *more)))
@@ -272,17 +293,22 @@ class ChangeSearch(Search):
     def _weighed(
         self,
         group: Group,
+        model: Projection,
         names: Sequence[Group],
-        gain: float,
-        scaled: Float[Array, " k"],
-        blocks: tuple[float, float],
+        beta: Float[Array, " k"],
+        cells: Float[Array, "k k"],
     ) -> Weighed:
-        """A change among names, itself among them."""
-        design, beta = self.design, scaled / self.evidence.scale[group.columns]
+        """A change among names, itself among them, by the model of all, its coefficients and their covariance."""
+        design, scale, freedom = self.design, self.evidence.scale[group.columns], len(group.columns)
+        at = np.flatnonzero(np.isin(model.inside, group.columns))
+        along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ (beta * scale)
+        gain = float(beta * scale @ along)
+        variance = float(along @ (cells * np.outer(scale, scale)) @ along) / max(gain, 1e-300) ** 2
         day = day_to_day(group, design.session, beta, self.evidence.spread[design.judged], self.sessions)
-        null = design.permuted.null_of(group, self.prior, names)
-        standing = measure_standing(gain, len(beta), blocks, null, day, design.sides.counts)
-        freedom = len(group.columns)
+        nulls = design.permuted.nulls(joint_of(group), self.prior, names)
+        null = nulls.get(group.key, nulls[None])
+        blocks = variance, len(self.evidence.fold_of_block)
+        standing = measure_standing(gain, freedom, blocks, null, day, design.sides.counts)
         cost = self.cost_of(group) - 0.5 * freedom * standing.looser
         least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = standing.nats - max(cost, least) - self.least

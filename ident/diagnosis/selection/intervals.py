@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection, project
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.profile import profile
@@ -165,7 +165,7 @@ def solve_effects(
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
     priors = (fine.search.prior, fine.search.fixed.prior) if any(absorbed) else 2 * (fine.search.prior,)
-    views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
+    views = [_off_their_bounds(evidence, prior, fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     used = [replace(one, columns=one.columns[kept]) for one, kept in zip(fine.groups, free, strict=True)]
     models = [project(gram, evidence, prior, used) for prior in dict.fromkeys(priors)]
@@ -175,14 +175,15 @@ def solve_effects(
         reach = models[1].spread[:, : evidence.layout.rank]
         off = fine.search.settings.fixed_factor**4 * reach @ fine.search.prior.base @ reach.T
         covariances[1] = covariances[1] + off  # what the URDF's tolerance does to them
-    bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
+    whole = models[0] if all(kept.all() for kept in free) else project(gram, evidence, fine.search.prior, fine.groups)
+    bound = np.diag(whole.spread)
     at = first = evidence.layout.tuned
     solved = []
     for group, kept, hidden in zip(fine.groups, free, absorbed, strict=True):
-        part, whole = slice(at, at + int(kept.sum())), slice(first, first + len(kept))
-        at, first = part.stop, whole.stop
+        part, every = slice(at, at + int(kept.sum())), slice(first, first + len(kept))
+        at, first = part.stop, every.stop
         scale = evidence.scale[group.columns]
-        beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[whole] / scale**2))
+        beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[every] / scale**2))
         beta[kept] = models[hidden].estimate[part] / scale[kept]
         cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
         signed = np.isin(np.arange(len(beta)), group.signed)
@@ -190,11 +191,13 @@ def solve_effects(
     return solved, inflation
 
 
-def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
+def _off_their_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
     """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
     columns = np.concatenate([group.columns for group in groups])
     signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.signed) for g in groups])
-    beta = baseline.solve(columns, signed)
+    if not signed.any():
+        return [np.ones(len(group.columns), dtype=bool) for group in groups]
+    beta = project(evidence.gram(), evidence, prior).solve(columns, signed)
     free = np.split(~signed | (beta > 0.0), np.cumsum([len(group.columns) for group in groups])[:-1])
     return [kept if kept.any() else np.ones_like(kept) for kept in free]
 

@@ -175,7 +175,7 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
     """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
     search = searched(build_design(before, record(arm, plant, range(10, 14)), arm))
     change = next(one for one in search.evidence.layout.groups if one.key == ("friction_change", 1, None))
-    likely = [one.group for one in search.candidates(()) if one.group.joint == 1 and one.group.key != change.key]
+    likely = [one for one in search.candidates(()) if one.joint == 1 and one.key != change.key]
     assert search.stands_in(likely[0], (), [change]) is not alone
     assert not search.stands_in(likely[0], (), [])
 
