@@ -22,9 +22,8 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import centre_of
 from ident.effects.base import Effect, SessionContext
@@ -48,7 +47,7 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
     others = [group for k, group in enumerate(groups) if k != slot]
     beside = project(gram, evidence, search.prior, others)
     best = search.best_by_key(beside, others)
-    left = squares_by_block(evidence, project(gram, evidence, search.prior, groups))
+    left = squares_left(evidence, project(gram, evidence, search.prior, groups)).sum(axis=0)
     least, found = NEAR * best[own.key][0], []
     for score, rival in best.values():
         bodies = own.effect.id in BODIES and rival.effect.id in BODIES
@@ -56,17 +55,10 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
         alike = bodies or here or (rival.effect.id == own.effect.id and rival.joint != own.joint)
         if rival.key == own.key or score <= max(least, 0.0) or not alike:
             continue
-        there = squares_by_block(evidence, project(gram, evidence, search.prior, [*others, rival]))
-        if not told_apart(there - left):
+        there = squares_left(evidence, project(gram, evidence, search.prior, [*others, rival]))
+        if not told_apart(there.sum(axis=0) - left):
             found.append((score, rival))
     return tuple(rival for _, rival in sorted(found, key=lambda pair: -pair[0]))
-
-
-def squares_by_block(evidence: Evidence, model: Projection) -> Float[Array, " B"]:
-    """What a model leaves of each block, in squares of the noise."""
-    weights = residual_weights(evidence, model)
-    each = (evidence.times(j, weights[local]) @ weights[local] for j, local in enumerate(evidence.layout.local))
-    return np.asarray(sum(each))
 
 
 def told_apart(difference: Float[Array, " B"]) -> bool:

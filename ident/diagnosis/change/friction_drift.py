@@ -49,7 +49,6 @@ class DayToDay:
         return self.step**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
 
 
-SAME_DAY = DayToDay()
 # Two shares are the same if they differ by less than so many standard deviations.
 SAME = 2.0
 
@@ -67,7 +66,7 @@ def day_to_day(
         sessions: Number of sessions of each set.
     """
     if group.effect.id not in OF_FRICTION:
-        return SAME_DAY
+        return DayToDay()
     # Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
     # differs between directions or places, unless the joint moves so little that they look alike.
     columns = group.effect.columns(group.effect.asked(session), group.joint, group.variant)

@@ -82,13 +82,12 @@ class PermutedSets:
     def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
         """By how much more each law of one joint's rows, or of several joints' (-1), gains between sets that are none.
 
+        It is given by a law's key; by None of one that is not seen, as all of them together say.
+
         Args:
             joint: The joint.
             prior: What is known of the baseline.
             names: All that changed between the sides.
-
-        Returns:
-            By a law's key; by None of one that is not seen, as all of them together say.
         """
         dealt = self._dealt(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout

@@ -12,6 +12,9 @@ against which stands what it costs to be one of so many, and as wide beforehand 
 
     log odds = Λ − ½ k log(N V₀ / V) − log(points of its grid) − log(effects),    V₀ by the noise model alone.
 
+Of what would stand at the same joints the name is what has most evidence; its class holds the others by theirs, V₀ / V
+of it.
+
 Source: Satterthwaite 1946 (degrees of freedom).
 """
 
@@ -32,7 +35,7 @@ from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.intervals import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
@@ -169,17 +172,12 @@ class ChangeSearch(Search):
 
     def _counts(self, group: Group, names: Sequence[Group]) -> bool:
         """Whether a change is more than what a larger cause of slightly another law may leave at its joints."""
-        none, before, after = (self._squares(some) for some in ((), names, (*names, group)))
+        models = (project(self.evidence.gram(), self.evidence, self.prior, one) for one in ((), names, (*names, group)))
+        none, before, after = (squares_left(self.evidence, model).sum(axis=1) for model in models)
         joints = group.acts_on(self.evidence.layout.n)
         own, all_of_them = (before - after)[joints], (none - after)[joints]
         most = int(np.argmax(own))
         return bool(own[most] >= self.settings.least_own_share * all_of_them[most])
-
-    def _squares(self, names: Sequence[Group]) -> Float[Array, " n"]:
-        """What a model leaves of each joint's rows, in squares of the noise."""
-        weights = residual_weights(self.evidence, project(self.evidence.gram(), self.evidence, self.prior, names))
-        own = [weights[local] for local in self.evidence.layout.local]
-        return np.array([sums.times(w)[0] @ w for sums, w in zip(self.evidence.total, own, strict=True)])
 
     def stands_in(self, group: Group, names: Sequence[Group], daily: Sequence[Group]) -> bool:
         """Whether a change says nothing beside friction that differs from day to day: it stands in for it."""
@@ -212,12 +210,11 @@ class ChangeSearch(Search):
         known = frozenset(names)
         if known not in self._candidates:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
-            best = [pair for pair in self.best_by_key(model, names).values() if pair[0] >= self.least]
-            joints = {joint_of(group) for _, group in best}
+            best = {group: score for score, group in self.best_by_key(model, names).values() if score >= self.least}
+            joints = {joint_of(group) for group in best}
             # What counts at a joint is what all laws there gain by chance.
             chance = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
-            counts = {group: score / chance[joint_of(group)] for score, group in best}
-            evidence = {group: score for score, group in best}
+            counts = {group: score / chance[joint_of(group)] for group, score in best.items()}
             scores = block_scores(self.evidence, model)
 
             def odds(group: Group) -> float:
@@ -228,7 +225,7 @@ class ChangeSearch(Search):
 
             tried = (sorted(counts, key=key, reverse=True)[:MOST_WEIGHED] for key in (counts.__getitem__, odds))
             likely = sorted({one for some in tried for one in some}, key=lambda one: -counts[one])
-            self._candidates[known] = {one: evidence[one] for one in likely}
+            self._candidates[known] = {one: best[one] for one in likely}
         return self._candidates[known]
 
     @cached_property

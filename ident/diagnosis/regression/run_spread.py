@@ -33,6 +33,21 @@ def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array,
     return weights
 
 
+def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
+    """What a model leaves of each joint's rows in each block, in squares of the noise."""
+    weights, local = residual_weights(evidence, projection), evidence.layout.local
+    return np.array([evidence.times(j, weights[own]) @ weights[own] for j, own in enumerate(local)])
+
+
+def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
+    """Sums over each block of every column, the torque last, times what a model leaves of the rows."""
+    weights = residual_weights(evidence, projection)
+    sums = np.zeros((len(evidence.fold_of_block), evidence.layout.size + 1))
+    for j, local in enumerate(evidence.layout.local):
+        sums[:, local] += evidence.times(j, weights[local])
+    return sums
+
+
 def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
     """Relative standard deviation of each joint's friction from run to run.
 

@@ -21,6 +21,7 @@ from scipy.special import chdtrc
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.search import Search
 
 # A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
@@ -92,8 +93,7 @@ def _scores(
     """For each block Σ x e and Σ x x of a name."""
     evidence, gram = search.evidence, search.evidence.gram()
     whole = project(gram, evidence, prior, groups)
-    left = np.zeros(evidence.layout.size + 1)
-    left[whole.inside], left[-1] = -whole.estimate, 1.0
+    left = residual_weights(evidence, whole)
     beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
     torque = np.zeros_like(left)
     for column in groups[slot].columns:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,8 +13,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import residual_weights
-from ident.diagnosis.selection.finer_sums import FinerSums
+from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
@@ -22,6 +21,30 @@ from ident.effects.intervals import SizePrior
 
 # Share of an event's power in the block that has most of it, from which on it is in a block: filters' tails are not.
 THERE = 1e-3
+
+
+class FinerSums:
+    """Sums of names' finer grids, and for whom they were made last: they hold those of fewer names, too.
+
+    Names, friction's variation and the URDF's error are estimated beside each other until all hold: mostly the same
+    names come back.
+    """
+
+    def __init__(self) -> None:
+        self._groups: tuple[Group, ...] = ()
+        self._evidence: Evidence | None = None
+
+    def of(self, groups: Sequence[Group], gathered: Callable[[], Evidence]) -> Evidence:
+        """The sums of names at their points of the coarse grid, friction the same in all runs.
+
+        Args:
+            groups: The names.
+            gathered: Makes the sums, where they are not those of last time.
+        """
+        if self._evidence is None or not set(groups) <= set(self._groups):
+            self._groups, self._evidence = tuple(groups), None  # the old ones go before new ones come
+            self._evidence = gathered()
+        return self._evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,10 +243,8 @@ class Candidates:
         It is 0 where they have no more than one block in ten has anyway: what a model leaves of real arms is not even.
         """
         best = (0.0, 0.0)
-        for j, local in enumerate(self.evidence.layout.local):
-            weights = (residual_weights(self.evidence, one)[local] for one in (without, beside))
-            before, after = (self.evidence.times(j, own) @ own for own in weights)
-            place = self.evidence.layout.places[j]
+        left = (squares_left(self.evidence, model) for model in (without, beside))
+        for j, (before, after, place) in enumerate(zip(*left, self.evidence.layout.places, strict=True)):
             at = np.array([place[int(column)] for column in group.columns if int(column) in place], dtype=int)
             power = np.trace(self.evidence.free[j].part(at), axis1=1, axis2=2)
             acts = power > THERE * power.max(initial=0.0)

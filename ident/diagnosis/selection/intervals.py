@@ -12,7 +12,7 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.run_spread import block_sums_left
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
@@ -65,12 +65,7 @@ class Estimate:
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
     """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
-    layout = evidence.layout
-    weights = residual_weights(evidence, projection)
-    scores = np.zeros((len(evidence.fold_of_block), layout.size + 1))
-    for j, local in enumerate(layout.local):
-        scores[:, local] += evidence.times(j, weights[local])
-    part = scores[:, projection.inside]
+    part = block_sums_left(evidence, projection)[:, projection.inside]
     blocks = len(part)
     meat = part.T @ part * blocks / max(blocks - 1, 1)
     return lifted(projection.spread @ meat @ projection.spread, projection.spread)

@@ -23,18 +23,13 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.run_spread import block_sums_left
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 
 
 def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
     """Score of every column in every block, after the model: Φ̃_bᵀ r_b."""
-    layout = evidence.layout
-    blocks = len(evidence.fold_of_block)
-    weights = residual_weights(evidence, projection)
-    raw = np.zeros((blocks, layout.size + 1))
-    for j, local in enumerate(layout.local):
-        raw[:, local] += evidence.times(j, weights[local])
+    raw = block_sums_left(evidence, projection)
     return raw - raw[:, projection.inside] @ projection.slopes
 
 
