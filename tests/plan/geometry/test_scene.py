@@ -178,7 +178,7 @@ def test_separation_is_that_of_coal_and_of_the_theorem(apart: float) -> None:
     distance to 0.1 mm where that is within the band, and farther it never exceeds it.
     """
     rng, overlap, near = np.random.default_rng(0), [], 0
-    for _ in range(2000):
+    for _ in range(800):
         pair = random_pair(rng, apart)
         plain, ours, exact = theorem(*pair), signed_separation(*pair), coal_distance(*pair)
         if abs(plain) < 1e-6:
@@ -191,4 +191,4 @@ def test_separation_is_that_of_coal_and_of_the_theorem(apart: float) -> None:
         assert ours <= exact + (1e-6 if exact > 0 else 1e-4)
         assert exact >= BAND or ours == pytest.approx(exact, abs=1e-4)
     assert 0.1 < np.mean(overlap) < 0.9  # the check would say nothing if all pairs were alike
-    assert near > 50
+    assert near > 20

@@ -12,13 +12,14 @@ from plan.planners.reference import Reference, rigid_torque, torque
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import WayRules
-from tests.plan.dynamics.test_power import ALL, SLIDING
+from tests.ident.made_up import sliding_arm
+from tests.plan.dynamics.test_power import ALL
 from tests.plan.worlds import MONITOR, bounded_nets, dense_net, joint_nets, ledger, model, problem
 
 
 @pytest.mark.parametrize("name", ["tm5-900", "panda", "sliding"])
 def test_rigid_torque_is_pinocchios(name: str) -> None:
-    arm = ArmModel.from_urdf(SLIDING) if name == "sliding" else ArmModel.load(name)
+    arm = sliding_arm() if name == "sliding" else ArmModel.load(name)
     states = np.random.default_rng(0).normal(size=(3, 50, arm.n))
     symbols = [ca.SX.sym(part, arm.n) for part in "qva"]
     function = ca.Function("tau", symbols, [ca.vertcat(*rigid_torque(arm.chain, *symbols))])
