@@ -9,6 +9,8 @@ import os
 import secrets
 import shutil
 import socket
+import stat
+import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -27,7 +29,7 @@ from ident.outputs import (
     write_marker,
 )
 
-__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "write_record"]
+__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "user_cache", "write_record"]
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -113,6 +115,21 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
         return
     with atomic_write(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
+
+
+def user_cache() -> Path | None:
+    """The folder of what can be made anew; None where others may write: what lies there is run, or believed."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    # A container's user may have no home.
+    folder = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
+    try:
+        if not os.path.lexists(folder):
+            folder.mkdir(mode=0o700, parents=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+    return folder if private else None
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:

@@ -20,7 +20,7 @@ from ident.errors import InputError, visible
 # Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and writes pages.
 EXTRA_OF = {
     **dict.fromkeys(("torch", "safetensors", "filterpy"), "net"),
-    **dict.fromkeys(("mujoco", "example_robot_data"), "sim"),
+    **dict.fromkeys(("mujoco", "example_robot_data", "llvmlite"), "sim"),
     "rerun": "view",
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
     **dict.fromkeys(("coal", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),

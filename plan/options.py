@@ -8,6 +8,10 @@ from pathlib import Path
 from ident.options import option
 
 DEFAULT_METHOD = "sqp"
+# What a search may spend unless it is told: trajectories evaluated and processor time [s]; the brute force search more.
+USUAL_BUDGET, BRUTE_BUDGET = (200_000, 120.0), (20_000_000, 3600.0)
+# Generations of the genetic algorithm: in `plan solve`, and where the paper's experiments are repeated.
+GENERATIONS, PAPER_GENERATIONS = 200, 2000
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,13 @@ class SolveOptions(TaskOptions):
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
 
+    @property
+    def budget(self) -> tuple[int, float]:
+        """Evaluations and processor time [s]: what is asked for, and of the rest its method's usual."""
+        usual = BRUTE_BUDGET if self.method == "brute" else USUAL_BUDGET
+        asked = self.evaluations, self.seconds
+        return usual[0] if asked[0] is None else asked[0], usual[1] if asked[1] is None else asked[1]
+
 
 @dataclass(frozen=True)
 class CompareOptions(TaskOptions):
@@ -56,7 +67,7 @@ class PaperOptions:
     """How much of the paper's experiments is run."""
 
     epochs: int = option(500, "PPO's epochs on Table 3's task (the paper's: 500).", min=1)
-    generations: int = option(2000, "The genetic algorithm's on the obstacle task.", min=1)
+    generations: int = option(PAPER_GENERATIONS, "The genetic algorithm's on the obstacle task.", min=1)
     trials: int = option(5, "Trials of each tester and method.", min=1, max=5)
     levels: int = option(11, "Values of each variable in the brute force search.", min=2)
 

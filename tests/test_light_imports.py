@@ -35,7 +35,7 @@ HEAVY = (
     "numpy",
 )
 # Of the extras' packages those that no package of the core brings along.
-BEYOND_CORE = sorted({*EXTRA_OF} - {"coal", "joblib", "pydantic", "typing_extensions"})
+BEYOND_CORE = sorted({*EXTRA_OF} - {"coal", "joblib", "llvmlite", "pydantic", "typing_extensions"})
 CORE_ONLY = f"""
 import sys
 class Missing:
@@ -85,26 +85,24 @@ def test_packages_load_nothing_heavy(package: str) -> None:
 
 
 def test_a_diagnosis_of_nominal_inertias_loads_neither_torch_nor_pictures(tmp_path: Path) -> None:
-    """One run is too little for a verdict, but goes through the same door; its kernels are compiled at the first."""
+    """One run is too little for a verdict, but goes through the same door."""
     diagnose = ("ident", "diagnose", E1 / "01_trajectory_1.parquet", "--robot", "tm5-900", "--json")
-    loaded_by(*diagnose, tmp_path / "first.json")
     found = loaded_by(*diagnose, tmp_path / "why.json")
-    assert not found & {"torch", "mujoco", "matplotlib", "rerun", "numba", "sklearn", "pandas"}
+    assert not found & {"torch", "mujoco", "matplotlib", "rerun", "sklearn", "pandas"}
 
 
 def test_a_diagnosis_loads_no_part_of_scipy_that_takes_a_second() -> None:
     """Nor what learns trees, until something stands out that they may learn."""
-    slow = ("scipy.signal", "scipy.stats", "scipy.integrate", "sklearn", "pandas", "numba")
+    slow = ("scipy.signal", "scipy.stats", "scipy.integrate", "sklearn", "pandas")
     script = "import sys, ident.api.diagnosing, ident.show.terminal\n"
     script += f"print('loaded:', *(n for n in {slow!r} if n in sys.modules))"
     assert loaded(script) == set()
 
 
-def test_a_fit_without_a_net_loads_neither_torch_nor_a_compiler(tmp_path: Path) -> None:
-    """Kernels that were compiled once are linked; of solvers CVXPY is loaded, and SciPy with it."""
+def test_a_fit_without_a_net_loads_neither_torch_nor_pictures(tmp_path: Path) -> None:
+    """Of solvers CVXPY is loaded, and SciPy with it."""
     fit = ("ident", "fit", E1, "--robot", "tm5-900", "--net", "none", "--out")
-    loaded_by(*fit, tmp_path / "first")
-    heavy = {"torch", "mujoco", "numba", "sklearn", "rosbags", "matplotlib", "rerun", "pandas"}
+    heavy = {"torch", "mujoco", "sklearn", "rosbags", "matplotlib", "rerun", "pandas"}
     assert not loaded_by(*fit, tmp_path / "model") & heavy
 
 

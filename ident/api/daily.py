@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,15 +10,13 @@ from typing import Any
 
 from ident.api.fitting import load_model
 from ident.checks.inspection import inspect_sessions
-from ident.errors import InputError, RecordingError
+from ident.errors import RecordingError
 from ident.export.controllers import write_ranges
-from ident.files import atomic_folder
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
 from ident.monitor.watch import Watch, look
 from ident.options import RangesOptions, WatchOptions
-from ident.outputs import SESSION_KIND
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
@@ -30,57 +27,32 @@ from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 
-def new(
-    session: str | Path, robot: str | Path | ArmModel | None = None, *, tables: Sequence[str | Path] = ()
-) -> NewSession:
+def new(session: str | Path, robot: str | Path | ArmModel | None = None) -> NewSession:
     """Looks at foreign tables and writes the session.toml that makes a session of them, for a person to correct.
 
     Args:
-        session: Folder of tables, a single table, a bag or a data set; with `tables` a new folder.
+        session: Folder of tables, a single table, a bag or a data set.
         robot: URDF path, name or arm; without it signs, gains and columns without names can't be found.
-        tables: Files that are copied into the new folder.
 
     Raises:
         InputError: The tables can't be read or recognised, or something of the user's stands where the file is to go.
     """
     path = Path(session)
-    if tables:
-        with atomic_folder(path, SESSION_KIND) as folder:
-            for table in map(Path, tables):
-                if not table.is_file():
-                    raise RecordingError(table, "no such file", "give tables that are files")
-                if (folder / table.name).exists():
-                    raise RecordingError(table, "two tables have this name", "rename one")
-                shutil.copy2(table, folder / table.name)
-            try:
-                found = _guess(folder, robot, path.name)
-            except InputError as error:  # it names the table that was copied: the copy is gone by then
-                copies = {str(folder / Path(table).name): str(table) for table in tables}
-                copy = next((copy for copy in copies if error.where.startswith(copy)), "")
-                where = copies.get(copy, "") + error.where.removeprefix(copy)
-                raise type(error)(where, error.what, error.remedy) from None
-            (folder / NAME).write_text(found.text, encoding="utf-8")
-        return replace(found, file=path / NAME)
     require_own_guess(place_of(path))
-    found = _guess(path, robot)
-    found.write()
-    return found
-
-
-def _guess(path: Path, robot: str | Path | ArmModel | None, name: str = "") -> NewSession:
-    """The guess, tried: the session is read under it, by the name that it will have, and its telemetry checked."""
     arm = robot if isinstance(robot, ArmModel) or robot is None else ArmModel.load(robot)
     named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
     found = guess_session(path, arm, named)
+    # The guess, tried: the session is read under it, and its telemetry checked.
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / NAME
         draft.write_text(found.text, encoding="utf-8")
         read = load_session(path, session_file=draft)
-    read = read.replace(name=name or read.name)
     report = inspect_sessions([read], arm)[0] if arm is not None else None
     settings = {"robot": named or (arm.name if arm is not None else None)}
     origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))
-    return replace(found, report=report, provenance=origin)
+    found = replace(found, report=report, provenance=origin)
+    found.write()
+    return found
 
 
 Goals = str | Path | Session

@@ -13,7 +13,7 @@ from ident.cli.shared import READS, JsonFile, Robot, Sessions, Writes, command, 
 from ident.errors import InputError, visible
 from ident.files import write_record
 from ident.options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
-from ident.outputs import SESSION_KIND, check_outputs
+from ident.outputs import SESSION_KIND
 from ident.progress import stage, step
 from ident.results import Result
 from ident.show.console import progress_line
@@ -22,18 +22,13 @@ from ident.show.console import progress_line
 @command
 def new(
     session: Annotated[Path, typer.Argument(help="Folder of tables, or one table, bag or data set.")],
-    tables: Annotated[
-        list[Path] | None, typer.Argument(help="Tables to copy into SESSION, which is then a new folder.")
-    ] = None,
     robot: Robot = None,
     json_file: JsonFile = None,
 ) -> None:
     """Looks at a foreign table and writes a session.toml with its guesses, each with its evidence."""
     from ident.api.daily import new as guess
 
-    folders = {"SESSION": (session, SESSION_KIND)} if tables else {}
-    check_outputs([*(tables or [session]), robot], {"--json": json_file}, folders)
-    found = guess(session, robot, tables=tables or ())
+    found = guess(session, robot)
     hand_over(found, json_file)
     console.print(f"written to {found.file}: look through it, then `ident inspect`", soft_wrap=True)
 

@@ -15,10 +15,18 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.context import RunContext, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Expression, Interval, Range, Typical, read_row
 from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, grid_interval, linear_interval
-from ident.effects.typical_sizes import friction_level, friction_states, lacking, least_rest_speed, rated_torque
+from ident.effects.typical_sizes import (
+    RunContext,
+    SessionContext,
+    Variant,
+    friction_level,
+    friction_states,
+    lacking,
+    least_rest_speed,
+    rated_torque,
+)
 from ident.laws.carried import JointStates, LawKind, evaluate
 
 __all__ = ["Effect", "Expression", "Interval", "Range", "RunContext", "SessionContext", "Variant"]

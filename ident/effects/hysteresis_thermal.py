@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Float
-from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
 from ident.effects.typical_sizes import MEMORY as LIMIT
@@ -113,12 +113,11 @@ class PreslidingHysteresis(Effect):
         reason = super().untestable(session, joint)
         if reason is not None:
             return reason
-        name, count = session.joint_names[joint], np.zeros(1)
+        name, least = session.joint_names[joint], min(LIMIT.displacements)
         if not _usable(session, joint):
             return f"position of {name} is too noisy to follow some mrad after a reversal"
-        for run in session.runs:
-            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), min(LIMIT.displacements), count)
-        return f"{name} reverses fewer than three times" if count[0] < 3 else None
+        count = sum(_count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), least) for run in session.runs)
+        return f"{name} reverses fewer than three times" if count < 3 else None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return (_of_ranges(_usable(session, joint)),)
@@ -210,10 +209,10 @@ def _usable(session: SessionContext, joint: int) -> list[float]:
     return [size for size in LIMIT.displacements if noise < LIMIT.largest_noise_share * size]
 
 
-@compiled("f1 f f1")
-def _count_reversals(q: Array, least: float, count: Array) -> None:
-    """Adds the number of reversals after which the path goes back by some distance at least."""
-    heading, extreme = 0, q[0]
+@njit(cache=True, error_model="numpy", nogil=True)
+def _count_reversals(q: Array, least: float) -> int:
+    """The number of reversals after which the path goes back by some distance at least."""
+    count, heading, extreme = 0, 0, q[0]
     for value in q:
         if heading == 0:
             if abs(value - extreme) > least:
@@ -222,9 +221,10 @@ def _count_reversals(q: Array, least: float, count: Array) -> None:
         elif (value - extreme) * heading > 0:
             extreme = value
         elif abs(value - extreme) > least:
-            count[0] += 1.0
+            count += 1
             heading = -heading
             extreme = value
+    return count
 
 
 def warm_up(power: Float[Array, " T"], interval: float, constant: float, start: float) -> Float[Array, " T"]:
@@ -236,17 +236,18 @@ def warm_up(power: Float[Array, " T"], interval: float, constant: float, start: 
         constant: τ, how long it keeps its heat [s].
         start: θ at the first sample [J].
     """
-    values, keep = np.empty(len(power)), float(np.exp(-interval / constant))
-    _warm_up(np.ascontiguousarray(power), keep, constant * (1.0 - keep), start, values)
-    return values
+    keep = float(np.exp(-interval / constant))
+    return np.asarray(_warm_up(np.ascontiguousarray(power), keep, constant * (1.0 - keep), start))
 
 
-@compiled("f1 f f f f1")
-def _warm_up(power: Array, keep: float, gain: float, start: float, out: Array) -> None:
+@njit(cache=True, error_model="numpy", nogil=True)
+def _warm_up(power: Array, keep: float, gain: float, start: float) -> Array:
     """Warmth, sample by sample: what is kept of the last one's, and what its power adds."""
+    out = np.empty(len(power))
     out[0] = start
     for k in range(1, len(power)):
         out[k] = gain * power[k - 1] + keep * out[k - 1]
+    return out
 
 
 def _of_constants(session: SessionContext, joint: int, constants: Sequence[float]) -> tuple[Variant, ...]:

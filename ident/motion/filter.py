@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Float
-from ident.compiled import compiled
 from ident.settings import Settings, read_group
 
 
@@ -25,8 +24,7 @@ ENCODER = read_group(__file__, "encoder")
 # once.
 # The numbers of scipy.signal's `butter`, `sosfilt_zi` and `sosfiltfilt`, whose import costs a second that a command
 # has not: odd extension at both ends, sections started at the steady state of the first value. What differs is the
-# order of the loops: all columns of a sample go side by side through two sections in one go, so that the processor
-# works on several of them at a time and stores half as much between.
+# order of the loops: all columns of a sample go side by side, so that the processor works on several at a time.
 # Source: Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.1 (bilinear transform); Gustafsson 1996
 # for filtering both ways; direct form II transposed.
 
@@ -86,67 +84,34 @@ def filter_together(
     """The same of several arrays: all of their columns side by side."""
     length = len(parts[0])
     # One signal after the other, then all of a sample side by side: each of the two copies reads or writes in order.
-    rows = [np.reshape(part, (length, -1)).T for part in parts]
-    signals = np.empty((sum(map(len, rows)), length))
-    np.concatenate(rows, out=signals)
+    signals = np.concatenate([np.reshape(part, (length, -1)).T for part in parts])
     columns = np.empty((length + 2 * padding, len(signals)))
-    _extend(signals, padding, columns)
-    pairs, steady = _in_pairs(np.asarray(sections, dtype=float).tobytes())
-    state = np.empty((len(pairs), 2, columns.shape[1]))
-    _filter(columns, pairs, steady, state)
+    # At both ends extended by what turns a signal about its first and last value.
+    columns[:padding] = 2.0 * signals[:, 0] - signals[:, padding:0:-1].T
+    columns[padding : padding + length] = signals.T
+    columns[padding + length :] = 2.0 * signals[:, -1] - signals[:, -2 : -padding - 2 : -1].T
+    _filter(columns, sections, resting_states(sections))
     return columns[padding : padding + length]
 
 
-@lru_cache(maxsize=64)
-def _in_pairs(content: bytes) -> tuple[Float[Array, "s 6"], Float[Array, "s 2"]]:
-    """Sections, an even number of them, and the states in which they rest: a session asks for few filters, often."""
-    sections = np.frombuffer(content).reshape(-1, 6).copy()
-    steady = resting_states(sections)
-    if len(sections) % 2:  # one more that changes nothing
-        sections = np.vstack([sections, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-        steady = np.vstack([steady, [0.0, 0.0]])
-    return sections, steady
-
-
-@compiled("f2 i f2")
-def _extend(signals: Array, padding: int, columns: Array) -> None:
-    """Signals as columns, extended at both ends by what turns them about their first and last value, tile by tile."""
-    count, length = signals.shape
-    for first in range(0, count, 8):
-        end = min(first + 8, count)
-        for start in range(0, length, 8):
-            for t in range(start, min(start + 8, length)):
-                for c in range(first, end):
-                    columns[padding + t, c] = signals[c, t]
-        for t in range(padding):
-            for c in range(first, end):
-                columns[t, c] = 2.0 * signals[c, 0] - signals[c, padding - t]
-                columns[padding + length + t, c] = 2.0 * signals[c, length - 1] - signals[c, length - 2 - t]
-
-
-@compiled("f2 f2 f2 f3")
-def _filter(values: Array, sections: Array, steady: Array, state: Array) -> None:
-    """Filters columns in place, first forwards, then backwards; `state` is room to work in."""
+@njit(cache=True, error_model="numpy", nogil=True)
+def _filter(values: Array, sections: Array, steady: Array) -> None:
+    """Filters columns in place, first forwards, then backwards."""
     length, columns = values.shape
+    state = np.empty((len(sections), 2, columns))
     for way in range(2):
-        first = 0 if way == 0 else length - 1
         for s in range(len(sections)):
             for c in range(columns):
-                state[s, 0, c] = steady[s, 0] * values[first, c]
-                state[s, 1, c] = steady[s, 1] * values[first, c]
-        for s in range(0, len(sections), 2):
-            b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
-            a1, a2 = sections[s, 4], sections[s, 5]
-            e0, e1, e2 = sections[s + 1, 0], sections[s + 1, 1], sections[s + 1, 2]
-            d1, d2 = sections[s + 1, 4], sections[s + 1, 5]
-            for k in range(length):
-                t = k if way == 0 else length - 1 - k
+                first = values[0 if way == 0 else length - 1, c]
+                state[s, 0, c], state[s, 1, c] = steady[s, 0] * first, steady[s, 1] * first
+        for k in range(length):
+            t = k if way == 0 else length - 1 - k
+            for s in range(len(sections)):
+                b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
+                a1, a2 = sections[s, 4], sections[s, 5]
                 for c in range(columns):
                     x = values[t, c]
                     y = b0 * x + state[s, 0, c]
                     state[s, 0, c] = b1 * x - a1 * y + state[s, 1, c]
                     state[s, 1, c] = b2 * x - a2 * y
-                    z = e0 * y + state[s + 1, 0, c]
-                    state[s + 1, 0, c] = e1 * y - d1 * z + state[s + 1, 1, c]
-                    state[s + 1, 1, c] = e2 * y - d2 * z
-                    values[t, c] = z
+                    values[t, c] = y

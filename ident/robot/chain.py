@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Float
-from ident.compiled import compiled
 
 PER_LINK = 10
 
@@ -79,11 +79,11 @@ def compute_regressor(
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
     given = [np.ascontiguousarray(values, dtype=float) for values in (*chain[:5], q, dq, ddq)]
-    _fill_regressor(*given, place, np.empty((n, 6)), np.empty((3, 3)), out)
+    _fill_regressor(*given, place, out)  # type: ignore[call-arg]
     return out
 
 
-@compiled("f4 f2 f2 f1 f1 f2 f2 f2 f1 f2 f2 f3")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _fill_regressor(
     rotations: Array,
     offsets: Array,
@@ -94,15 +94,14 @@ def _fill_regressor(
     dq: Array,
     ddq: Array,
     place: Array,
-    screw: Array,
-    turn: Array,
     out: Array,
 ) -> None:
-    """Walks down the chain with each state; `screw` (axis and z × p of each joint so far) and `turn` are room to work.
+    """Walks down the chain with each state; `screw` holds axis and z × p of each joint so far.
 
     ω, α and a are a link's angular velocity and acceleration, and the acceleration of its origin less gravity, all in
     its own axes. Row k of `turn` is axis k of the parent in the link's, so that v in the link's axes is turnᵀ v.
     """
+    screw, turn = np.empty((q.shape[1], 6)), np.empty((3, 3))
     for t in range(len(q)):
         wx, wy, wz, ax, ay, az = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bx, by, bz = -gravity[0], -gravity[1], -gravity[2]

@@ -10,22 +10,18 @@ from ident.errors import InputError, ModelError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from ident.results import Provenance
-from plan.options import CompareOptions, SolveOptions, TaskOptions
-from plan.planners import Budget, budget_of
-from plan.planners.base import Planner, processor_seconds
-from plan.problem.extrapolation import require_inside
+from plan.options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
+from plan.planners.base import Budget, Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task, load_trials
 from plan.solving.compare import Comparison
 from plan.solving.compare import compare as compare_methods
-from plan.solving.goals import cheapest_goal, reach_goals
-from plan.solving.set_up import from_trial, require_valid_ends, set_up
+from plan.solving.set_up import DEFAULTS, cheapest_goal, from_trial, reach_goals, require_valid_ends, set_up
 from plan.solving.solve import solve as solve_problem
 
 Scene = Task | str | Path
 Model = HybridModel | str | Path
-DEFAULTS = TaskOptions()
 
 
 def solve(
@@ -90,7 +86,7 @@ class OpenedTask:
         Raises:
             InputError: No such method, or not for this task.
         """
-        problem, note = cheapest_goal(self.problems, self.task.pose is not None, budget_of(options), options.seed)
+        problem, note = cheapest_goal(self.problems, self.task.pose is not None, Budget(*options.budget), options.seed)
         stage("searching a motion")
         result = solve_problem(problem, options, planner)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
@@ -103,7 +99,7 @@ class OpenedTask:
         Raises:
             InputError: No such method.
         """
-        problem, _ = cheapest_goal(self.problems, self.task.pose is not None, Budget(), 0)
+        problem, _ = cheapest_goal(self.problems, self.task.pose is not None, Budget(*USUAL_BUDGET), 0)
         table = compare_methods(problem, self.task.source.stem, options)
         asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}
         return table.with_provenance(self._origin("plan compare", **asked))
@@ -127,9 +123,7 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
         raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
     fitted = HybridModel.load(Path(model)) if isinstance(model, str | Path) else model
     problems = reach_goals(set_up(task, fitted, options), task)
-    if options.inside:
-        require_inside(problems[0], task.source)
-    require_valid_ends(problems[0], task)
+    require_valid_ends(problems[0], task, options.inside)
     taught = task.taught[0] if task.taught else None
     if options.vias is not None:
         trials = load_trials(options.vias, task.n)

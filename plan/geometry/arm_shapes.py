@@ -22,9 +22,8 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
-from ident.compiled import user_cache
 from ident.errors import InputError, RobotError
-from ident.files import atomic_write
+from ident.files import atomic_write, user_cache
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_arrays

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float, Int
+from plan.options import GENERATIONS
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -24,7 +25,7 @@ class Genetic(Planner):
 
     bits: int = 10  # bits of a gene
     population: int = 100  # offspring a generation
-    generations: int = 200  # generations
+    generations: int = GENERATIONS
     crossover: float = 0.8  # share of parents that exchange bits
     flip: float = 0.004  # probability that a bit flips
     name: ClassVar[str] = "ga"

@@ -1,4 +1,4 @@
-"""What every planner has: problems to start from, a ledger that counts and remembers, a budget that ends it."""
+"""What every planner has: a name, problems to start from, a ledger that counts and remembers, a budget that ends it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,31 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import InputError
 from ident.model.net_options import torch_threads
 from ident.progress import step
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
+# Where each method's planner stands; it is loaded when it is made: the libraries of some take seconds to load.
+METHODS = {
+    "sqp": "planners.sequential:Sequential",
+    "reference": "planners.reference:Reference",
+    "cma": "planners.evolution:Evolution",
+    "ppo": "paper.ppo:Ppo",
+    "ga": "paper.genetic:Genetic",
+    "brute": "paper.brute_force:BruteForce",
+    "compress": "paper.compression:Compression",
+    "toppra": "paper.toppra:Toppra",
+}
+# Methods that shorten time only.
+TIME_ONLY = ("compress", "toppra")
 # Seconds between two questions to the system what was spent: each may wait behind all other processes.
 LOOK_EVERY = 0.01
 
@@ -32,8 +47,8 @@ def processor_seconds() -> float:
 class Budget:
     """What a search may spend, whichever ends first."""
 
-    evaluations: int = 20_000  # trajectories evaluated
-    seconds: float = 120.0  # processor time, which a busy machine does not stretch [s]
+    evaluations: int  # trajectories evaluated
+    seconds: float  # processor time, which a busy machine does not stretch [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,3 +187,18 @@ class Planner(ABC):
         except BudgetSpentError:
             ledger.notes.append("the budget ended the search")
         return ledger
+
+
+def make_planner(method: str, objective: str) -> Planner:
+    """The planner of a name.
+
+    Raises:
+        InputError: No such method, or not for this objective.
+    """
+    if method not in METHODS:
+        raise InputError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
+    if method in TIME_ONLY and objective != "time":
+        raise InputError("--method", f"{method} shortens time only", "use --objective time, or another method")
+    module, name = METHODS[method].split(":")
+    planner: Planner = getattr(import_module(f"plan.{module}"), name)()
+    return planner

@@ -9,13 +9,13 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.records import as_record
+from ident.model.training_range import QUANTITIES, UNITS
+from ident.records import Record, as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
 from plan.geometry.pairs import SHORT, Cut, find_cuts
 from plan.geometry.scene import Scene
-from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem
 from plan.problem.rule_values import RuleCheck
 from plan.problem.time_law import STANDING, TimeLaw, find_time_law
@@ -33,6 +33,51 @@ DENSE, NEAR_LIMIT, CLOSER = 400, 0.96, 20
 # What of a result stands in its record as it is, before and behind what the motion is.
 HEAD = ("status", "reason", "robot", "joints", "held", "carried", "method", "objective", "metric")
 REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap", "starts", "notes", "provenance")
+# Places of a section at which speeds are looked at for what is beyond the model's training; less than this share of the
+# range beyond it is rounding.
+PLACES, NOTHING = 65, 1e-6
+
+
+@dataclass(frozen=True)
+class Extrapolation(Record):
+    """One quantity of one joint that a plan takes beyond the model's training."""
+
+    joint: str  # of what
+    quantity: str
+    unit: str
+    low: float  # bounds of the training
+    high: float
+    reached: float  # the worse of the plan's own bounds
+    share: float  # how far it lies outside, as a share of the range's width
+
+    def __str__(self) -> str:
+        bounds = f"trained from {self.low:.3g} to {self.high:.3g}"
+        return f"{self.quantity} of {self.joint} reaches {self.reached:.3g} {self.unit}, {bounds}"
+
+
+def find_extrapolation(problem: PlanningProblem, splines: Splines) -> tuple[Extrapolation, ...] | None:
+    """What the first of a batch of plans takes beyond the training, the worst first; None where no range is known."""
+    known = problem.trained
+    if known is None:
+        return None
+    if float(splines.total[0]) > 0.0:
+        _, dq, ddq = (part[0] for part in splines.states(np.linspace(0.0, 1.0, PLACES)))
+        low = np.stack([splines.lowest[0], dq.min(axis=0), ddq.min(axis=0)])
+        high = np.stack([splines.highest[0], dq.max(axis=0), ddq.max(axis=0)])
+    else:
+        low = high = np.stack([splines.points[0, 0], *np.zeros((2, problem.n))])
+    held = np.zeros((3, len(known.joints) - problem.n))
+    held[0] = [problem.scene.arm.locked_joints.get(name, 0.0) for name in known.joints[problem.n :]]
+    low, high = (np.concatenate([part, held], axis=1) for part in (low, high))
+    beyond = known.beyond(low, high)
+    found = []
+    for k, j in zip(*np.nonzero(beyond > NOTHING), strict=True):
+        below, above = known.low[k, j] - low[k, j], high[k, j] - known.high[k, j]
+        reached = low[k, j] if below > above else high[k, j]
+        bounds = float(known.low[k, j]), float(known.high[k, j])
+        share = float(beyond[k, j])
+        found.append(Extrapolation(known.joints[j], QUANTITIES[k], UNITS[k], *bounds, float(reached), share))
+    return tuple(sorted(found, key=lambda one: -one.share))
 
 
 @dataclass(frozen=True, eq=False)

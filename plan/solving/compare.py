@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.progress import stage
 from ident.results import Result
 from plan.options import CompareOptions, SolveOptions
-from plan.planners import METHODS, TIME_ONLY, make_planner
+from plan.planners.base import METHODS, TIME_ONLY, make_planner
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.solve import find_starts, solve

@@ -1,8 +1,10 @@
-"""From a scene file and a model to a planning problem, with the checks that the user's input needs."""
+"""From a scene file and a model to planning problems, one for each goal, with the checks that the input needs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -11,21 +13,28 @@ from ident.arrays import Array
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
+from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, ChainTorque, Metric, torque_of_model
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
+from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import from_vias, straight
 from plan.options import TaskOptions
-from plan.problem.extrapolation import stay_inside
+from plan.planners.base import Budget, Ledger
+from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
+from plan.problem.rules import Pose
 from plan.problem.task_file import Task, Trial
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
+# What is tried for each way before one is chosen, and how long in processor time [s].
+QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
+QUICK_SECONDS = 3.0
 # What a plan without a fitted model leaves out.
 NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
 
@@ -96,6 +105,73 @@ def set_up(
     )
 
 
+def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, ...]:
+    """The task once for every goal: joint positions that are given, or that bring its frame to a pose, nearest first.
+
+    Raises:
+        InputError: No such frame, or the arm can't bring it to any of the poses.
+    """
+    if task.pose is None:
+        low, high, clear = problem.limits.lower, problem.limits.upper, problem.limits.clearance
+        inside = [q for q in (task.goal, *task.others) if np.all(q >= low) and np.all(q <= high)]
+        goals = [q for q in inside if why_refused(problem.scene, q, clear) is None] or [task.goal]
+    else:
+        found = [_reach(problem, task, pose) for pose in (task.pose, *task.other_poses)]
+        goals = [q for one in found if not isinstance(one, InputError) for q in one]
+        if not goals:
+            raise next(one for one in found if isinstance(one, InputError))
+    return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
+
+
+def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | InputError:
+    """Joint positions that bring a frame to its pose, or why there are none."""
+    arm, limits = problem.scene.arm, problem.limits
+    named, frames = pose.frame or arm.links[-1], dict.fromkeys(str(one.name) for one in arm.model.frames)
+    if named not in frames:
+        names = ", ".join(one for one in frames if one != "universe")
+        return InputError(task.source, f"task.goal_pose: the robot has no frame {named!r}", f"use one of: {names}")
+    ways, outside, (place, turn) = reach_pose(arm, pose, named, problem.start, limits.lower, limits.upper)
+    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways]
+    goals = [q for q, why in zip(ways, refused, strict=True) if why is None]
+    if goals:
+        return goals
+    comes = f"task.goal_pose: {named} comes there in"
+    if refused and refused[0] is not None:
+        what = f"{comes} {len(refused)} ways, in all of them something is in the way (in the nearest {refused[0][0]})"
+        return InputError(task.source, what, "move the pose or the obstacle")
+    if outside:
+        what = f"{comes} {outside} ways, all of them out of the position limits"
+        return InputError(task.source, what, "move the pose, or widen [limits]")
+    short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
+    what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
+    remedies = ["move the pose", *["leave its rotation out"] * (pose.rotation is not None)]
+    return InputError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
+
+
+def cheapest_goal(
+    problems: Sequence[PlanningProblem], posed: bool, budget: Budget, seed: int
+) -> tuple[PlanningProblem, tuple[str, ...]]:
+    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
+
+    Args:
+        problems: One for each goal, the nearest first.
+        posed: Whether the goal is a pose.
+        budget: Of the whole planning task; a third of it at most is spent here.
+        seed: Of all chance.
+    """
+    if len(problems) == 1:
+        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
+    seconds, rng = min(QUICK_SECONDS, budget.seconds / (3.0 * len(problems))), np.random.default_rng(seed)
+    costs = []
+    for problem in problems:
+        ledger = Ledger(Budget(max(1, budget.evaluations // (3 * len(problems))), seconds))
+        best = QUICK.run([problem], ledger, rng).best
+        costs.append(best.cost if best is not None and best.feasible else np.inf)
+    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
+    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
+    return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
+
+
 def from_trial(problem: PlanningProblem, trial: Trial) -> PlanningProblem:
     """The problem started from taught via points, the whole duration kept."""
     taught = from_vias(problem, trial.vias, f"taught: {trial.name}", len(trial.vias))
@@ -132,8 +208,11 @@ def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
     return None
 
 
-def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
-    """Raises InputError unless start and goal keep the limits and their distance from all obstacles."""
+def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = False) -> None:
+    """Raises InputError unless start and goal keep the limits, their distance from all obstacles, and if asked stay
+    inside the training."""
+    if inside:
+        require_inside(problem, task.source)
     bad, limits = _bad_end(problem), problem.limits
     if bad is not None:
         raise InputError(task.source, f"task.{bad[0]}_deg: {bad[1]}", bad[2])
@@ -146,6 +225,23 @@ def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
     for number, via in enumerate(problem.way.vias, start=1):
         if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
             raise InputError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
+
+
+def require_inside(problem: PlanningProblem, source: Path) -> None:
+    """Raises InputError where start or goal themselves lie beyond the training."""
+    known = problem.trained
+    assert known is not None
+    for name, q in (("start", problem.start), ("goal", problem.goal)):
+        outside = np.flatnonzero((q < known.low[0, : problem.n]) | (q > known.high[0, : problem.n]))
+        if len(outside):
+            j = int(outside[0])
+            low, high = np.degrees(known.low[0, j]), np.degrees(known.high[0, j])
+            raise InputError(
+                source,
+                f"the {name}'s {problem.scene.arm.joint_names[j]}, {np.degrees(q[j]):.1f} deg, lies beyond the model's "
+                f"training ({low:.1f} to {high:.1f} deg)",
+                "move it, fit a model to recordings from there, or leave out --stay-inside",
+            )
 
 
 def find_obstruction(problem: PlanningProblem) -> str:
@@ -251,3 +347,19 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
         for own, theirs in zip((task.acceleration, task.jerk), published, strict=True)
     )
     return Limits(lower, upper, speed, usable, task.clearance, acceleration, jerk, reserve)
+
+
+def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
+    """Limits that let nothing pass which the training did not see."""
+    n = len(limits.lower)
+    own = known.first(n)
+    speed, acceleration = (np.minimum(-own.low[k], own.high[k]) for k in (1, 2))
+    return replace(
+        limits,
+        lower=np.maximum(limits.lower, own.low[0]),
+        upper=np.minimum(limits.upper, own.high[0]),
+        speed=np.minimum(limits.speed, np.maximum(speed, 1e-6)),
+        acceleration=np.minimum(
+            np.inf if limits.acceleration is None else limits.acceleration, np.maximum(acceleration, 1e-6)
+        ),
+    )

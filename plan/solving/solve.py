@@ -10,9 +10,8 @@ import numpy as np
 
 from plan.initial.starts import from_seeds
 from plan.initial.trees import Seed, find_seeds
-from plan.options import DEFAULT_METHOD, SolveOptions
-from plan.planners import Budget, Candidate, Ledger, budget_of, make_planner
-from plan.planners.base import Planner
+from plan.options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
+from plan.planners.base import Budget, Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.problem import STRAIGHT, PlanningProblem
@@ -110,7 +109,7 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = Ledger(budget_of(options), shown=True)
+    ledger = Ledger(Budget(*options.budget), shown=True)
     if starts is None and planner.explores:
         starts = Starts((problem,))
     starts = starts or find_starts(problem, rng, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
@@ -242,7 +241,7 @@ def _gap(result: PlanResult, starts: Starts) -> float | None:
     """Cost above the default method's, as a share; below zero where this one found better."""
     if result.method == DEFAULT_METHOD:
         return 0.0
-    ledger = Ledger(Budget(200_000, GAP_SECONDS))
+    ledger = Ledger(Budget(USUAL_BUDGET[0], GAP_SECONDS))
     best = Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed)).best
     if best is None or not best.feasible:
         return None

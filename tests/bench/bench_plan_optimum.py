@@ -37,7 +37,7 @@ from plan.initial.starts import from_vias, straight
 from plan.initial.trees import Trees
 from plan.options import SolveOptions
 from plan.paper.toppra import Toppra
-from plan.planners import Budget, Ledger
+from plan.planners.base import Budget, Ledger
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.problem import Limits, PlanningProblem

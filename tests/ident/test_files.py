@@ -9,7 +9,7 @@ import pytest
 
 from ident import files
 from ident.errors import InputError
-from ident.files import atomic_folder, atomic_write, deliver
+from ident.files import atomic_folder, atomic_write, deliver, user_cache
 from ident.outputs import MARKER, begin_folder, check_outputs
 
 
@@ -202,3 +202,20 @@ def test_a_folder_that_grows_is_taken_up_by_its_kind_alone(tmp_path: Path) -> No
         begin_folder(tmp_path / "b", "training")
     with pytest.raises(InputError, match="did not write"), atomic_folder(tmp_path / "a", "training"):
         pass
+
+
+def test_nothing_is_kept_where_others_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: the cache is this user's alone: neither a folder of others, nor one open to them, nor a link."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache() == tmp_path / "armgap"
+    assert (tmp_path / "armgap").stat().st_mode & 0o777 == 0o700
+    (tmp_path / "armgap").chmod(0o777)
+    assert user_cache() is None
+    monkeypatch.setattr("os.geteuid", lambda: 54321)
+    (tmp_path / "armgap").chmod(0o700)
+    assert user_cache() is None
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "links"))
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links/armgap").symlink_to(tmp_path / "armgap")
+    assert user_cache() is None

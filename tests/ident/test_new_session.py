@@ -165,12 +165,13 @@ def test_a_corrected_guess_and_a_users_file_stay(run: Recording, tmp_path: Path)
 
 def test_channels_in_files_of_their_own_are_told_so(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
     """Position in one file and torque in another are no table: the user's own file is named, and what to do."""
-    files = [text_table(tmp_path / f"{name}.txt", [], getattr(run, name)) for name in ("position", "effort")]
+    (session := tmp_path / "session").mkdir()
+    files = [text_table(session / f"{name}.txt", [], getattr(run, name)) for name in ("position", "effort")]
     wanted = r"columns of numbers: 6; .* of 6 joints are 18; put them side by side"
     with pytest.raises(InputError, match=wanted) as told:
-        new(tmp_path / "session", arm, tables=files)
+        new(session, arm)
     assert told.value.where in [str(one) for one in files]
-    assert not (tmp_path / "session").exists()
+    assert not (session / "session.toml").exists()
 
 
 def test_elements_of_lists_are_told_as_one() -> None:
@@ -190,15 +191,15 @@ def test_positions_alone_are_refused(goals: bool, run: Recording, tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 
 
-def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: Path) -> None:
-    """`ident new SESSION TABLE`: the foreign file stays where it is; the record says what was guessed and why."""
+def test_the_command_writes_its_guess_beside_the_tables(run: Recording, tmp_path: Path) -> None:
+    """`ident new SESSION`: the record says what was guessed and why."""
     names = ["t", *(f'q"{i}' for i in range(6)), *(f"tau_{i}" for i in range(6))]
-    table = text_table(tmp_path / "log.csv", names, np.column_stack([run.time, run.position, run.effort]))
-    record, session = tmp_path / "new.json", tmp_path / "session"
-    done = CliRunner().invoke(app, ["new", str(session), str(table), "--robot", "tm5-900", "--json", str(record)])
+    (session := tmp_path / "session").mkdir()
+    text_table(session / "log.csv", names, np.column_stack([run.time, run.position, run.effort]))
+    record = tmp_path / "new.json"
+    done = CliRunner().invoke(app, ["new", str(session), "--robot", "tm5-900", "--json", str(record)])
     assert done.exit_code == 0, done.output
-    assert ".part" not in done.output  # the folder's name while it is being made
-    assert sorted(path.name for path in session.iterdir()) == [".armgap.json", "log.csv", "session.toml"]
+    assert sorted(path.name for path in session.iterdir()) == ["log.csv", "session.toml"]
     assert tomllib.loads((session / "session.toml").read_text())["robot"] == "tm5-900"
     assert {one["what"] for one in check_file(record)["reasons"]} >= {"time", "position", "effort", "joints"}
 

@@ -16,7 +16,7 @@ from plan.dynamics.power import ChainTorque
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
 from plan.initial.starts import straight
-from plan.planners import Budget, Ledger
+from plan.planners.base import Budget, Ledger
 from plan.problem.problem import Limits, PlanningProblem
 
 START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])

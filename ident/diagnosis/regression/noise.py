@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Bool, Float
-from ident.compiled import compiled
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
@@ -43,13 +43,12 @@ class Whitening:
 
 def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
     """What a prediction-error filter leaves of each column, from rest."""
-    left = np.empty(table.shape)
-    _whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients), left)
-    return left
+    return np.asarray(_whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients)))
 
 
-@compiled("f2 f1 f2")
-def _whiten(table: Array, coefficients: Array, left: Array) -> None:
+@njit(cache=True, error_model="numpy", nogil=True)
+def _whiten(table: Array, coefficients: Array) -> Array:
+    left = np.empty_like(table)
     for k in range(len(table)):
         for c in range(table.shape[1]):
             left[k, c] = coefficients[0] * table[k, c]
@@ -57,6 +56,7 @@ def _whiten(table: Array, coefficients: Array, left: Array) -> None:
             a = coefficients[lag]
             for c in range(table.shape[1]):
                 left[k, c] += a * table[k - lag, c]
+    return left
 
 
 def shorter_filters(coefficients: Float[Array, " k"], innovation: float) -> list[Float[Array, " m"]]:

@@ -15,7 +15,7 @@ from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.paper.toppra import Toppra
-from plan.planners import Planner
+from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.problem.result import certify
 from tests.plan.worlds import MONITOR, joint_nets, ledger, model, problem

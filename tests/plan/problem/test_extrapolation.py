@@ -14,9 +14,9 @@ from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
 from plan.options import TaskOptions
 from plan.planners.sequential import Sequential
-from plan.problem.extrapolation import find_extrapolation, require_inside, stay_inside
 from plan.problem.problem import Limits
-from plan.problem.result import certify
+from plan.problem.result import certify, find_extrapolation
+from plan.solving.set_up import require_inside, stay_inside
 from tests.plan.worlds import ledger, problem
 
 DATA = Path(__file__).parents[1] / "data"

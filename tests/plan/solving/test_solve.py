@@ -16,7 +16,7 @@ from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
 from plan.options import CompareOptions, SolveOptions
-from plan.planners import Candidate
+from plan.planners.base import Candidate
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
