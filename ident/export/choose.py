@@ -7,11 +7,13 @@ a quarter of a second, and is compared with the measured state at the end, joint
 stretch without feedback any model drifts away, and nothing is learnt of it.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
-of one of them, and at each joint the losses and laws of one. None is fitted to the recordings that decide: what they
-would make of one is partly chance, and comes out better than it is. Of all these the one is written whose errors are
-least, as shares of the least of the first two's, by the upper end of what stretches and
-windows leave open; one that is larger than both counts several times as much, so that it is taken only where a joint's
-torque, energy and replay ask for different things.
+of one of them, and at each joint the losses and laws of one. Where replays ask for it a joint has the friction of one
+and the inertia about its axis of another (`friction/inertia`): slow motion tells next to nothing of that, and with one
+that came out as zero a light link flies off. None is fitted to the recordings that decide: what they would make of one
+is partly chance, and comes out better than it is. Of all these the one is written whose errors are least, as shares of
+the least of the first two's, by the upper end of what stretches and windows leave open; one that is larger than both
+counts several times as much, so that it is taken only where a joint's torque, energy and replay ask for different
+things.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from ident.arrays import Array, Bool, Float
+from ident.export.bodies import inertia_about_axes
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedModel, WrittenFile, log_error
 from ident.laws.motion import Losses
@@ -166,7 +169,7 @@ class Chosen:
         """What a user should know of the choice."""
         lines = []
         if self.name != "after":
-            own = [name for name, when in zip(names, self.joints, strict=True) if when != "after"]
+            own = [name for name, when in zip(names, self.joints, strict=True) if not when.startswith("after")]
             words = SAID[self.bodies] + (f"; losses without effects at {', '.join(own)}" if own else "")
             lines.append(f"{FILE_OF[form]}: on these runs the best of its candidates has {words}")
         for name, (measure, ratio) in self.worse.items():
@@ -188,7 +191,7 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
     most = zip(options["after"].nominal.joint_names, gap.over(search.others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
     gaps = {name: search.found[name, (name,) * runs[0].n] for name in options if name != "after"} | {"after": gap}
-    return Chosen(mix(search.options, bodies, joints), bodies, joints, gaps, worse)
+    return Chosen(search.stated(bodies, joints), bodies, joints, gaps, worse)
 
 
 class _Search:
@@ -197,17 +200,31 @@ class _Search:
     def __init__(self, form: str, options: dict[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> None:
         self.form, self.options, self.runs, self.folder, self.n = form, options, runs, folder, runs[0].n
         self.found: dict[tuple[str, tuple[str, ...]], Gap] = {}
+        poses = np.concatenate([motion.q[:: max(1, len(motion.q) // MOST_WINDOWS)] for motion in runs])
+        self.of_bodies = {
+            name: np.median(inertia_about_axes(one.whole, poses), axis=0) for name, one in options.items()
+        }
+        self.inertias = {name: own + options[name].losses.motor_inertia for name, own in self.of_bodies.items()}
         self.others = [self.measure(name, (name,) * self.n) for name in options if name != "after"]
+
+    def stated(self, bodies: str, joints: Sequence[str]) -> IdentifiedArm:
+        """What a file of some bodies holds, with friction and laws, and if named inertia, of one at each joint."""
+        mixed = mix(self.options, bodies, [name.partition("/")[0] for name in joints])
+        rotors = np.array(mixed.losses.motor_inertia)
+        for j, name in enumerate(one.partition("/")[2] for one in joints):
+            if name:  # what the bodies lack
+                rotors[j] = max(self.inertias[name][j] - self.of_bodies[bodies][j], 0.0)
+        return replace(mixed, losses=replace(mixed.losses, motor_inertia=rotors))
 
     def measure(self, bodies: str, joints: tuple[str, ...], whole: bool = False) -> Gap:
         """Errors of a mixture: a joint's log hangs on the bodies and its own losses and laws alone."""
         if (bodies, joints) not in self.found or whole:
             known = None
-            if len(set(joints)) > 1 and not whole:
+            if len(set(joints)) > 1 and not whole and "/" not in "".join(joints):
                 each = [self.found[bodies, (name,) * self.n] for name in joints]
                 parts = ((key, [g.squares[key][:, j] for j, g in enumerate(each)]) for key in list(LEAST)[:2])
                 known = replace(each[0], squares={key: np.stack(part, axis=1) for key, part in parts})
-            file = WrittenFile.write(self.form, self.folder, mix(self.options, bodies, joints))
+            file = WrittenFile.write(self.form, self.folder, self.stated(bodies, joints))
             self.found[bodies, joints] = measure_gap(file.load(self.runs[0].payload), self.runs, known)
         return self.found[bodies, joints]
 
@@ -222,9 +239,10 @@ class _Search:
         joints = tuple(order[k] for k in each.argmin(axis=0))
         for _ in range(PASSES):
             before = joints
-            worst = self.measure(bodies, joints).over(self.others).max(axis=0)
-            for j in np.flatnonzero(worst > WORTH):
-                trials = [(*joints[:j], name, *joints[j + 1 :]) for name in [joints[j], *order]]
+            worse = self.measure(bodies, joints).over(self.others) > WORTH
+            for j in np.flatnonzero(worse.any(axis=0)):
+                pairs = [f"{name}/{other}" for name in order for other in order] if worse[-1, j] else []
+                trials = [(*joints[:j], name, *joints[j + 1 :]) for name in [joints[j], *order, *pairs]]
                 joints = min(trials, key=lambda one: self.cost(bodies, one))
             if joints == before:
                 break

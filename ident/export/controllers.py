@@ -19,6 +19,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.effects import base
 from ident.errors import InputError
+from ident.export.bodies import inertia_about_axes
 from ident.export.identified import IdentifiedArm, in_module
 from ident.export.templates import fill
 from ident.files import atomic_folder
@@ -118,11 +119,9 @@ def write_isaac(identified: IdentifiedArm) -> str:
 
 
 def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -> str:
-    lines = []
-    for key, values in columns.items():
-        table = ", ".join(f"{name!a}: {float(value)!r}" for name, value in zip(names, values, strict=True))
-        lines.append(f'    "{key}": {{{table}}},\n')
-    return "".join(lines)
+    pairs = {key: zip(names, map(float, values), strict=True) for key, values in columns.items()}
+    rows = {key: ", ".join(f"{name!a}: {value!r}" for name, value in own) for key, own in pairs.items()}
+    return "".join(f'    "{key}": {{{row}}},\n' for key, row in rows.items())
 
 
 def write_limits(identified: IdentifiedArm) -> str:
@@ -158,15 +157,9 @@ def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
     """Acceleration that every pose allows a joint that starts alone [rad/s²]; infinite without an effort limit."""
     rng = np.random.default_rng(0)
     q = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (POSES, arm.n))
-    gravity, rest = arm.gravity(q), np.zeros_like(q)
-    found = np.empty(arm.n)
-    for j in range(arm.n):
-        unit = np.zeros_like(q)
-        unit[:, j] = 1.0
-        inertia = (arm.inverse_dynamics(q, rest, unit) - gravity)[:, j] + losses.motor_inertia[j]
-        left = float(arm.effort_limit[j]) - np.abs(gravity[:, j]) - losses.coulomb[j]
-        found[j] = np.min(np.maximum(left, 0.0) / inertia) if 0.0 < arm.effort_limit[j] < UNLIMITED else np.inf
-    return found
+    left = np.maximum(arm.effort_limit - np.abs(arm.gravity(q)) - losses.coulomb, 0.0)
+    most = np.min(left / (inertia_about_axes(arm, q) + losses.motor_inertia), axis=0)
+    return np.where((arm.effort_limit > 0.0) & (arm.effort_limit < UNLIMITED), most, np.inf)
 
 
 def write_cpp(identified: IdentifiedArm) -> str:

@@ -58,11 +58,13 @@ def write_mjcf(identified: IdentifiedArm) -> str:
         assets = ET.SubElement(root, "asset")
         for name, corners in hulls.items():
             ET.SubElement(assets, "mesh", name=name, vertex=numbers(corners.reshape(-1)))
-    _add_shapes(parent, shapes.get(0, []))
+    for shape in shapes.get(0, []):
+        ET.SubElement(parent, "geom", shape)
     elements = joint_elements(identified)
     for j in range(arm.n):
         parent = _add_body(parent, arm, j, elements[j])
-        _add_shapes(parent, shapes.get(j + 1, []))
+        for shape in shapes.get(j + 1, []):
+            ET.SubElement(parent, "geom", shape)
     for change in changes:
         if change.part("mjcf") == "load":
             link = payload_parameters(change.values)
@@ -193,27 +195,21 @@ def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, F
     for number, item in enumerate(objects):
         kind = type(item.geometry).__name__.lower()
         if kind in SIZES:
-            size = {"type": kind, "size": numbers(SIZES[kind](item.geometry))}
+            own = {"type": kind, "size": numbers(SIZES[kind](item.geometry))}
         elif hasattr(item.geometry, "vertices"):
             corners = np.array(item.geometry.vertices())
             hulls[f"hull_{number}"] = corners[ConvexHull(corners).vertices]
-            size = {"type": "mesh", "mesh": f"hull_{number}"}
+            own = {"type": "mesh", "mesh": f"hull_{number}"}
         else:
             continue
-        found.setdefault(int(item.parentJoint), []).append({**size, **_pose(item.placement)})
+        own |= {"contype": "0", "conaffinity": "0", "mass": "0", **_pose(item.placement)}
+        found.setdefault(int(item.parentJoint), []).append(own)
     return found, hulls
-
-
-def _add_shapes(body: ET.Element, shapes: Sequence[dict[str, str]]) -> None:
-    for shape in shapes:
-        ET.SubElement(body, "geom", {"contype": "0", "conaffinity": "0", "mass": "0", **shape})
 
 
 # The URDF with named effects written into it.
 # The user's own file is edited, comments and meshes stay. Losses go into <dynamics>; rotor inertia, for which a URDF
 # has no place, stands in the parameter file.
-
-
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
 PAYLOAD, LEVEL = UnknownPayload.id, "level"
 # Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.

@@ -36,22 +36,7 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
         console.print(f"  {form}: loads, {said}")
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
-        for form, when in record["heldout"]["best"].items():
-            console.print(f"  {form}: measures best {WHEN[when]}", highlight=False)
     console.print(f"patch written to {out}")
-
-
-def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tuple[str, list[float | None]]]]:
-    """Torque gaps for a picture: the joints, and for each file and state words, colour and values [N m]."""
-    if not heldout:
-        return [], {}
-    rows: dict[str, tuple[str, list[float | None]]] = {
-        f"{form}, {WHEN[when]}": (COLOURS[when], list(gap["torque_rms_Nm"].values()))
-        for form, found in heldout["gaps"].items()
-        for when, gap in found.items()
-    }
-    first = next(iter(next(iter(heldout["gaps"].values())).values()))
-    return list(first["torque_rms_Nm"]), rows
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
@@ -61,9 +46,8 @@ def gap_table(heldout: dict[str, Any]) -> Table:
     for words in WHEN.values():
         table.add_column(words, justify="right")
     for form, found in heldout["gaps"].items():
-        rows = {
-            f"{name} [N m]": [gap["torque_rms_Nm"][name] for gap in found.values()] for name in gap_figures(heldout)[0]
-        }
+        torques = [gap["torque_rms_Nm"] for gap in found.values()]
+        rows = {f"{name} [N m]": [torque[name] for torque in torques] for name in torques[0]}
         miss = [list(gap["position_rms_rad"].values()) for gap in found.values()]
         rows[f"rollout {heldout['window_s']:g} s [mrad]"] = list(1e3 * np.sqrt(np.mean(np.square(miss), axis=1)))
         for name, values in rows.items():
@@ -105,8 +89,13 @@ def draw(result: Any) -> Any:
 
     record = result.to_dict()
     if "checks" not in record:
-        names, rows = gap_figures(record.get("heldout"))
-        return draw_bars(names, rows, "torque gap [N m]", f"files of {record['robot']}")
+        rows: dict[str, tuple[str, list[float | None]]] = {}
+        for form, found in record.get("heldout", {}).get("gaps", {}).items():
+            rows |= {
+                f"{form}, {WHEN[k]}": (COLOURS[k], list(one["torque_rms_Nm"].values())) for k, one in found.items()
+            }
+        joints = record["joints"] if rows else []
+        return draw_bars(joints, rows, "torque gap [N m]", f"files of {record['robot']}")
     checks = [one for one in record["checks"] if one["value"] is not None]
     shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
     names = [f"{one['figure']} {one['joint']}" for one in checks]

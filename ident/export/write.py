@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.export.bodies import random_states
-from ident.export.choose import MOST_WINDOWS, WINDOW, Chosen, choose, measure_gap, mix
+from ident.export.choose import MOST_WINDOWS, SAID, WINDOW, Chosen, choose, measure_gap, mix
 from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
@@ -45,10 +45,7 @@ MOST_SAMPLES = 5000
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
 # What the candidates are, in a record.
-CANDIDATES = {
-    "given": "the URDF as it is",
-    "before": "the URDF's inertias, losses tuned without the effects",
-    "tuned": "inertias and losses tuned without the effects",
+CANDIDATES = SAID | {
     "after": "the written file",
     "after_with_module": "the written file and the module's missing_torque; for the URDF also its log",
 }

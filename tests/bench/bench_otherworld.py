@@ -22,8 +22,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import pytest
-
 from ident.benchmark.scoring import share
 
 VARIABLE = "IDENT_OTHER_WORLD"
@@ -107,13 +105,6 @@ def summarise(rows: Sequence[Row]) -> Iterator[str]:
     for key in LOSSES:
         errors = [abs(error) for one in rows for error in one["errors"][key]]
         yield f"{key}: median error {median(errors):.1%} of {len(errors)}" if errors else f"{key}: nothing to count"
-
-
-@pytest.mark.skipif(VARIABLE not in os.environ, reason=f"{VARIABLE} names no folder")
-def test_other_world() -> None:
-    rows = list(run(Path(os.environ[VARIABLE])))
-    print("\n".join(summarise(rows)))
-    assert rows
 
 
 if __name__ == "__main__":

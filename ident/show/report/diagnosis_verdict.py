@@ -55,22 +55,18 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence, with the size of a gap that has no name.
-
-    Before it whose torque is off by a factor, with the remedy where that is not the first action; and where the gap is
-    largest if no name is there.
-    """
+    """The verdict as a sentence; before it a torque that is off by a factor, and the largest gap if it has no name."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lines = verdict_key(record), f"{significant(beyond)} N m beyond noise", []
     if scale:
-        remedy = "" if joint in scale["joints"] else f": {scale['remedy']}"
-        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{remedy}.")
+        told = "" if joint in scale["joints"] else f": {scale['told']}"
+        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{told}.")
     if shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it in its own words
         lines.append(f"The gap is largest at {joint}, {size}, and has no name there.")
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
     names = [_finding(finding) for finding in shown[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
-    has = "has a name" if any(map(is_likely, shown)) else "may have a name"
+    has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     return " ".join([*lines, words.format(has=has, named=named, size=f": {joint} is off by {size}" if joint else "")])
 
@@ -106,8 +102,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     """What to do first, about the joint of the largest gap: set its torque if that is off by a factor."""
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and joint in ("", *scale["joints"]):
-        alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
-        return f"{scale['evidence'].partition(': ')[2] if alone else scale['evidence']}: {scale['remedy']}."
+        return f"{scale['told']}."
     named = [one for one in in_order_of_joints(record) if joint in ("", *one["joints"])]
     doubted = overtuned_joints(record) or tuned_away_joints(record)
     believed = any(map(is_likely, named)) or not doubted
@@ -135,7 +130,11 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     if off is None or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
         return None
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
-    return None if set(off["joints"]) <= gained and likely[0]["effect"] in gains else off
+    if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
+        return None
+    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
+    evidence = off["evidence"].partition(": ")[2] if alone else off["evidence"]
+    return {**off, "told": f"{evidence}: {off['remedy']}"}
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -151,7 +150,7 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
         motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
     tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
-    return f"act on none yet, for it may be {tied}; record this to tell them apart: {motion}"
+    return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
 
 
 def _next_motion(record: Mapping[str, Any]) -> str:

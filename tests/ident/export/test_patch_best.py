@@ -17,7 +17,7 @@ from ident.api.exporting import patch
 from ident.arrays import Array
 from ident.cli.app import app
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.choose import Gap, choose, measure_gap
+from ident.export.choose import Gap, _Search, choose, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import WrittenFile
 from ident.export.mjcf import write_mjcf, write_urdf
@@ -39,13 +39,14 @@ def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ident.export.choose.MOST_WINDOWS", 6)
 
 
-def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None) -> IdentifiedArm:
-    """Links that are heavier by a share, and dry friction of one joint or of all."""
+def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: Any = slice(None), rotor: float = 0.2) -> IdentifiedArm:
+    """Links that are heavier by a share, dry friction of one joint or of all, rotor inertia."""
     arm = ArmModel.load("tm5-900")
     level = np.full(6, 4.0)
-    level[slice(None) if joint is None else joint] = coulomb
+    level[joint] = coulomb
     links = heavier * arm.inertial_parameters.reshape(6, 10)
-    return IdentifiedArm(arm, replace(LOSSES, coulomb=level), Links(links, 0.0 * links, 0.0))
+    losses = replace(LOSSES, coulomb=level, motor_inertia=np.full(6, rotor))
+    return IdentifiedArm(arm, losses, Links(links, 0.0 * links, 0.0))
 
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
@@ -67,6 +68,15 @@ def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Ide
     for gap in found.gaps.values():
         assert np.all(found.gaps["after"].error("torque") <= 1.01 * gap.error("torque") + 1e-6)
     assert bool(found.in_words(form, arm.joint_names)) == (found.name != "after" or bool(found.worse))
+
+
+def test_a_joint_may_have_the_friction_of_one_and_the_inertia_of_another(tmp_path: Path) -> None:
+    """Law: the rotor makes up for what the bodies lack about the joint's axis."""
+    options = {"before": stated(rotor=0.0), "tuned": stated(6.0, heavier=0.3)}
+    search = _Search("urdf", options, made_motions(stated().nominal, healthy(stated().nominal), [3], 4.0), tmp_path)
+    found = search.stated("before", ("before/tuned",) * 6).losses
+    np.testing.assert_allclose(found.motor_inertia, 0.2 + 0.3 * search.of_bodies["before"])
+    np.testing.assert_array_equal(found.coulomb, 4.0)
 
 
 def test_meshes_are_kept_as_hulls() -> None:
@@ -228,8 +238,6 @@ def test_the_urdf_stands_as_the_arm_was_mounted(
 
 
 def test_a_patch_says_how_its_base_hangs(tmp_path: Path, arm: ArmModel) -> None:
-    written = patch(diagnosed(tmp_path, arm, WALL, "torque_offset"), arm, tmp_path / "patch")
+    patch(diagnosed(tmp_path, arm, WALL, "torque_offset"), arm, tmp_path / "patch")
     record = json.loads((tmp_path / "patch" / "patch.json").read_text(encoding="utf-8"))
     assert any("(9.81 0.00 0.00)" in line for line in record["told"])
-    for form in written.record["structure"].values():
-        assert "worst" not in form or form["worst"] < 1.0
