@@ -105,8 +105,8 @@ def compare(
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
     """The search over a design; one run a side shows no law of friction."""
     evidence = design.sums.evidence
-    alone = design.sides.counts == (1, 1)
-    barred = {group.key for group in evidence.layout.groups if alone and group.effect.id in OF_FRICTION}
+    of_friction = [group for group in evidence.layout.groups if group.effect.id in OF_FRICTION]
+    barred = {group.key for group in of_friction if design.moves_once(group.joint)}
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
@@ -196,8 +196,8 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
         seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
-        if design.sides.counts == (1, 1) and group.effect.id in OF_FRICTION:
-            reason = "one run a side: how much friction differs from run to run is not known"
+        if group.effect.id in OF_FRICTION and design.moves_once(group.joint):
+            reason = "it moves in one run a side at most: how much friction differs from run to run is not known"
         elif seen[0] >= LEAST_SEEN:
             continue
         elif seen[1] >= 2.0 * LEAST_SEEN:

@@ -77,6 +77,11 @@ class PairedDesign:
         """Joints of which there are rows."""
         return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
 
+    def moves_once(self, joint: int) -> bool:
+        """Whether a joint moves in one run of either side at most: what its friction differs by is not known."""
+        moves = np.array([run.motion.moving[:, joint].sum() >= LEAST_MOVING for run in self.session.runs])
+        return max(int(moves[self.sides.later].sum()), int(moves[~self.sides.later].sum())) <= 1
+
     @cached_property
     def permuted(self) -> PermutedSets:
         """The runs, dealt into other sets."""

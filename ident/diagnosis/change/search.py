@@ -277,8 +277,7 @@ class ChangeSearch(Search):
             odds = sure + TEMPER * (score - evidence) / np.exp(standing.looser)
             best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
         best[name] = max(best.get(name, -np.inf), sure)
-        # Nothing at all has odds of one to LEAST_ODDS at the threshold.
-        total = float(np.logaddexp.reduce([*best.values(), -np.log(LEAST_ODDS)]))
+        total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # nothing at all is as likely at the threshold
         near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CLASS_NATS)
         # Where the model lacks much, a law may explain another cause's torque better than none by any odds.
         likely = self.settings.most_sure * float(np.exp(sure - total)) / (1.0 + MISFIT * standing.looser)
