@@ -105,8 +105,8 @@ def compare(
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
     """The search over a design; one run a side shows no law of friction."""
     evidence = design.sums.evidence
-    of_friction = [group for group in evidence.layout.groups if group.effect.id in OF_FRICTION]
-    barred = {group.key for group in of_friction if design.moves_once(group.joint)}
+    once = design.moves_once
+    barred = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
@@ -196,7 +196,7 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
         seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
-        if group.effect.id in OF_FRICTION and design.moves_once(group.joint):
+        if group.effect.id in OF_FRICTION and design.moves_once[group.joint]:
             reason = "it moves in one run a side at most: how much friction differs from run to run is not known"
         elif seen[0] >= LEAST_SEEN:
             continue

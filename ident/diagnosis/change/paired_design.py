@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import CHANGES, LATER_ALONE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
@@ -77,10 +77,11 @@ class PairedDesign:
         """Joints of which there are rows."""
         return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
 
-    def moves_once(self, joint: int) -> bool:
-        """Whether a joint moves in one run of either side at most: what its friction differs by is not known."""
-        moves = np.array([run.motion.moving[:, joint].sum() >= LEAST_MOVING for run in self.session.runs])
-        return max(int(moves[self.sides.later].sum()), int(moves[~self.sides.later].sum())) <= 1
+    @cached_property
+    def moves_once(self) -> Bool[Array, " n"]:
+        """Which joints move in one run of either side at most: what their friction differs by is not known."""
+        moves = np.array([run.motion.moving.sum(axis=0) >= LEAST_MOVING for run in self.session.runs])
+        return np.maximum(moves[self.sides.later].sum(axis=0), moves[~self.sides.later].sum(axis=0)) <= 1
 
     @cached_property
     def permuted(self) -> PermutedSets:
@@ -95,8 +96,10 @@ class PairedDesign:
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
     """What is known of the baseline beforehand."""
-    prior = Prior.of(sums.evidence, baseline.prior)
-    return replace(prior, further=common_information(sums, session))
+    layout, scale = sums.evidence.layout, sums.evidence.scale
+    sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
+    std = LOOSE * sizes * scale[layout.tuned - layout.further : layout.tuned]
+    return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 
 
 def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
@@ -200,15 +203,6 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     free = [group for group in first.values() if group.effect.id != UNLISTED]
     return project(evidence.gram(), evidence, prior, free)
-
-
-def common_information(sums: PairedSums, session: SessionContext) -> Float[Array, " f"]:
-    """Information on the scaled coefficient of each of the baseline's further columns."""
-    layout, scale = sums.evidence.layout, sums.evidence.scale
-    sizes = [_largest(group, session) for group in sums.common]
-    first = layout.tuned - layout.further
-    std = LOOSE * np.concatenate([*sizes, np.zeros(0)]) * scale[first : layout.tuned]
-    return 1.0 / std**2
 
 
 def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:

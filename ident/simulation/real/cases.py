@@ -109,7 +109,7 @@ NEAR, TRIES, DRAWS = 0.1, 12, 7
 SHOWN = 1.0 / 3.0
 KINDS = {"single": 0.66, "outside": 0.1, "pair": 0.08, "untouched": 0.16}
 LAST = ("torque_gain_error", "torque_delay", "torque_saturation", "encoder_offset", "link_inertial_error")
-LEAST_PARTS = 6
+LEAST_PARTS, MOVES = 6, 0.05  # of a run that is cut; how far a joint goes that moves in one [rad, m]
 
 
 class CaseDraw(NamedTuple):
@@ -201,9 +201,9 @@ def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recor
 
 
 def _before_and_after(source: Source, runs: Sequence[Recording], rng: np.random.Generator) -> dict[str, Any]:
-    """Every second run as it was, the others as they are with the effect; a single run is cut."""
-    pieces = [list(source.runs), list(runs)]
-    if len(runs) < 4:
+    """Every second run as it was, the others with the effect; runs are cut where some joint moves in few of them."""
+    pieces, moves = [list(source.runs), list(runs)], sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
+    if min(moves[moves > 0], default=0) < 4:
         pieces = [[part for run in one for part in cut(run, LEAST_PARTS)] for one in pieces]
     first = int(rng.integers(2))
     return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
