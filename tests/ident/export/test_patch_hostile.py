@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from ident.diagnosis.next_experiment import _command
+from ident.diagnosis.next_experiment import _advise
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.loaded import load_module
@@ -95,7 +95,8 @@ def test_nothing_of_a_name_is_a_tag_or_a_word_of_a_shell(tmp_path: Path, text: s
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<script>fetch" not in page
     assert "49" not in page.partition("<body")[2] or "7 * 7" not in text
-    command = _command(["backlash"], text, text).split("`plan excite", 1)[1].rsplit("` works", 1)[0]
+    motion = str(_advise(["backlash"], "poses", text, text)["motion"])
+    command = motion.split("`plan excite", 1)[1].rsplit("` works", 1)[0]
     given = ["--robot", text, "--separate", "backlash", "--joint", text, "--out", "next_motion"]
     assert shlex.split(command) == given
     assert tomllib.loads(f"{toml_key(text)} = 1") == {text: 1} or "\n" in text
