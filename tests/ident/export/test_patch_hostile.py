@@ -97,8 +97,7 @@ def test_nothing_of_a_name_is_a_tag_or_a_word_of_a_shell(tmp_path: Path, text: s
     assert "49" not in page.partition("<body")[2] or "7 * 7" not in text
     motion = str(_advise(["backlash"], "poses", text, text)["motion"])
     command = motion.split("`plan excite", 1)[1].rsplit("` works", 1)[0]
-    given = ["--robot", text, "--separate", "backlash", "--joint", text, "--out", "next_motion"]
-    assert shlex.split(command) == given
+    assert shlex.split(command) == ["--robot", text, "--separate", "backlash", "--joint", text, "--out", "next_motion"]
     assert tomllib.loads(f"{toml_key(text)} = 1") == {text: 1} or "\n" in text
 
 
