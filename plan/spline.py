@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import CubicHermiteSpline
 
 from ident.arrays import Array, Float, freeze
+from ident.compiled import compiled
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _slopes(points: Array, h: Array) -> Array:
     """Velocities at the knots that make the acceleration continuous: one tridiagonal solve a trajectory."""
     batch, knots, n = points.shape
@@ -39,7 +39,7 @@ def _slopes(points: Array, h: Array) -> Array:
     return out
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
     """Position, velocity, acceleration at local times s of every section, shape (3, B, sections len(s), n)."""
     batch, knots, n = points.shape
@@ -60,7 +60,7 @@ def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
     return out
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Array]:
     """Top speed of every section and joint, and the lowest and highest position of every joint."""
     batch, knots, n = points.shape

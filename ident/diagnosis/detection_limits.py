@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Bool, Float
+from ident.compiled import compiled
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
@@ -282,7 +282,7 @@ def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
     return np.clip(1.0 - whitening.level**2 / np.maximum(total, 1e-300), 0.0, 1.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _respond(filtering: Array, response: Array) -> None:
     """What a unit shock becomes in noise that a prediction-error filter (1, −a₁, …) whitens, filter by filter."""
     for i in range(filtering.shape[0]):

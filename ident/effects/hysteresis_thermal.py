@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
 from ident.effects.typical_sizes import MEMORY as LIMIT
@@ -209,7 +209,7 @@ def _usable(session: SessionContext, joint: int) -> list[float]:
     return [size for size in LIMIT.displacements if noise < LIMIT.largest_noise_share * size]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _count_reversals(q: Array, least: float) -> int:
     """The number of reversals after which the path goes back by some distance at least."""
     count, heading, extreme = 0, 0, q[0]
@@ -240,7 +240,7 @@ def warm_up(power: Float[Array, " T"], interval: float, constant: float, start: 
     return np.asarray(_warm_up(np.ascontiguousarray(power), keep, constant * (1.0 - keep), start))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _warm_up(power: Array, keep: float, gain: float, start: float) -> Array:
     """Warmth, sample by sample: what is kept of the last one's, and what its power adds."""
     out = np.empty(len(power))

@@ -20,10 +20,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.compiled import compiled
 from ident.errors import RecordingError
 from ident.laws.joint_laws import bent
 from ident.laws.motion import direction, follow
@@ -189,7 +189,7 @@ CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), 0.05
 AS_LIKELY, STRETCH = 2.0, 2.0
 
 
-_follow = njit(cache=True, error_model="numpy", nogil=True)(follow)
+_follow = compiled(error_model="numpy", nogil=True)(follow)
 
 
 def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.settings import Settings, read_group
 
 
@@ -94,7 +94,7 @@ def filter_together(
     return columns[padding : padding + length]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _filter(values: Array, sections: Array, steady: Array) -> None:
     """Filters columns in place, first forwards, then backwards."""
     length, columns = values.shape

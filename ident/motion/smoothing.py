@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize_scalar
 
 from ident.arrays import Array, Float, freeze
+from ident.compiled import compiled
 from ident.motion.filter import USUAL_MOTION, MotionSettings
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
@@ -71,7 +71,7 @@ Covariance = tuple[float, float, float, float, float, float]
 """The numbers of a symmetric P = [[a, b, c], [b, d, e], [c, e, f]]."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _predict(p: Covariance, h: float, s: float) -> Covariance:
     """F P Fᵀ + Q, a step of h seconds on."""
     a, b, c, d, e, f = p
@@ -87,7 +87,7 @@ def _predict(p: Covariance, h: float, s: float) -> Covariance:
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _update(p: Covariance, r: float) -> Covariance:
     """Joseph's form of the covariance after a measured position: (I − K H) P (I − K H)ᵀ + K r Kᵀ."""
     a, b, c, d, e, f = p
@@ -103,7 +103,7 @@ def _update(p: Covariance, r: float) -> Covariance:
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _settled(new: Covariance, old: Covariance) -> bool:
     """Whether a step changed no entry by more than a share of the product of its two deviations."""
     (a, b, c, d, e, f), (oa, ob, oc, od, oe, of) = new, old
@@ -117,7 +117,7 @@ def _settled(new: Covariance, old: Covariance) -> bool:
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _filter(z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array) -> None:
     """Filtered states of one joint in one run, shape (T, 3), and what its likelihood is made of.
 
@@ -151,7 +151,7 @@ def _filter(z: Array, dt: Array, noise: Array, states: Array, history: Array, su
     sums[2] = kept
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _smooth(z: Array, dt: Array, noise: Array, states: Array, history: Array, sums: Array) -> None:
     """Makes filtered states smoothed ones, in place; variances in the middle of the run are the last three of `sums`.
 

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 
 PER_LINK = 10
 
@@ -79,11 +79,11 @@ def compute_regressor(
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
     given = [np.ascontiguousarray(values, dtype=float) for values in (*chain[:5], q, dq, ddq)]
-    _fill_regressor(*given, place, out)  # type: ignore[call-arg]
+    _fill_regressor(*given, place, out)
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _fill_regressor(
     rotations: Array,
     offsets: Array,

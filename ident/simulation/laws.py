@@ -27,10 +27,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import expm
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 
 Law = np.recarray[Any, Any]
 """n records; `law.viscous` is a column of shape (n,)."""
@@ -79,13 +79,13 @@ def scale_friction(law: Law, coulomb: Array | float, viscous: Array | float) -> 
     return change_law(law, **dry, viscous=law.viscous * viscous)
 
 
-@njit(cache=True)
+@compiled()
 def seat_shape(angle: float) -> float:
     """An eccentric seat rubs harder where it is tight: a bump a turn, of mean zero and amplitude about one."""
     return (np.exp(0.5 * np.cos(angle)) - 1.0634833707413236) / 0.51526
 
 
-@njit(cache=True)
+@compiled()
 def sliding_level(joint: Any, v: float, angle: float, transmitted: float, acceleration: float, warm: float) -> float:
     """g: the dry friction that the ordinary contact of a joint would have if it slid steadily at v [N m]."""
     level = joint.coulomb
@@ -106,7 +106,7 @@ def sliding_level(joint: Any, v: float, angle: float, transmitted: float, accele
     return max(level, 1e-6)
 
 
-@njit(cache=True)
+@compiled()
 def bristle(z: float, v: float, level: float, stiffness: float, damping: float, dt: float) -> tuple[float, float]:
     """One step of a bristle: its new deflection [rad] and its torque [N m].
 
@@ -121,7 +121,7 @@ def bristle(z: float, v: float, level: float, stiffness: float, damping: float, 
     return bent, stiffness * bent + rate * (bent - z) / dt
 
 
-@njit(cache=True)
+@compiled()
 def viscous_drag(joint: Any, v: float, warm: float) -> float:
     """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
     drag = joint.viscous * v
@@ -148,7 +148,7 @@ def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: 
     return make_law("heat", len(rated_loss), **capacities, inner=inner, outer=outer)
 
 
-@njit(cache=True)
+@compiled()
 def warm_up(joint: Any, state: Any, loss: float, dt: float) -> None:
     """Advances a joint's two temperatures above ambient [K] by dt [s] under a loss [W], in place."""
     flow = joint.inner * (state.lubricant_rise - state.housing_rise)
@@ -168,7 +168,7 @@ def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array,
     return cooled
 
 
-@njit(cache=True)
+@compiled()
 def spring_torque(joint: Any, twist: float, rate: float) -> float:
     """Torque that the spring carries from motor to link [N m]; twist is motor less link angle [rad]."""
     half = 0.5 * joint.gap
@@ -183,7 +183,7 @@ def spring_torque(joint: Any, twist: float, rate: float) -> float:
     return side * max(joint.stiffness * depth + side * joint.damping * share * rate, 0.0)
 
 
-@njit(cache=True)
+@compiled()
 def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
     """Torque by which the teeth help or hinder at a motor angle [N m]: main order, and a little of half and double."""
     if joint.ripple == 0.0:
@@ -193,7 +193,7 @@ def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
     return joint.ripple * (1.0 + joint.ripple_load * abs(transmitted) / joint.effort_limit) * wave
 
 
-@njit(cache=True)
+@compiled()
 def hose_torque(joint: Any, angle: float) -> float:
     """Torque of the dress pack on the link [N m], against the deflection and stiffening with it."""
     if joint.hose_stiffness == 0.0:
@@ -216,7 +216,7 @@ def no_contact() -> Contact:
     return Contact(0, 0.0, 0.0, np.zeros(3), np.zeros(3))
 
 
-@njit(cache=True)
+@compiled()
 def push(contact: Contact, elapsed: float, position: Array, rotation: Array, centre: Array, wrench: Array) -> None:
     """Writes the wrench of the push on its body, about the body's centre of mass, in place.
 
@@ -256,7 +256,7 @@ def push(contact: Contact, elapsed: float, position: Array, rotation: Array, cen
 # and Seering 1996 (kinematic error of a strain-wave gear and its resonance).
 
 
-@njit(cache=True)
+@compiled()
 def outside_torque(joint: Any, j: int, q: Array, v: Array, elapsed: float) -> float:
     """Torque on joint j [N m], given all positions, velocities and the time since the run began [s]."""
     torque = 0.0
@@ -281,7 +281,7 @@ YOUNGEST_S = 0.02
 WOBBLE_DAMPING = 0.15
 
 
-@njit(cache=True)
+@compiled()
 def remembered_torque(joint: Any, state: Any, angle: float, v: float, dt: float) -> float:
     """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the memory in place."""
     torque = 0.0

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
 from ident.arrays import Array
+from ident.compiled import compiled
 from ident.simulation.laws import (
     COLUMNS,
     Contact,
@@ -107,7 +108,7 @@ def fresh_log(ticks: int, n: int) -> Log:
     return Log(*(np.zeros((ticks, n)) for _ in Log._fields))
 
 
-@njit(cache=True)
+@compiled()
 def friction_torque(joint: Any, state: Any, dt: float) -> float:
     """Torque of all friction in a joint's drive, against its motion [N m]; bends the bristles."""
     v, warm = state.motor_speed, state.lubricant_rise
@@ -119,7 +120,7 @@ def friction_torque(joint: Any, state: Any, dt: float) -> float:
     return torque + viscous_drag(joint, v, warm)
 
 
-@njit(cache=True)
+@compiled()
 def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> float:
     """Friction in the motion of a motor that two joints turn [N m]."""
     both = state.motor_speed + joint.couple_ratio * other_speed
@@ -130,7 +131,7 @@ def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> flo
     return torque + joint.couple_viscous * both
 
 
-@njit(cache=True)
+@compiled()
 def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
     """Takes over the motors' angle and speed from the links where the two are one body."""
     for j in range(len(state)):
@@ -139,7 +140,7 @@ def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
             state[j].motor_speed = engine.qvel[j]
 
 
-@njit(cache=True)
+@compiled()
 def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
     """Works out all torques of a step and hands MuJoCo those on the links."""
     n, dt = len(state), engine.dt
@@ -168,7 +169,7 @@ def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> N
             engine.qfrc_applied[j] = own.net + own.link
 
 
-@njit(cache=True)
+@compiled()
 def turn_motors(engine: Engine, drives: Array, state: Array) -> None:
     """After a step: moves the motors that are bodies of their own, and notes what mesh and bearings feel."""
     dt = engine.dt
@@ -186,7 +187,7 @@ def turn_motors(engine: Engine, drives: Array, state: Array) -> None:
         own.acceleration += min(dt / 5e-3, 1.0) * (rate - own.acceleration)
 
 
-@njit(cache=True)
+@compiled()
 def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
     """One step of the plant under the motor torques in the state."""
     motor_motion(engine, laws.drive, state)
@@ -197,7 +198,7 @@ def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
     turn_motors(engine, laws.drive, state)
 
 
-@njit(cache=True)
+@compiled()
 def command(control: Array, state: Array, q: Array, dq: Array, feed: Array, noise: Array, tick: float) -> None:
     """Reads the encoders and sets the motor torques [N m]."""
     for j in range(len(state)):
@@ -212,7 +213,7 @@ def command(control: Array, state: Array, q: Array, dq: Array, feed: Array, nois
         own.torque = min(max(torque, -joint.limit), joint.limit)
 
 
-@njit(cache=True)
+@compiled()
 def note(log: Log, k: int, engine: Engine, state: Array) -> None:
     """Writes one tick of the log."""
     for j in range(len(state)):
@@ -225,7 +226,7 @@ def note(log: Log, k: int, engine: Engine, state: Array) -> None:
         log.temperature[k, j] = state[j].housing_rise
 
 
-@njit(cache=True)
+@compiled()
 def run_loop(
     engine: Engine,
     laws: Laws,

@@ -8,9 +8,9 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float, Int
+from ident.compiled import compiled
 from ident.errors import ModelError
 from ident.laws.carried import NamedLaw, named_torque, states_of
 from ident.model.hybrid import HybridModel
@@ -26,7 +26,7 @@ METRICS: tuple[Metric, ...] = ("signed", "positive", "absolute", "copper")
 POINTS = 8
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _torque_states(chain, losses, q, dq, ddq):  # type: ignore[no-untyped-def]
     """Rigid torque with losses, and rigid torque alone."""
     bm, cm, fc, offset, width = losses
@@ -160,7 +160,7 @@ Slopes = tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n
 """Derivatives of the torque by the joints' q, dq and ddq; first index the state, second the torque's joint."""
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
     """Rigid torque and its partials: exact by acceleration (linear) and speed (quadratic), central by position."""
     count, n = q.shape
@@ -208,7 +208,7 @@ def differentiate_torque(
         q, dq, ddq: States.
     """
     states = [np.ascontiguousarray(part, dtype=float) for part in (q, dq, ddq)]
-    rigid, by_q, by_v, by_a = _rigid_partials(model.chain, *states, STEP)  # type: ignore[call-arg]
+    rigid, by_q, by_v, by_a = _rigid_partials(model.chain, *states, STEP)
     tau, losses, joints = rigid.copy(), model.losses, np.arange(model.n)
     # Sign of the speed, rounded by tanh(v / width), and its slope; where the width is zero, that is not seen.
     width = np.where(losses.transition_speed > 0.0, losses.transition_speed, np.inf)

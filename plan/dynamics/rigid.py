@@ -10,13 +10,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.robot.arm import ArmModel
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
     """Axes of joint frame i in its parent's at a position, row by row into `r`; its origin in the parent's axes."""
     off, rot, slides = chain.offsets, chain.rotations, chain.sliding[i]
@@ -30,7 +30,7 @@ def place_joint(chain, i, q, r):  # type: ignore[no-untyped-def]
     return off[i, 0] + d * x, off[i, 1] + d * y, off[i, 2] + d * z
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def turn(r, a):  # type: ignore[no-untyped-def]
     """A vector in a frame's axes, in those of its parent."""
     return (
@@ -40,7 +40,7 @@ def turn(r, a):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _turn_back(r, a):  # type: ignore[no-untyped-def]
     """A vector in the parent's axes, in the frame's own."""
     return (
@@ -50,25 +50,25 @@ def _turn_back(r, a):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _add(a, b, share=1.0):  # type: ignore[no-untyped-def]
     """a + share · b."""
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _carried(a, alpha, omega, p):  # type: ignore[no-untyped-def]
     """Acceleration of a point p of a body whose origin has acceleration a: a + α × p + ω × (ω × p)."""
     return _add(_add(a, cross(alpha, p)), cross(omega, cross(omega, p)))
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def rnea(chain, q, dq, ddq, work, tau):  # type: ignore[no-untyped-def]
     """Newton-Euler of one state: M ddq + C dq + G. Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
 
@@ -119,7 +119,7 @@ def random_positions(arm: ArmModel, count: int) -> Float[Array, "{count} n"]:
     return np.random.default_rng(0).uniform(low, high, (count, arm.n))
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of every joint frame for one position; frame 0 is the world."""
     for k in range(3):
@@ -138,7 +138,7 @@ def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
                 )
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of the bodies from `start` up to `stop`, and of their parts."""
     for i in range(start, stop):
@@ -147,7 +147,7 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at):  # type: ignore[no-u
             _place(part, bodies, frame_rot, frame_at)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of one body."""
     f = bodies.carrier[b]
@@ -162,7 +162,7 @@ def _place(b, bodies, frame_rot, frame_at):  # type: ignore[no-untyped-def]
             )
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
     """Axis of joint j in the base frame."""
     r, a = frame_rot[j + 1], chain.axes[j]
@@ -173,7 +173,7 @@ def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def]
     """How a point of the base frame that joint j carries moves for a unit of that joint."""
     axis = joint_axis(chain, frame_rot, j)
@@ -182,7 +182,7 @@ def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def
     return cross(axis, (point[0] - frame_at[j + 1, 0], point[1] - frame_at[j + 1, 1], point[2] - frame_at[j + 1, 2]))
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
     """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
 
@@ -205,7 +205,7 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     return out
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
     """Where a frame is along T positions, and how it moves with each joint.
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array
+from ident.compiled import compiled
 from ident.robot.chain import Chain
 from plan.geometry.separation import simplex_gap
 from plan.geometry.solids import Box, Solid
@@ -172,7 +172,7 @@ def thin_corners(corners: Array) -> tuple[Array, float]:
     return _grown(np.ascontiguousarray(corners), chosen, MOST_CORNERS, STANDING_OUT)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
     """Adds the corner that stands out most until all stand out little, or until there are too many."""
     count, number = len(corners), len(chosen)
@@ -215,7 +215,7 @@ def _build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     return Tree(low, high, left, right, body, np.array([*roots, whole], dtype=np.int64))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _join(items, low, high, links, used):  # type: ignore[no-untyped-def]
     """Joins nodes by halves along the longest side of what holds their middles; returns the root and the nodes used."""
     if len(items) == 1:

@@ -18,7 +18,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ident.compiled import compiled
 
 # Most points that are added to a simplex; what is reached by then is a lower bound still.
 ROUNDS = 40
@@ -30,23 +31,23 @@ TURNS, TURN = 8, 0.3
 FACES = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _minus(a, b, share=1.0):  # type: ignore[no-untyped-def]
     """a − share · b."""
     return a[0] - share * b[0], a[1] - share * b[1], a[2] - share * b[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _scaled(a, share):  # type: ignore[no-untyped-def]
     return share * a[0], share * a[1], share * a[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
     """The farthest point of a body's core along a direction of the base frame."""
     r = bodies.placed_rot[i]
@@ -71,13 +72,13 @@ def _farthest(d, i, bodies):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _difference(d, i, j, bodies):  # type: ignore[no-untyped-def]
     """The nearest point of the cores' difference along a direction from j to i."""
     return _minus(_farthest((-d[0], -d[1], -d[2]), i, bodies), _farthest(d, j, bodies))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies' cores, their radii left out [m].
 
@@ -117,7 +118,7 @@ def simplex_gap(i, j, bodies, enough, warm):  # type: ignore[no-untyped-def]
     return best if best > min(enough, 0.0) else _deepest(kept, i, j, bodies)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
     """The largest gap (the least depth) found among some directions, the best of them improved step by step."""
     chosen, point, best = first, first, -1e300
@@ -147,7 +148,7 @@ def _deepest(first, i, j, bodies):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _nearest(p, count):  # type: ignore[no-untyped-def]
     """The number of corners that carry a simplex's point nearest to the origin, which come first in p, and the point.
 
@@ -175,7 +176,7 @@ def _nearest(p, count):  # type: ignore[no-untyped-def]
     return kept, nearest
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _shares(a, b, c):  # type: ignore[no-untyped-def]
     """Shares of a triangle's corners in its point nearest to the origin: a corner, on an edge, or inside."""
     ab, ac = _minus(b, a), _minus(c, a)
@@ -213,13 +214,13 @@ def _shares(a, b, c):  # type: ignore[no-untyped-def]
     return 1.0 - (v + w) / area, v / area, w / area
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _share(a, edge, square):  # type: ignore[no-untyped-def]
     """How far along an edge from a lies its point nearest to the origin, as a share of its length."""
     return min(max(-_dot(a, edge) / square, 0.0), 1.0) if square > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
     """Whether the origin lies on the side of the face a, b, c on which d lies."""
     u, v = _minus(b, a), _minus(c, a)
@@ -231,7 +232,7 @@ def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
 BAND = 0.05
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     """Signed separation of two boxes [m]: rotation, centre and half lengths of each, in one frame.
 
@@ -263,7 +264,7 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True, fastmath=True, nogil=True, inline="always")
+@compiled(fastmath=True, nogil=True, inline="always")
 def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
     """Gap of the balls round two bodies [m]."""
     apart = 0.0
@@ -272,7 +273,7 @@ def ball_gap(i, j, bodies):  # type: ignore[no-untyped-def]
     return math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies by number, in their places [m]; `warm` as in `simplex_gap`.
 
@@ -298,7 +299,7 @@ def body_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-
     return max(bound, simplex_gap(i, j, bodies, known + extra, warm) - extra)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def shape_gap(i, j, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
     """As `body_gap`, of hulls that may have parts: where they are near, the smallest gap of any of these [m]."""
     gap = body_gap(i, j, bodies, warm, enough, band)

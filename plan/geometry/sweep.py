@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ident.compiled import compiled
 from plan.dynamics.rigid import joint_axis, place_bodies, place_frames
 from plan.geometry.compiled import DEEPEST
 from plan.geometry.separation import BAND, ball_gap, shape_gap
@@ -31,7 +31,7 @@ PARTS = 8
 REMEMBERED = 256
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 
@@ -77,7 +77,7 @@ def _world_gap(tree, bodies, link, root, most, hint, seen, band=BAND):  # type: 
     return best
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped-def]
     """Lower bound of a link's signed separation from whatever a node holds [m].
 
@@ -106,7 +106,7 @@ def _node_gap(tree, bodies, node, link, box, enough):  # type: ignore[no-untyped
     return max(bound, math.sqrt(square) if square > 0.0 else deep)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _extent(bodies, body, low, high):  # type: ignore[no-untyped-def]
     """Box along the base frame's axes round a body [m]."""
     for k in range(3):
@@ -116,7 +116,7 @@ def _extent(bodies, body, low, high):  # type: ignore[no-untyped-def]
         low[k], high[k] = bodies.placed_at[body, k] - extent, bodies.placed_at[body, k] + extent
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
     """Top speed of every joint in each part of a section, exact, shape (PARTS, n) [rad/s]."""
     for j in range(points.shape[1]):
@@ -133,7 +133,7 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
             before = after
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[no-untyped-def]
     """Time in which no point of a link moves farther than `spare` against a frame; the section ends at most.
 
@@ -171,7 +171,7 @@ def _ahead(chain, bodies, room, link, spare, levers, section):  # type: ignore[n
     return 2.0 * duration
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
@@ -226,7 +226,7 @@ def gaps_of_states(world, pairs, q, beyond, wanted):  # type: ignore[no-untyped-
     return out
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     """The body of the world's shape that is nearest to the link, each pair at a position of its own, shape (m,).
 
@@ -248,7 +248,7 @@ def nearest_of_states(world, pairs, q):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def sweep(world, pairs, moving, levers, splines, margins):  # type: ignore[no-untyped-def]
     """Smallest gap beyond its margin along each trajectory, skipping as far as gap and top speed allow.
 

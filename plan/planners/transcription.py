@@ -11,23 +11,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import BSpline
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.compiled import compiled
 from plan.spline import Splines
 
 DEGREE = 3
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def sections_of(shares, knots):  # type: ignore[no-untyped-def]
     """The section in which each share of the duration lies."""
     out = np.searchsorted(knots, shares, side="right") - 1
     return np.minimum(np.maximum(out, 0), len(knots) - 2)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True, nogil=True)
 def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
     """The four B-splines of each place's own section and three derivatives, by their Taylor series: (4, m, 4)."""
     out = np.empty((4, shares.shape[0], 4))

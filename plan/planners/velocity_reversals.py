@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float, Int
+from ident.compiled import compiled
 from plan.dynamics.power import ChainTorque, differentiate_torque
 from plan.planners.transcription import Grid
 
@@ -24,7 +24,7 @@ SLOW = 0.5
 NEWTON = 5
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _settled(shares, joints, inside, grid, coefficients, duration):  # type: ignore[no-untyped-def]
     """Shares of the duration at which each place's own joint stands still; places that are no turn stay."""
     (knots, taylor), out = grid, shares.copy()
@@ -130,7 +130,7 @@ def find_dips(
     return shares[places], pairs, gaps[places, pairs]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _near_dips(gaps, bound):  # type: ignore[no-untyped-def]
     """Whether a gap lies below a bound and is a dip's bottom or beside one."""
     count, out = gaps.shape[0], np.zeros(gaps.shape, dtype=np.bool_)

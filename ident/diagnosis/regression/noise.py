@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Bool, Float
+from ident.compiled import compiled
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
@@ -46,7 +46,7 @@ def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Floa
     return np.asarray(_whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients)))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _whiten(table: Array, coefficients: Array) -> Array:
     left = np.empty_like(table)
     for k in range(len(table)):

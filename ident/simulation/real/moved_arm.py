@@ -17,10 +17,10 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 from scipy.signal import butter, sosfiltfilt
 
 from ident.arrays import Array, Bool, Float
+from ident.compiled import compiled
 from ident.simulation.real.sources import Source
 
 # Of the zero-phase filters for states and for what is compared [Hz]; of the rows that are compared [Hz].
@@ -250,7 +250,7 @@ def twist_of(arm: MovedArm, j: int, stiffness: float, ratio: float, gap: float =
     return (states[0], states[1], states[2]), damping
 
 
-@njit(cache=True)
+@compiled()
 def _follow(torque: Array, mass: Array, dt: Array, gear: Array, out: Array) -> None:
     """Semi-implicit Euler between the samples, torque and inertia linear between them."""
     stiffness, damping, half, step = gear
