@@ -126,3 +126,9 @@ def test_a_slip_in_a_scene_file_is_told_before_anything_heavy_is_loaded(tmp_path
     script = RUN.replace("    assert not end.code, end.code\n", "    assert end.code == 2, end.code\n")
     found = loaded(script.format(package="plan", arguments=["plan", "solve", str(scene)], heavy=HEAVY))
     assert not found & {"torch", "numba", "scipy", "cvxpy", "matplotlib", "pyarrow", "sklearn"}
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+def test_completion_loads_nothing_heavy(package: str) -> None:
+    asked = {f"_{package.upper()}_COMPLETE": "complete_bash", "COMP_WORDS": f"{package} ", "COMP_CWORD": "1"}
+    assert loaded_by(package, **asked) == set()

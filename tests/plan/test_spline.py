@@ -39,3 +39,21 @@ def test_extremes_bound_dense_samples(seed: int, vias: int) -> None:
     ):
         assert np.all(exact >= sampled - 1e-9)
         assert np.all(exact <= sampled + 1e-3 * (1.0 + np.abs(sampled)))
+
+
+def test_batch_equals_single() -> None:
+    """Section by section, the batch gives what `at` gives."""
+    splines = random_splines(3, 2)
+    s = np.array([0.0, 0.3, 1.0])
+    batch = splines.states(s)
+    one = Splines(splines.points[4:5], splines.durations[4:5])
+    knots = np.concatenate([[0.0], np.cumsum(one.durations[0])])
+    times = (knots[:-1, None] + s * one.durations[0][:, None]).reshape(-1) - 1e-12
+    for order, values in enumerate(one.at(np.maximum(times, 0.0))):
+        assert np.allclose(batch[order][4], values, atol=1e-8)
+
+
+def test_ends_at_rest() -> None:
+    """Start and end have no velocity: unlike a natural spline."""
+    _, dq, _ = random_splines(5, 3).states(np.array([0.0, 1.0]))
+    assert np.abs(dq[:, [0, -1]]).max() < 1e-12

@@ -56,12 +56,12 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
         if rival.key == own.key or score <= max(least, 0.0) or not alike:
             continue
         there = squares_left(evidence, project(gram, evidence, search.prior, [*others, rival]))
-        if not told_apart(there.sum(axis=0) - left):
+        if not distinguished(there.sum(axis=0) - left):
             found.append((score, rival))
     return tuple(rival for _, rival in sorted(found, key=lambda pair: -pair[0]))
 
 
-def told_apart(difference: Float[Array, " B"]) -> bool:
+def distinguished(difference: Float[Array, " B"]) -> bool:
     """Whether one model leaves more than another beyond what blocks differ by."""
     blocks = len(difference)
     return bool(difference.sum() > APART * np.sqrt(blocks) * difference.std(ddof=1))

@@ -49,7 +49,7 @@ MOST_WEIGHED, ROUNDS = 6, 2
 # Log odds are worth this share of what they say; other names are of a class where they fall short by no more nats.
 TEMPER, CLASS_NATS = 0.5, 3.0
 # Odds that a change must have besides, where what laws gain by chance decides: of names below them 1 of 9 was right.
-FEW_TOLD = 50.0
+FEW_DEALT = 50.0
 # How much less likely a name is by the log of what laws gain by chance and misfit: of names that stood nine of ten were
 # right where that is below three, half of them where it is ten.
 MISFIT = 0.3
@@ -309,5 +309,5 @@ class ChangeSearch(Search):
         least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = standing.nats - max(cost, least) - self.least
         if not standing.of_the_day:  # what decides came of few permutations
-            odds -= np.log(FEW_TOLD)
+            odds -= np.log(FEW_DEALT)
         return Weighed(group, standing, float(odds))

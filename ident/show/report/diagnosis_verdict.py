@@ -59,8 +59,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lines = verdict_key(record), f"{significant(beyond)} N m beyond noise", []
     if scale:
-        told = "" if joint in scale["joints"] else f": {scale['told']}"
-        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{told}.")
+        why = "" if joint in scale["joints"] else f": {scale['sentence']}"
+        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{why}.")
     if shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it in its own words
         lines.append(f"The gap is largest at {joint}, {size}, and has no name there.")
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
@@ -102,7 +102,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     """What to do first, about the joint of the largest gap: set its torque if that is off by a factor."""
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and joint in ("", *scale["joints"]):
-        return f"{scale['told']}."
+        return f"{scale['sentence']}."
     named = [one for one in in_order_of_joints(record) if joint in ("", *one["joints"])]
     doubted = overtuned_joints(record) or tuned_away_joints(record)
     believed = any(map(is_likely, named)) or not doubted
@@ -134,7 +134,7 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
         return None
     alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
     evidence = off["evidence"].partition(": ")[2] if alone else off["evidence"]
-    return {**off, "told": f"{evidence}: {off['remedy']}"}
+    return {**off, "sentence": f"{evidence}: {off['remedy']}"}
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:

@@ -9,15 +9,20 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.confounded_links import told_apart
+from ident.diagnosis.change.confounded_links import place_bodies, distinguished
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
-from ident.diagnosis.change.paired_design import PairedDesign, build_design
+from ident.diagnosis.change.learnt_prior import LEAST
+from ident.diagnosis.change.paired_design import LOOSE, PairedDesign, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
-from ident.effects.typical_sizes import friction_level
+from ident.diagnosis.selection.search import Search
+from ident.effects.added_body import PLACE
+from ident.effects.sensing import LARGEST_OFFSET_SHARE
+from ident.effects.typical_sizes import friction_level, rated_torque
+from ident.laws.acting import point_mass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -30,9 +35,10 @@ from tests.ident.diagnosis.planted import (
     carrying,
     healthy_torque,
     load_arm,
+    nothing,
     record,
 )
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import Law, made_motions
 
 RUBBING = 0.06
 LOAD = Payload(1.2, (0.05, 0.0, 0.06))
@@ -205,9 +211,9 @@ def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
 def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
     """Noise that is alike in size, whatever it adds up to, tells nothing; what every block says does."""
     alike = np.random.default_rng(3).standard_normal(100)
-    assert not told_apart(alike - alike.mean() + 0.1)
-    assert told_apart(alike - alike.mean() + 0.3)
-    assert not told_apart(-3.0 * np.abs(alike))
+    assert not distinguished(alike - alike.mean() + 0.1)
+    assert distinguished(alike - alike.mean() + 0.3)
+    assert not distinguished(-3.0 * np.abs(alike))
 
 
 def test_friction_of_another_day_is_no_change(arm: ArmModel, before: list[Motion]) -> None:
@@ -246,3 +252,70 @@ def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -
     assert "friction_change" not in {one.effect for one in found.changes}
     silent = {one.effect.id: one.reason for one in found.not_testable}
     assert "one run a side" in silent["friction_change"]
+
+
+def test_healthy_arm_compares_equal(arm: ArmModel) -> None:
+    halves = record(arm, nothing, range(6))
+    assert compare(halves[::2], halves[1::2], arm, (Side(), Side())).verdict == "no_change"
+
+
+def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Motion]) -> None:
+    """Half of each side in either, none twice; where the model holds laws gain there what noise alone gives."""
+    design = build_design(before, record(arm, wrong_everywhere, range(10, 14)), arm)
+    dealt = [frozenset(one.tolist()) for one in design.permuted.dealings]
+    assert {(len(one & set(range(4))), len(one & set(range(4, 8)))) for one in dealt} == {(2, 2)}
+    assert len({frozenset({one, frozenset(range(8)) - one}) for one in dealt}) == len(dealt) > 3
+    groups = {one.key: one for one in design.sums.evidence.layout.groups if one.joint == 1 and not one.borrows}
+    nulls = [design.permuted.nulls(1, design.prior, [one]) for one in groups.values()]
+    found = [null.get(key, null[None]).ratio for key, null in zip(groups, nulls, strict=True)]
+    assert np.median(found) < 2.0
+
+
+BRACKET = np.array([0.1, 0.25, 0.1])  # [m]
+
+
+def with_bracket(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """Something that is mounted on the forearm, 25 cm beside its axis."""
+    more = np.zeros_like(arm.inertial_parameters)
+    more[20:30] = 2.5 * point_mass(BRACKET)
+    return wrong_everywhere(arm, q, dq, ddq) + arm.regressor(q, dq, ddq) @ more
+
+
+def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, before: list[Motion]) -> None:
+    """There its second moments are its own, and it explains more than a link of that moment and its own density."""
+    after = record(arm, with_bracket, range(10, 14))
+    first = build_design(before, after, arm)
+    search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
+    asked = place_bodies(search, (), first.session, first.asked)
+    design = build_design(before, after, arm, known=first.known, asked=asked)
+    model = project(design.sums.evidence.gram(), design.sums.evidence, design.prior)
+    groups = [one for one in design.sums.evidence.layout.groups if one.key == ("link_inertial_error", 2, None)]
+    usual, placed = groups
+    np.testing.assert_allclose([placed.variant.shape[name] for name in PLACE], BRACKET, atol=0.1)
+    assert model.gain(placed)[0] > model.gain(usual)[0] + 100.0
+    beta = model.gain(placed)[1] / design.sums.evidence.scale[placed.columns]
+    figures = placed.effect.parameters(design.session, 2, placed.variant, beta, np.zeros((4, 4)))
+    assert figures["mass_change_kg"].value == pytest.approx(2.5, rel=0.03)
+    np.testing.assert_allclose([figures[f"moment_change_{axis}_kgm"].value for axis in "xyz"], 2.5 * BRACKET, atol=0.03)
+
+
+def wrong_law(arm: ArmModel) -> Law:
+    return lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + wrong_everywhere(arm, q, dq, ddq)
+
+
+def test_laws_that_both_sets_share_are_as_large_as_laws_are(arm: ArmModel) -> None:
+    """A few seconds tell a part of the baseline's many columns: the rest must not run away on runs left out."""
+    before, after = (made_motions(arm, wrong_law(arm), seeds, 2.0, 50.0, noise=NOISE) for seeds in FEW)
+    design = build_design(before, after, arm)
+    evidence, free = design.sums.evidence, replace(design.prior, further=None)
+    bounded, unbounded = (HeldOut(evidence, prior).score().misfit.sum() for prior in (design.prior, free))
+    assert bounded < 0.8 * unbounded
+    assert design.prior.further is not None
+    assert len(design.prior.further) == evidence.layout.further
+    (first,) = [one for one in design.sums.common if one.effect.id == "torque_offset" and one.joint == 1]
+    at = design.sums.common.index(first)
+    column = sum(len(one.columns) for one in design.sums.common[:at])
+    largest = LOOSE * LARGEST_OFFSET_SHARE * rated_torque(design.session, 1)
+    scale = evidence.scale[evidence.layout.tuned - evidence.layout.further + column]
+    loosest = 1.0 / (largest * scale) ** 2
+    assert loosest * (1.0 - 1e-9) <= design.prior.further[column] <= loosest / LEAST * (1.0 + 1e-9)

@@ -170,3 +170,15 @@ def test_the_share_of_encoder_noise() -> None:
     np.testing.assert_allclose(shares, [0.0, 0.75])
     slow = Whitening(np.array([[1.0, -0.9]]), np.ones(1), np.array([1.0 / np.sqrt(1.0 - 0.81)]))
     np.testing.assert_allclose(encoder_share(slow), [0.0], atol=1e-6)
+
+
+def test_limits_of_noise_grow_with_it(healthy: Analysis) -> None:
+    """Law: four times the variance, twice the limit, where noise sets it; no limit falls."""
+    quiet, loud = limits(healthy, 100.0), limits(healthy, 400.0)
+    assert quiet.keys() == loud.keys()
+    pairs = [(one, loud[key]) for key, one in quiet.items() if not one.effect.typical.inverse and one.value]
+    assert all(after.value is None or after.value >= one.value * (1.0 - 1e-9) for one, after in pairs if one.value)
+    noisy = [(one, after) for one, after in pairs if one.bound_by == "torque" and after.value and one.value]
+    assert noisy
+    for one, after in noisy:
+        assert after.value == pytest.approx(2.0 * one.value)  # type: ignore[operator]

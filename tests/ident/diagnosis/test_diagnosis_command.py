@@ -86,3 +86,21 @@ def test_the_shipped_arm_has_a_friction_gap(arm: ArmModel, shipped: Session) -> 
     assert len(motions) == record["session"]["runs"] == 10
     found = {(finding["effect"], joint) for finding in record["findings"] for joint in finding["joints"]}
     assert ("load_dependent_friction", "joint_2") in found
+
+
+def flip_2(effort: np.ndarray) -> np.ndarray:
+    effort[:, 1] *= -1.0
+    return effort
+
+
+def test_a_flipped_sign_is_refused(arm: ArmModel, shipped: Session) -> None:
+    """Law: telemetry names the joint and the remedy, and nothing is fitted: no gap, no map, no names."""
+    diagnosis, analysis = judge(with_effort(shipped, flip_2), arm)
+    record = check_diagnosis(diagnosis.to_dict())
+    assert analysis is None
+    assert record["verdict"] == "refused"
+    (issue,) = (one for one in record["telemetry"] if one["severity"] == "fatal")
+    assert (issue["issue"], issue["joints"]) == ("effort_sign_flipped", ["joint_2"])
+    assert "effort_sign" in issue["remedy"]
+    assert record["gap"] == {}
+    assert record["where"] == record["findings"] == []

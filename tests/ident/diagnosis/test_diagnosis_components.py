@@ -10,6 +10,8 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.baseline import UrdfError
+from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
@@ -102,3 +104,51 @@ def test_what_is_made_positive_solves(seed: int) -> None:
     mended = positive((vectors * values) @ vectors.T)
     assert np.linalg.eigvalsh(mended).min() > 0.0
     assert np.linalg.norm(np.linalg.solve(mended, vectors[:, 0])) < 10.0
+
+
+@pytest.mark.parametrize("fold_of_block", [[0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 2, 2]])
+def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> None:
+    """Law: each side is weighted by (I + F Λ Fᵀ)⁻¹ of its own rows, whether folds cut stretches or not."""
+    rng, stretch, spread, level = np.random.default_rng(3), np.array([0, 0, 1, 1, 2, 2]), 0.2, np.array([0.7, 1.3])
+    tables = rng.standard_normal((6, 40, 5))
+    free = np.stack([x.T @ x for x in tables])
+    columns = slice(1, 3)
+    sums = FrictionSums(stretch, np.arange(6), (free[:, columns],), level[None], rank=0)
+    folds = np.array(fold_of_block)
+    own_sums = np.stack([free[folds == fold].sum(axis=0) for fold in range(3)])
+    rest, own = sums.part(own_sums, 0, spread, folds)
+    for fold in range(3):
+        for side, inside in ((own[fold], folds == fold), (rest[fold], folds != fold)):
+            expected: Array = np.zeros((5, 5))
+            for one in np.unique(stretch[inside]):
+                x = np.concatenate(tables[inside & (stretch == one)])
+                friction = x[:, columns] * level * spread
+                expected += x.T @ np.linalg.solve(np.eye(len(x)) + friction @ friction.T, x)
+            assert np.allclose(side, expected)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.05, 0.7])
+def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spread: float) -> None:
+    """Law: what is made of free sums and of what varying friction takes off them is what the tied sums would give."""
+    evidence = healthy.evidence.with_run_spread(np.full(3, spread))
+    rng = np.random.default_rng(7)
+    for j, free in enumerate(evidence.free):
+        sums = free.part(np.arange(free.size))
+        for block, each in enumerate(sums):
+            each -= evidence.friction.taken(j, spread, evidence.friction.block == block)
+        weights = rng.standard_normal(sums.shape[-1]) * (rng.random(sums.shape[-1]) < 0.5)
+        products, size = evidence.times(j, weights), np.abs(sums).max()
+        assert np.allclose(products, sums @ weights, rtol=0, atol=1e-10 * size)
+        assert np.allclose(evidence.total[j].over(), sums.sum(axis=0), rtol=0, atol=1e-10 * size)
+
+
+def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) -> None:
+    """Law: sums depend on the variation that is counted, not on the way to it."""
+    free = healthy.evidence.with_run_spread(np.full(3, 0.3)).with_run_spread(healthy.evidence.spread)
+    for one, other in zip(free.total, healthy.evidence.total, strict=True):
+        assert np.allclose(one.half, other.half, rtol=0, atol=1e-9 * np.abs(other.half[0]).max())
+
+
+def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
+    """Law: where the inertias are right, no wider belief has more evidence than the one that one starts from."""
+    assert best_belief(search_of(healthy), healthy.baseline, [], 1.0).error == UrdfError()

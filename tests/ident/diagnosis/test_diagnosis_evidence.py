@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ident.arrays import Array
+from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import block_sums
 from ident.diagnosis.regression import rows as rows_module
@@ -20,6 +20,7 @@ from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, compute_rows
+from ident.motion.motion import Lowpass, Motion
 from ident.motion.out_of_core import SpooledArrays
 
 
@@ -241,3 +242,51 @@ def test_a_column_of_encoder_noise_explains_no_noise() -> None:
         drawn[:, 3] = rng.standard_normal(1500)
         held.append(rows_of(table, run, drawn=(drawn,)))
     assert estimate_noise(ONE_JOINT, held).level[0] == pytest.approx(0.4, rel=0.05)
+
+
+def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:
+    """Bound: white noise of 0.3 N m at 50 Hz, filtered at 10 Hz, leaves 0.3 √(10 / 25) N m of level; to 15 %."""
+    assert np.allclose(healthy.evidence.whitening.level, 0.3 * np.sqrt(10.0 / 25.0), rtol=0.15)
+
+
+def test_noise_of_a_joint_that_stands_still() -> None:
+    """Bound: of a joint without a row that counts the noise is that of its torque from sample to sample, to a tenth."""
+    rng = np.random.default_rng(3)
+    torque = 5.0 * np.sin(np.arange(2000) / 300.0) + 0.05 * rng.standard_normal(2000)
+    rows = rows_of(torque[:, None], counts=False)
+    assert estimate_noise(ONE_JOINT, [rows]).level[0] == pytest.approx(0.05, rel=0.1)
+
+
+def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
+    """Law: columns of known sign never get a negative coefficient, and the sign costs gain or nothing."""
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    projection = project(healthy.evidence.gram(), healthy.evidence, prior)
+    signed = [group for group in healthy.evidence.layout.groups if group.effect.nonnegative]
+    assert signed
+    for group in signed:
+        gain, beta = projection.gain(group)
+        assert gain >= 0.0
+        assert beta[[c for c in group.effect.nonnegative if c < len(beta)]].min() >= 0.0
+
+
+def test_reversals_do_not_count() -> None:
+    """Law: of a swing sin 2πt/4 s no sample counts within 0.08 s of a reversal, and every one beyond 0.2 s does."""
+    time = np.arange(800) / 100.0
+    q = np.sin(2 * np.pi * time / 4.0)[:, None]
+    dq, ddq = np.gradient(q, 0.01, axis=0), np.zeros_like(q)
+    motion = Motion(
+        "swing",
+        ("a",),
+        freeze(time),
+        freeze(q),
+        freeze(dq),
+        freeze(ddq),
+        freeze(q),
+        Lowpass.design(100.0),
+        freeze(np.full((3, 1), 1e-6)),
+    )
+    coarse = time[motion.coarse]
+    distance = np.abs((coarse - 1.0 + 1.0) % 2.0 - 1.0)  # to the reversals at 1, 3, 5, 7 s
+    inner = (coarse > 0.5) & (coarse < 7.5)
+    assert not motion.settled[distance < 0.08].any()
+    assert motion.settled[(distance > 0.2) & inner].all()

@@ -15,13 +15,13 @@ from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals
+from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import SessionContext, Variant
+from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.effect_info import TABLE
+from ident.effects.effect_info import LAW_SHARE, TABLE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, named_groups, search_of, stribeck_on_1
 
@@ -218,3 +218,23 @@ def test_an_end_that_was_not_tried_is_open(falls: tuple[float, ...], open_: str,
     assert 0.015 / 2**0.51 < found.low <= found.value <= found.high < 0.24 * 2**0.51
     assert re.search(words, found.words("rad/s"))
     assert found.to_dict().get("open", "") == open_
+
+
+def test_a_class_has_the_sum_of_its_names(short_arm: ArmModel) -> None:
+    """Law: a class has the sum of its names, each with the share of its holder over the holder's odds; 1 at most."""
+    (finding,) = analyse(short_arm, stribeck_on_1).diagnosis.findings
+    held = replace(finding.estimate, probability=0.45, rivals=("a", "b", "c"), odds={"b": 1.5, "c": 9.0})
+    assert held.shares == pytest.approx({"a": 0.45, "b": 0.3, "c": 0.05})
+    assert held.class_probability == pytest.approx(0.8)
+    assert replace(held, probability=0.9).class_probability == 1.0
+
+
+def test_intervals_hold_what_laws_may_differ() -> None:
+    """Law: no interval is narrower than an arm's own law may be off, but of figures that are counted, not measured."""
+    sharp = Interval(2.0, 1.99, 2.01)
+    doubt = find_effect("torque_ripple").doubt
+    wide = widened(sharp, doubt.of("amplitude_Nm", 2.0))
+    assert wide.value == 2.0
+    assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
+    assert widened(sharp, doubt.of("order", 2.0)) == sharp
+    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))

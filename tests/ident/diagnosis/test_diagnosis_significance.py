@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array, Bool, Float
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import solve_signed
 from ident.diagnosis.regression.wandering import chance_of_curve
+from ident.diagnosis.selection.profile import _interval
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.sign_flips import family_p_values, family_p_values_by_run
 from ident.effects.base import Variant
 from ident.effects.catalogue import CATALOGUE
+from tests.ident.diagnosis.planted import search_of
 
 BLOCKS, FAMILY, WIDTH = 40, 8, 2
 
@@ -122,3 +126,45 @@ def test_no_step_that_is_allowed_makes_it_better(seed: int) -> None:
     assert (np.abs(slope[~signed]) < small).all()
     assert (slope[signed] > -small).all()
     assert (np.abs(slope[signed & (found > 0.0)]) < small).all()
+
+
+def test_useless_columns_do_not_gain_on_held_out_runs(healthy: Analysis) -> None:
+    """Law: where nothing is wrong, candidates lose log score on runs that they were not fitted to, on the average, and
+    the error of no joint falls by 2 %.
+    """
+    held_out = search_of(healthy).held_out
+    before = held_out.score()
+    gains, falls = [], []
+    for group in healthy.evidence.layout.groups[::4]:
+        after = held_out.score([group])
+        gains.append(after.gain_over(before)[0])
+        falls.append(np.max(1.0 - after.rms / before.rms))
+    assert np.mean(gains) < 0.0
+    assert max(falls) < 0.02
+
+
+def test_one_column_is_judged_as_any_group_that_spans_it() -> None:
+    """Law: a group's p-value is that of what its columns span, however many they are, and whatever else is asked."""
+    rng = np.random.default_rng(9)
+    scores = noise_scores(rng)
+    scores[:, 4] += 1.5
+    single = [Group(CATALOGUE[k], 0, Variant(), np.array([k])) for k in range(FAMILY)]
+    doubled = [Group(CATALOGUE[k], 0, Variant(), np.array([k, k])) for k in range(FAMILY)]
+    alone = family_p_values(scores, single, np.random.default_rng(1))
+    assert np.array_equal(alone, family_p_values(scores, doubled, np.random.default_rng(1)))
+    mixed = family_p_values(scores, [*single[:3], *doubled[3:]], np.random.default_rng(1))
+    assert np.array_equal(alone, mixed)
+    assert alone.min() < 0.5
+
+
+@pytest.mark.parametrize("middle", [0.02, 0.05, 0.08])
+def test_profile_of_a_parabola(middle: float) -> None:
+    """Law: a profile that is a parabola in log x has its maximum and its 95 % ends exactly, wherever the grid lies."""
+    x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
+    width = 0.7
+    found = _interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
+    reach = width * np.sqrt(2 * USUAL_SELECTION.interval_fall)
+    assert found.value == pytest.approx(middle, rel=1e-9)
+    assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)
+    assert found.high >= middle * np.exp(reach) * (1 - 1e-9)
+    assert np.log(found.high / found.low) == pytest.approx(2 * reach, rel=1e-6)

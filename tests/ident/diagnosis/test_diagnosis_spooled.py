@@ -11,7 +11,7 @@ import pytest
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.baseline import fit_baseline
-from ident.diagnosis.regression.decimation import decimate
+from ident.diagnosis.regression.decimation import decimate, prepare_slower
 from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import gather
 from ident.diagnosis.regression.partition import build_partition
@@ -20,11 +20,11 @@ from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSett
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.filter import FOR_DIAGNOSIS
-from ident.motion.motion import Lowpass, Motion
+from ident.motion.motion import Lowpass, Motion, prepare
 from ident.motion.out_of_core import SpooledMotions, choose_runs
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, healthy_torque, record, stribeck_on_1
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import made_motions, made_session
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +161,19 @@ def test_losses_are_those_of_the_fast_log(short_arm: ArmModel) -> None:
     losses = [fit_baseline(motions, short_arm).loss for motions in (fast, slow)]
     for name in ("motor_inertia", "viscous", "coulomb"):
         np.testing.assert_allclose(getattr(losses[1], name), getattr(losses[0], name), rtol=0.02)
+
+
+def test_filtered_signals_are_those_of_the_fast_log(short_arm: ArmModel) -> None:
+    """Law: torque and states pass the common filter as they would have at 1 kHz, within 2 %."""
+    session = made_session(short_arm, lambda *x: healthy_torque(short_arm, *x), (1,), 6.0, 1000.0)
+    (fast,) = prepare(session, CUTOFF, settings=FOR_DIAGNOSIS)
+    (slow,) = prepare_slower(session, CUTOFF)
+    assert (fast.lowpass.rate, slow.lowpass.rate) == pytest.approx((1000.0, 125.0))
+    assert slow.lowpass.cutoff == pytest.approx(fast.lowpass.cutoff)
+    inner, whole = slice(20, -20), Lowpass(fast.lowpass.rate, CUTOFF, 1)
+    for name in ("tau", "dq", "ddq"):
+        exact = np.stack(
+            [np.interp(slow.time[slow.coarse], fast.time, v) for v in whole(getattr(fast, name)).T], axis=1
+        )
+        found = slow.filtered(getattr(slow, name))
+        assert np.abs(found - exact)[inner].max() < 0.02 * np.abs(exact).max()

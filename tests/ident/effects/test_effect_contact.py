@@ -10,6 +10,7 @@ from smooth_motion import Recover, make_session
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.contact import ExternalContact, Push, force_columns, locate, screen_windows
+from ident.laws.acting import shifted
 from ident.robot.arm import ArmModel
 
 FORCE = np.array([12.0, -5.0, 8.0])
@@ -164,3 +165,20 @@ def test_a_zero_that_is_far_off_is_found_by_its_secant(session: SessionContext, 
         np.testing.assert_allclose(shift * column[:, :, 0], torque, atol=1e-9)
         left = torque - shift * straight[:, :, 0]
         assert np.sqrt(np.mean(left**2)) > 0.04 * np.sqrt(np.mean(torque**2))
+
+
+def test_a_force_acts_by_the_jacobian(session: SessionContext) -> None:
+    """Unit forces give the columns of −Jᵀ, whatever the links weigh."""
+    run = session.runs[0]
+    torque = push(session, 0, -1.0, 1.0)[0]
+    inside = run.motion.time < 1.0
+    np.testing.assert_allclose(force_columns(run.arm, run.motion.q[inside], run.n) @ FORCE, torque[inside], atol=1e-9)
+
+
+def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:
+    """Three samples late is the value three samples ago; a cubic is shifted by any part exactly."""
+    t = np.arange(40.0)
+    values = np.stack([np.sin(t), 1 + t - 0.1 * t**2 + 0.01 * t**3], axis=1)
+    np.testing.assert_allclose(shifted(values, 3.0, 1.0)[3:], values[:-3])
+    late = t - 2.3
+    np.testing.assert_allclose(shifted(values, 2.3, 1.0)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])

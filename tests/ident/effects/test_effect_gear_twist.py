@@ -13,7 +13,7 @@ from smooth_motion import make_session
 
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
-from ident.effects.gear import deflect
+from ident.effects.gear import deflect, felt_torque
 from ident.robot.arm import ArmModel
 
 SUBSTEPS = 8
@@ -146,3 +146,35 @@ def test_play_shows_only_where_the_load_changes_sign(session: SessionContext) ->
         tuple(pressed(r) for r in session.runs), True, session.joint_names, None, session.rated_torque
     )
     assert "never changes sign" in str(effect.untestable(one_sided, 1))
+
+
+def test_an_elastic_joint_at_rest_shows_gravity_only(arm: ArmModel) -> None:
+    """Standing still, the link lies lower by load / K, and gravity's torque is that of this angle."""
+    session = make_session(arm, seconds=2.0, runs=1, size=0.0)
+    run, effect = session.runs[0], find_effect("joint_elasticity")
+    variant = effect.variants(session, 1)[0]
+    stiffness = variant.shape["stiffness_Nm_rad"]
+    q = run.motion.q[:1].copy()
+    for _ in range(20):
+        q[:, 1] = run.motion.q[:1, 1] - arm.gravity(q)[:, 1] / stiffness
+    change = arm.gravity(q)[0] - run.rigid[0]
+    np.testing.assert_allclose(effect.columns(session, 1, variant)[0][-1, :, 0] / stiffness, change, atol=2e-3)
+
+
+def test_every_joint_feels_an_elastic_one(short: SessionContext) -> None:
+    """The pattern over the joints is that of the mass matrix: it is not the twisted joint's torque alone."""
+    effect = find_effect("joint_elasticity")
+    column = effect.columns(short, 1, effect.variants(short, 1)[-1])[0][:, :, 0]
+    size = np.sqrt(np.mean(column**2, axis=0))
+    assert np.all(size[:3] > 0.1 * size[1])
+
+
+def test_what_is_felt_of_a_deflection_is_the_link_s_own_law(short: SessionContext) -> None:
+    """Law: −(M δ'' + V δ' + P δ) with the whole column of each derivative, of all joints or some, in any unit."""
+    run = short.runs[0]
+    twist, rate = 1e-3 * np.random.default_rng(2).normal(size=(2, len(run.motion.time)))
+    position, velocity, inertia = (part[:, :, 1] for part in run.derivatives)
+    change = np.gradient(rate, run.interval)
+    expected = -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+    assert np.allclose(felt_torque(run, 1, twist, rate), expected, rtol=1e-13)
+    assert np.allclose(felt_torque(run, 1, twist, rate, slice(1, 3), 0.004), expected[:, 1:3] / 0.004, rtol=1e-13)

@@ -111,3 +111,27 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     whole = find_effect("payload").screened(replace(session, tuned=tuned), [])
     assert len(whole.variants(session, 0)) == len(find_effect("payload").variants(session, 0))
     assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)
+
+
+def test_a_shifted_centre_is_no_mass(session: SessionContext, recover: Recover) -> None:
+    """Link 2 with its centre 10 mm further out: the first moment changes, and the inertia with it."""
+    arm = session.runs[0].arm
+    parameters = arm.inertial_parameters.reshape(6, 10).copy()
+    mass, centre = parameters[1, 0], parameters[1, 1:4] / parameters[1, 0]
+    moved = centre + np.array([0.01, 0.0, 0.0])
+    steiner = mass * ((moved @ moved - centre @ centre) * np.eye(3) - np.outer(moved, moved) + np.outer(centre, centre))
+    parameters[1, 1:4] = mass * moved
+    parameters[1, 4:] += steiner[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    torque = difference(session, arm.with_inertial_parameters(parameters.ravel()))
+    found = recover(find_effect("link_inertial_error"), session, 1, torque)
+    np.testing.assert_allclose(found["moment_change_x_kgm"].value, 0.01 * mass, rtol=0.05)
+    assert abs(found["mass_change_kg"].value) < 0.05 * mass
+
+
+def test_a_tilt_shows_on_a_vertical_joint(session: SessionContext) -> None:
+    """Joint 1 feels no gravity on a level base, and does on a tilted one; inertia has no part in it."""
+    effect = find_effect("gravity_misalignment")
+    columns = effect.columns(session, 0, effect.variants(session, 0)[0])[0]
+    assert np.abs(columns[:, 0]).max() > 1.0
+    slow = session.runs[0].arm.gravity(session.runs[0].motion.q)
+    assert np.abs(slow[:, 0]).max() < 1e-9

@@ -241,3 +241,26 @@ def test_a_patch_says_how_its_base_hangs(tmp_path: Path, arm: ArmModel) -> None:
     patch(diagnosed(tmp_path, arm, WALL, "torque_offset"), arm, tmp_path / "patch")
     record = json.loads((tmp_path / "patch" / "patch.json").read_text(encoding="utf-8"))
     assert any("(9.81 0.00 0.00)" in line for line in record["told"])
+
+
+def test_dry_friction_of_a_light_joint_is_whole_in_mujoco(tmp_path: Path) -> None:
+    """Law: at speeds beyond rest every joint of the MJCF rubs with its friction, however light its link is."""
+    arm = stated()
+    model = WrittenFile.write("mjcf", tmp_path, replace(arm, losses=replace(LOSSES, motor_inertia=np.zeros(6)))).load()
+    q, dq = np.zeros((1, 6)), np.full((1, 6), 0.03)
+    rubbed = model.joint_torque(q, dq, 0 * q, 0.0) - model.joint_torque(q, -dq, 0 * q, 0.0)
+    np.testing.assert_allclose(rubbed / 2.0 - LOSSES.viscous * dq, 4.0, rtol=0.03)
+
+
+def test_of_a_few_stretches_little_is_sure() -> None:
+    """Law: the same scatter counts more the fewer stretches there are, of one alone all of it; no scatter, nothing."""
+    even, names = np.tile([[1.0], [3.0]], (32, 1)) * np.ones(6), ("torque", "energy", "position")
+
+    def cost(count: int) -> float:
+        one, other = (Gap(dict.fromkeys(names, x[:count]), np.ones(6)) for x in (0.5 * even, even[::-1]))
+        return float(one.cost([other]).max())
+
+    assert cost(64) < 0.0 < cost(8) < cost(4) < cost(2)
+    one, better = (Gap(dict.fromkeys(names, x), np.ones(6)) for x in (even[:1], 0.1 * even[:1]))
+    assert np.all(better.cost([one]) > one.cost([one]))
+    assert np.all(one.cost([one]) == 0.0)

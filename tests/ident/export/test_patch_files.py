@@ -16,20 +16,21 @@ from ident.effects.added_body import PLACE
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
-from ident.export.bodies import Links
+from ident.export.bodies import Links, nearest_bodies
 from ident.export.controllers import describe_arm
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
 from ident.export.loaded import LoadedMjcf, load_module
-from ident.export.mjcf import write_urdf
+from ident.export.mjcf import spring_at_rest, write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
-from ident.model.inertia import is_consistent
+from ident.model.inertia import base_parameters, is_consistent, lift_base, parameter_scale
 from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER
 from ident.robot.arm import ArmModel
 from tests.ident.export.diagnoses import COULOMB, FIGURES, VISCOUS, baseline, write_diagnosis
+from tests.ident.made_up import random_states
 
 
 def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **changes: Any) -> dict[str, Any]:
@@ -257,3 +258,36 @@ def test_other_robots_are_patched_too(tmp_path: Path, robot: str) -> None:
     found = make_patch(tmp_path, ArmModel.load(robot), "payload", "encoder_offset")["structure"]
     assert found["urdf"]["torque_difference_Nm"] < 0.01
     assert found["mjcf"]["torque_difference_Nm"] < 0.01
+
+
+def test_a_bent_spring_is_written_as_its_cubic() -> None:
+    """MuJoCo's passive force of the written coefficients is minus the cubic's torque."""
+    figures = {"centre_rad": 0.2, "constant_Nm": 1.5, "linear_Nm_rad": 2.0, "square_Nm_rad2": 0.7, "cube_Nm_rad3": 0.4}
+    (rest,), stiffness = spring_at_rest(figures)
+    joint = f'<joint name="a" springref="{rest!r}" stiffness="{" ".join(map(repr, stiffness))}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    for q in (-1.2, -0.3, 0.4, 1.1):
+        x = q - 0.2
+        data.qpos[0] = q
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_passive[0], -(1.5 + 2.0 * x + 0.7 * x**2 + 0.4 * x**3), atol=1e-9)
+
+
+def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
+    """Base parameters leave the links open: among links of one torque those that are bodies are taken."""
+    rng = np.random.default_rng(1)
+    base, scale = base_parameters(arm), parameter_scale(arm)
+    real = [0.3 * link[0] * point_mass(rng.uniform(-0.2, 0.2, 3)) for link in arm.inertial_parameters.reshape(6, 10)]
+    wanted = lift_base(base, scale) @ (base.mapping @ np.concatenate(real))
+    nominal = arm.inertial_parameters.reshape(6, 10)
+    assert not all(is_consistent(link) for link in nominal + wanted.reshape(6, 10))
+    change, missed = nearest_bodies(arm, wanted.reshape(6, 10))
+    assert all(is_consistent(link) for link in nominal + change)
+    states = random_states(rng, 50, 6)
+    torque = arm.regressor(*states) @ np.stack([wanted, change.ravel()], axis=1)
+    left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))
+    assert left < 0.01
+    assert missed < 0.01

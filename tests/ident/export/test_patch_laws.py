@@ -12,6 +12,7 @@ from ident.export.controllers import describe_arm
 from ident.export.identified import Change
 from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
 from ident.laws.motion import Losses, MovingArm, rigid_torque
+from ident.model.linearisation import Sliding
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 from tests.ident.made_up import random_states, sliding_arm
@@ -145,3 +146,23 @@ def test_laws_with_a_memory_ask_for_a_run(session: SessionContext) -> None:
     effect = ("presliding_hysteresis", 1, {"part_0_Nm": 1.0, "range_0_rad": 0.01})
     with pytest.raises(ValueError, match="give a whole run"):
         acting_torque([effect], one)
+
+
+@pytest.mark.parametrize("mix", [1.0, -1.0])
+def test_friction_of_two_joints_together(session: SessionContext, mix: float) -> None:
+    """The sign of the viscous part says whether the sum or the difference of two joints rubs."""
+    variants = find_effect("joint_coupling").variants(session, 1)
+    variant = next(v for v in variants if v.other == 0 and v.shape["mix"] == mix)
+    beta = np.array([2.0, mix * 0.5])
+    effect = as_named(session, "joint_coupling", 1, variant, beta)
+    left = predicted(effect, states_of(session, 0)) - by_columns(session, "joint_coupling", 1, variant, beta, 0)
+    assert np.sqrt(np.mean(left**2)) < 0.02 * 2.0
+
+
+def test_friction_turns_round_as_the_diagnosis_has_it(session: SessionContext) -> None:
+    """Over a displacement at some joints, over a speed at the others: the module's direction is the diagnosis's."""
+    sliding = Sliding(np.array([0.0, 2e-4, 0.0, 5e-5, 4e-4, 0.0]), np.array([0.01, 1.0, 0.03, 1.0, 1.0, 0.005]))
+    losses = Losses(np.zeros(6), VISCOUS, COULOMB, np.where(sliding.range > 0.0, 0.01, sliding.speed), sliding.range)
+    run = session.runs[1]
+    states = MovingArm(describe_arm(run.arm), losses, run.motion.q, run.motion.dq, run.motion.ddq, run.interval)
+    np.testing.assert_allclose(states.direction, sliding.direction(run.motion), atol=1e-12)

@@ -209,3 +209,33 @@ def test_both_smoothers_lead_to_the_same_fit() -> None:
     assert np.allclose(*found, rtol=1e-6)
     with pytest.raises(InputError, match="--smoother"):
         FitOptions(smoother="other")
+
+
+def test_the_folder_is_text_and_weights(fitted: FitResults, folder: Path) -> None:
+    """URDFs, TOML and JSON that can be read, safetensors, no pickle; data hashes and versions are recorded."""
+    suffixes = {path.suffix for path in folder.iterdir()}
+    assert suffixes == {".urdf", ".toml", ".json", ".safetensors"}
+    for path in folder.iterdir():
+        assert not path.read_bytes().startswith((b"\x80", b"PK"))
+    text = (folder / "model.toml").read_text(encoding="utf-8")
+    assert "ab" * 32 in text
+    assert all(f'{name} = "' in text for name in ("torch", "pin", "numpy", "python"))
+    assert fitted.model.provenance["samples"] == 1600
+
+
+def test_fits_are_repeatable(motions: list[Motion], arm: ArmModel) -> None:
+    """The same runs, options and seed give the same torques, to the last bit."""
+    options, states = FitOptions(net="none", inertia="consistent"), random_states(np.random.default_rng(6), 10, 6)
+    first, second = (fit_hybrid(motions, arm, options).model.torque(*states) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_every_rung_is_nearer_to_the_truth(fitted: FitResults, motions: list[Motion]) -> None:
+    """On the training runs no rung is worse than the one below it, joint by joint, and inertia takes gravity's part."""
+    errors = []
+    for name in ("analytic", "inertia", "loss", "net"):
+        left = [motion.tau - fitted.model.ladder(motion.q, motion.dq, motion.ddq)[name] for motion in motions]
+        errors.append(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
+    assert np.all(np.diff(errors, axis=0) < 0.05)
+    assert np.mean(errors[-1]) < 0.4  # where a net stays silent, friction's law is left
+    assert np.min(errors[-1]) < 0.25

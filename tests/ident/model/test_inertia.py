@@ -25,7 +25,7 @@ from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import made_motions, random_states, sliding_arm
+from tests.ident.made_up import exact_motion, made_motions, random_states, sliding_arm
 
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
 MODES: tuple[Mode, ...] = ("nominal", "base", "consistent")
@@ -172,3 +172,30 @@ def test_without_bounds_it_is_least_squares() -> None:
     free = np.linalg.lstsq(table, target, rcond=None)[0]
     assert np.allclose(solve_bounded(table.T @ table, table.T @ target, ()), free, atol=1e-6)
     assert np.allclose(solve_partly_non_negative(table, target, ()), free)
+
+
+def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], nominal: ArmModel, real: ArmModel) -> None:
+    """Multisines on all joints: below 20. All joints in step on one sine: over 1000."""
+    assert fits["base"].inertia.condition_number < 20.0
+    time = np.arange(1500) / 100.0
+    one = np.tile(time[:, None], (1, 6))
+    states = (np.sin(0.7 * one), 0.7 * np.cos(0.7 * one), -0.49 * np.sin(0.7 * one))
+    tau = real.inverse_dynamics(*states) + LOSS.torque(states[1], states[2])
+    tau = tau + 0.3 * np.random.default_rng(1).standard_normal(tau.shape)
+    poor = exact_motion(time, states, tau, nominal.joint_names)
+    assert identify([poor], nominal, HowToIdentify("base")).inertia.condition_number > 1000.0
+
+
+def test_consistent_links_could_be_bodies(fits: dict[str, Identified]) -> None:
+    """`consistent`: every pseudo-inertia is positive semidefinite; `base` on the same data is not."""
+    assert is_consistent(fits["consistent"].inertia.arm.inertial_parameters)
+    assert not is_consistent(fits["base"].inertia.arm.inertial_parameters)
+
+
+def test_deviations_are_honest(fits: dict[str, Identified], real: ArmModel, nominal: ArmModel) -> None:
+    """`base`: error of the base parameters over their reported deviation is 1 ± 0.3 in root mean square, 4 at most."""
+    fit = fits["base"].inertia
+    truth = fit.base.mapping @ (real.inertial_parameters - nominal.inertial_parameters)
+    score = (fit.change - truth) / fit.std
+    assert np.sqrt(np.mean(score**2)) == pytest.approx(1.0, abs=0.3)
+    assert np.abs(score).max() < 4.0

@@ -19,7 +19,7 @@ from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
 from ident.model.identification import HowToIdentify, Identified, describe, identify
-from ident.model.inertia import base_parameters, parameter_scale, solve_bounded
+from ident.model.inertia import base_parameters, is_consistent, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
 from ident.model.run_effects import USUAL_SPREAD, RunEffect, share_variance, wandering
 from ident.motion.motion import Motion
@@ -274,3 +274,44 @@ def test_where_one_joint_has_friction_none_is_without(nominal: ArmModel, coulomb
     found = identify(drawn(nominal, coulomb, [1]), nominal, HowToIdentify("consistent"))
     assert found.lossless == ()
     assert found.loss.params.coulomb == pytest.approx(coulomb, abs=0.6)
+
+
+def test_identified_links_are_bodies(nominal: ArmModel) -> None:
+    """Consistent inertias are bodies also where the base parameters' smallest change is none."""
+    real = nominal.with_inertial_parameters(1.2 * nominal.inertial_parameters)
+    assert is_consistent(
+        identify(_measured(real, 7), nominal, HowToIdentify("consistent")).inertia.arm.inertial_parameters
+    )
+
+
+@pytest.mark.parametrize("runs", [6, 9, 12])
+def test_friction_that_never_wandered_is_known_nearly_as_well_as_if_that_were_known(runs: int) -> None:
+    """Independent changes: the interval of the mean is at most a quarter wider for what might have been."""
+    rng = np.random.default_rng(7)
+    wider = [np.sqrt(1.0 + wandering(_effects(rng, runs, 0.0, 0.02)[0])[0] * runs / 0.02**2) for _ in range(20)]
+    assert np.median(wider) < 1.25
+
+
+def test_independent_changes_are_no_wandering() -> None:
+    """Over many runs chance is told as such: what is added to the mean's variance is a small share of one run's."""
+    rng = np.random.default_rng(6)
+    few, many = (
+        np.mean([wandering(_effects(rng, runs, 0.0, 0.02)[0])[0].mean() for _ in range(20)]) for runs in (10, 40)
+    )
+    assert many < 0.5 * few
+    assert many < 0.05 * 0.02**2
+    assert not wandering([RunEffect(np.zeros((3, 2)), np.zeros(2), 1.0, np.zeros((1, 2, 2)), np.zeros((1, 2)))])[
+        0
+    ].any()
+
+
+def test_moderated_variances_are_nearer_to_the_truth() -> None:
+    """Of three degrees of freedom each, the mean error of the logarithm falls by more than two fifths."""
+    rng = np.random.default_rng(3)
+    own, shared = [], []
+    for _ in range(20):
+        spread = 0.02 * np.exp(0.2 * rng.standard_normal(12))
+        squares, dof = _squares(rng, spread, 3), np.full(12, 3.0)
+        own.append(np.abs(np.log(squares[0] / 3.0 / spread**2)))
+        shared.append(np.abs(np.log(share_variance(squares, dof).moderate(squares, dof) / spread**2)))
+    assert np.mean(shared) < 0.6 * np.mean(own)

@@ -15,7 +15,9 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError, RecordingError
+from ident.laws.motion import direction
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.identification import HowToIdentify, identify
 from ident.model.linearisation import (
     _sharpest,
     correlation_time,
@@ -227,3 +229,50 @@ def fixture() -> Fixture:
 def motion(split: Split) -> Motion:
     run = Recording("run", JOINTS, split.time, split.q, split.tau)
     return prepare(Session("fixture", (run,)))[0]
+
+
+def test_a_shaft_does_no_work_against_itself() -> None:
+    """Power of the torque that a shaft adds: Coulomb's is |u| f, whatever the sign; both joints' parts together."""
+    dq = np.random.default_rng(1).normal(size=(50, 2))
+    for sign in (1.0, -1.0):
+        coupling = Coupling(Shaft(0, 1, sign), (0.0,) * 3, (0.0,) * 3, (2.0, 1.0, 3.0))
+        power = np.sum(coupling.torque(dq, np.zeros_like(dq)) * dq, axis=1)
+        assert np.allclose(power, 2.0 * np.abs(dq[:, 1] + sign * dq[:, 0]))
+
+
+def test_a_stop_holds_its_range() -> None:
+    """Law: the state never leaves ±r, equals the path inside it, and turns over 2 r after a reversal."""
+    q = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101)])
+    state = stop_operator(q, 0.1)
+    assert np.abs(state).max() <= 0.1
+    np.testing.assert_allclose(state[:11], q[:11], atol=1e-12)
+    np.testing.assert_allclose(state[101:122], 0.1 - (1.0 - q[101:122]), atol=1e-12)
+    np.testing.assert_allclose(state[125:], -0.1)
+
+
+def test_torque_is_eq_3() -> None:
+    """B ddq + C dq + f sign(dq) + offset, with tanh in place of the sign where a width is given; zero() has none."""
+    params = LossParameters([2.0, 2.0], [3.0, 3.0], [5.0, 5.0], [0.5, 0.5], [0.0, 0.1])
+    dq, ddq = np.array([[0.1, 0.1], [-0.1, 0.0], [0.0, -1.0]]), np.array([[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
+    near = np.tanh(1.0)
+    expected = [[7.8, 2.8 + 5 * near], [-4.8, 0.5], [0.5, -2.5 - 5 * np.tanh(10.0)]]
+    assert np.allclose(params.torque(dq, ddq), expected)
+    assert np.all(LossParameters.zero(2).torque(dq, ddq) == 0.0)
+    assert np.all(np.abs(direction(10 * dq, params.transition_speed)) <= 1.0)
+
+
+@pytest.mark.parametrize(("level", "peer"), [("low", 0.138), ("high", 0.196)])
+def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
+    fixture: Fixture, tmp_path: Path, level: str, peer: float
+) -> None:
+    """Law: over all samples, ends of the run included; two draws stay below what the peer has in the mean of five."""
+    arm = ArmModel.load(fixture.write_urdf(tmp_path / "ur10.urdf"))
+    worst = []
+    for number in range(2):
+        train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
+        found, seen = identify([motion(train)], arm, HowToIdentify("consistent")), motion(test)
+        losses = found.loss.params
+        told = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
+        told += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
+        worst.append(np.sqrt(np.mean((told - test.true_tau) ** 2, axis=0)).max())
+    assert np.mean(worst) < peer

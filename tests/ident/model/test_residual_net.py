@@ -369,3 +369,12 @@ def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
     assert told.startswith("residual net, on runs held back: kept for a (")
     assert f"{net.gate[0].rmse_without:.3g} → {net.gate[0].rmse_with:.3g} N m" in told
     assert "; left out for b (" in told
+
+
+def test_what_is_said_of_a_row_does_not_know_it() -> None:
+    """Chance can't be foretold: on noise the unseen prediction is no better than none, the error says so."""
+    x, _, fold = _data(4, 600)
+    y = np.random.default_rng(5).standard_normal(600)
+    net = solve_net(x, y, np.ones(600, dtype=bool), fold, 0)
+    assert np.mean((net.unseen - y) ** 2) > 0.97 * np.mean(y**2)
+    assert net.error > 0.97

@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ident.monitor.alarms import (
     LEAST_BEFORE,
+    MOST_GROWTH,
     Alarm,
     EProcess,
     Point,
@@ -227,3 +230,32 @@ def test_what_no_parameter_explains_is_the_gap(arm: ArmModel) -> None:
     first, second = estimates_of(arm)["joint_2", "gap"], estimates_of(arm, viscous=14.0)["joint_2", "gap"]
     assert 0.05 < first.value < 0.5
     assert first.value == pytest.approx(second.value, rel=1e-6)
+
+
+def test_a_change_is_told_and_dated() -> None:
+    """Five spreads after 20 sessions: beyond any level in use within ten sessions, dated to the session."""
+    rng = np.random.default_rng(2)
+    bets = EProcess()
+    for value in [*rng.standard_normal(20), *(5.0 + rng.standard_normal(10))]:
+        bets.add(float(value))
+    assert bets.evidence > 1e4
+    assert bets.before == 20
+
+
+def test_one_odd_session_raises_no_alarm() -> None:
+    """However far off, it multiplies the evidence by `MOST_GROWTH` at most, and the next ones take that back."""
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal(30)
+    values[15] = 1e6
+    found = evidence(values)
+    assert found[15] <= MOST_GROWTH * found[14] + 1.0
+    assert found[-1] < MOST_GROWTH
+    assert evidence(np.full(10, 3.7)).max() <= 1.0  # no spread at all, as of a counter
+
+
+@given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3))
+@settings(max_examples=20, deadline=None)
+def test_neither_unit_nor_zero_matter(shift: float, scale: float) -> None:
+    """Evidence depends on the maximal invariant alone: that is why no spread needs to be known."""
+    values = np.random.default_rng(5).standard_normal(15)
+    np.testing.assert_allclose(evidence(shift + scale * values), evidence(values), rtol=1e-4)

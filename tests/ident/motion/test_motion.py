@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError, RecordingError
+from ident.model.loss import loss_columns
 from ident.motion import out_of_core as spooling
 from ident.motion.motion import Lowpass, Motion, prepare
 from ident.motion.out_of_core import CHANNELS, SpooledArrays, SpooledMotions, choose_runs, cut, few, hold, runs_recorded
 from ident.recordings.recording import Recording, Session
 from ident.sessions import load_robot
 from tests.ident.diagnosis.planted import load_arm
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import made_motions, two_joint_arm
 
 
 def _run(time: np.ndarray, name: str = "run", effort: np.ndarray | None = None) -> Recording:
@@ -176,3 +177,26 @@ def test_full_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spooled, "_file", Full())
     with pytest.raises(InputError, match="No space left on device; free some space there"):
         spooled.append(np.zeros(3))
+
+
+def test_lowpass_has_no_phase() -> None:
+    """A swing at a fifth of the corner passes without delay or loss (1e-3), one at four times is gone."""
+    lowpass = Lowpass.design(250.0)
+    assert (lowpass.cutoff, lowpass.factor) == (10.0, 6)
+    time = np.arange(2500) / 250.0
+    slow, fast = np.sin(2 * np.pi * 2.0 * time), np.sin(2 * np.pi * 40.0 * time)
+    middle = slice(40, -40)
+    assert np.allclose(lowpass(slow)[middle], slow[:: lowpass.factor][middle], atol=1e-3)
+    assert np.abs(lowpass(fast)[middle]).max() < 1e-3
+
+
+def test_lowpass_is_one_linear_map_for_torque_and_columns() -> None:
+    """Filtering is linear: filtered columns times figures = filtered product, on every shape, to 1e-12."""
+    arm = two_joint_arm()
+    motion = made_motions(arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq), [1], duration=4.0)[0]
+    regressor = arm.regressor(motion.q, motion.dq, motion.ddq)
+    product = motion.filtered(regressor) @ arm.inertial_parameters
+    assert product.shape == motion.tau_filtered.shape
+    assert np.allclose(product, motion.tau_filtered, atol=1e-10)
+    columns = loss_columns(motion, np.full(2, 0.01))
+    assert np.allclose(columns[..., 1], motion.filtered(motion.dq), atol=1e-12)

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt, sosfreqz, welch
 
 from ident.arrays import Array
-from ident.motion.encoder import find_resolution, keep_band, mean_spectrum
+from ident.motion.encoder import draw_errors, find_resolution, keep_band, mean_spectrum
 from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.motion.motion import prepare_run, session_noise
 from ident.motion.out_of_core import SpooledMotions, within_band
@@ -199,3 +199,91 @@ def test_steps_of_an_encoder_are_found_where_there_are_any() -> None:
     found = find_resolution(position)
     assert found[0] == pytest.approx(step, rel=1e-6)
     assert found[1] == 0.0
+
+
+def test_a_joint_at_rest_stays_at_rest() -> None:
+    """Constant readings give zero speed and acceleration, exactly, and do not disturb the joint that moves."""
+    time, z = _swings(np.random.default_rng(5), 0.004, 1000, 0.0, 1e-5)
+    resting = np.column_stack([z[:, 0], np.full(1000, 0.7)])
+    levels = fit_noise_levels([time], [resting])
+    found = smooth(time, resting, levels)
+    assert levels.jerk[1] == 0.0
+    assert np.all(found.dq[:, 1] == 0.0)
+    assert np.all(found.ddq[:, 1] == 0.0)
+    assert np.allclose(found.q[:, 1], 0.7, atol=1e-12)
+    alone = smooth(time, z[:, :1], fit_noise_levels([time], [z[:, :1]]))
+    assert np.allclose(found.dq[:, 0], alone.dq[:, 0])
+
+
+def test_bias_of_a_smooth_reversal_is_below_the_noise() -> None:
+    """0.5 rad swings at 0.5 Hz, 250 Hz, 20 µrad: at reversals the mean error over 40 noises is below 3 standard errors
+
+    of the mean: the smoother adds no bias that a smooth motion would show.
+    """
+    time, omega = np.arange(0, 20, 0.004), np.pi
+    q, dq, ddq = 0.5 * np.sin(omega * time), 0.5 * omega * np.cos(omega * time), -0.5 * omega**2 * np.sin(omega * time)
+    z = q[:, None] + 2e-5 * np.random.default_rng(4).standard_normal((len(time), 40))
+    levels = fit_noise_levels([time], [z[:, :1]])
+    found = smooth(time, z, NoiseLevels(np.full(40, levels.jerk[0]), np.full(40, levels.position[0])))
+    reversal = np.argmin(np.abs(time - 9.5))
+    for states, truth, std in ((found.dq, dq, found.std[1, 0]), (found.ddq, ddq, found.std[2, 0])):
+        error = states[reversal] - truth[reversal]
+        assert abs(error.mean()) < 3 * std / np.sqrt(40)
+
+
+@pytest.mark.parametrize(("interval", "corner"), [(0.004, 18.0), (0.01, 12.5)])
+def test_bias_where_a_joint_reverses(interval: float, corner: float) -> None:
+    """A reversal at a corner of the acceleration (jerk J on one side, -J on the other): no bias of speed, and the
+    peak of the acceleration is cut by 2 J / (3 ω_c); 100 rad/s³ at 18 Hz: 0.6 rad/s².
+    """
+    time, jerk, omega = np.arange(-3, 3, interval), 100.0, 2 * np.pi * corner
+    middle = len(time) // 2
+    time = time - time[middle]
+    q = -jerk * np.abs(time) ** 3 / 6
+    found = smooth(time, q[:, None], _levels(corner, interval))
+    inner = np.abs(time) < 1
+    bias = found.ddq[:, 0] + jerk * np.abs(time)
+    assert abs(found.dq[middle, 0]) < 1e-6 * jerk / omega**2
+    assert np.abs(bias[inner]).max() * omega / jerk == pytest.approx(2 / 3, abs=0.01)
+    assert np.abs(bias[inner]).argmax() == np.abs(bias[inner]).shape[0] // 2
+
+
+@pytest.mark.parametrize(("interval", "corner"), [(0.004, 18.0), (0.01, 12.5), (0.002, 30.0)])
+def test_bias_where_a_joint_stops(interval: float, corner: float) -> None:
+    """A joint that brakes at Δa to a stop: the speed is off by Δa / (3 ω_c) there, the position by < 0.14 Δa / ω_c².
+
+    That is the bias of a motion whose acceleration jumps; 5 rad/s² at 18 Hz: 15 mrad/s, over some 1 / f_c = 55 ms;
+    further away less than 0.015 Δa / ω_c.
+    """
+    time, jump, omega = np.arange(-3, 3, interval), 5.0, 2 * np.pi * corner
+    before = time < 0
+    q, dq = np.where(before, jump * time**2 / 2, 0.0), np.where(before, jump * time, 0.0)
+    found = smooth(time, q[:, None], _levels(corner, interval))
+    inner = np.abs(time) < 1
+    speed_bias = np.abs(found.dq[:, 0] - dq) * omega / jump
+    assert speed_bias[inner].max() == pytest.approx(1 / 3, abs=0.01)
+    assert speed_bias[inner & (np.abs(time) > 1 / corner)].max() < 0.015
+    assert np.abs(found.q[:, 0] - q)[inner].max() * omega**2 / jump < 0.14
+
+
+def test_errors_are_as_large_as_told() -> None:
+    """On white-jerk motion the true state lies within the told deviations: mean square of error / std is 1 ± 0.2."""
+    interval, samples, rng = 0.01, 4000, np.random.default_rng(3)
+    levels = NoiseLevels(np.array([200.0]), np.array([4e-8]))
+    x = _white_jerk(rng, interval, samples, 200.0)
+    z = x[:, :1] + 2e-4 * rng.standard_normal((samples, 1))
+    found = smooth(interval * np.arange(samples), z, levels)
+    middle = slice(200, -200)
+    for i, states in enumerate((found.q, found.dq, found.ddq)):
+        ratio = np.mean((states[middle, 0] - x[middle, i]) ** 2) / found.std[i, 0] ** 2
+        assert ratio == pytest.approx(1.0, abs=0.2)
+
+
+def test_errors_of_steps_are_drawn_as_steps_make_them() -> None:
+    """Law: a coarse encoder errs by at most half a step, with a twelfth of its square; a fine one like white noise."""
+    q = np.stack([np.linspace(0.0, 1.0, 5000), np.linspace(0.0, 1.0, 5000)], axis=1)
+    levels = NoiseLevels(np.ones(2), np.array([1e-3**2 / 12, 1e-5**2]))
+    error = draw_errors(q, levels, np.array([1e-3, 0.0]), np.random.default_rng(6))
+    assert np.abs(error[:, 0]).max() <= 0.5e-3 + 1e-9
+    assert np.std(error[:, 0]) == pytest.approx(1e-3 / np.sqrt(12), rel=0.05)
+    assert np.std(error[:, 1]) == pytest.approx(1e-5, rel=0.05)

@@ -136,3 +136,19 @@ def test_a_broken_bag_is_refused(storage: StoragePlugin, run: Recording, tmp_pat
             with pytest.raises(RecordingError, match="bag") as told:
                 load_session(path)
             assert "not a whole ROS 2 bag" in str(told.value) or not content
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("stem", ["panda/unisa_fer/panda_exciting_trajectory", "ur10_cb/ur10_exciting_trajectory"])
+def test_a_real_bag_equals_the_table_made_from_it(stem: str, real_data: Path, tmp_path: Path) -> None:
+    """To the nine digits that the table was written with."""
+    bag = load_session(real_data / f"{stem}.db3").runs[0]
+    names = {"q": "position", "dq": "velocity", "effort": "effort"}
+    columns = [f'{short}_{joint} = "{joint}/{name}"' for short, name in names.items() for joint in bag.joints]
+    settings = tmp_path / "session.toml"
+    settings.write_text("\n".join(["[columns]", 't = "time"', *columns]))
+    table = load_session(real_data / f"{stem}.csv", session_file=settings).runs[0]
+    assert bag.joints == table.joints
+    np.testing.assert_allclose(bag.time, table.time, atol=1e-7)
+    for channel, values in table.channels().items():
+        np.testing.assert_allclose(getattr(bag, channel), values, rtol=1e-8, atol=1e-8)

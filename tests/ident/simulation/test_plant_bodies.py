@@ -5,8 +5,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.simulation.hardware import build_model, draw_hardware
+from ident.simulation.hardware import AddedBody, build_model, draw_hardware
 from ident.simulation.laws import plain_friction
 from ident.simulation.loop import Laws, advance, engine, fresh_state
 
@@ -99,3 +100,14 @@ def test_work_of_motors_is_stored_or_lost(arm):
         before = speed
     assert loss > 5.0
     assert abs(sum(plant.energy()) - start - work + loss) < 1e-3 * (abs(work) + loss)
+
+
+def test_payload_is_a_body(arm):
+    """A point mass at the flange is the payload of the arm model."""
+    bodies = nominal_hardware(arm).bodies.replace(added=(AddedBody(arm.links[-1], 1.2, (0.02, -0.03, 0.08)),))
+    model, data = compiled(arm, bodies)
+    loaded = arm.with_payload(Payload(1.2, (0.02, -0.03, 0.08)))
+    for q, dq, tau in random_states(arm, 10):
+        acceleration = accelerations(model, data, q, dq, tau)
+        again = loaded.inverse_dynamics(q[None], dq[None], acceleration[None])[0]
+        np.testing.assert_allclose(again, tau, atol=1e-8)

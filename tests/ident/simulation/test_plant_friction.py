@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ident.simulation.laws import (
+    bristle,
     change_law,
     cool_down,
     heat_law,
@@ -135,3 +136,40 @@ def test_encoders_count():
     counts = reading / sensing.count
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-3)
     assert np.abs(reading - true())[:, 0].max() < 1e-4
+
+
+DT = 5e-4
+
+
+def test_a_cycle_loses_energy():
+    """Over any closed path friction takes energy, also below the breakaway."""
+    for amplitude in (1e-5, 1e-4, 1e-2):
+        phase = np.linspace(0.0, 8.0 * np.pi, 8000)
+        speed, z, work = amplitude * np.cos(phase) * np.pi, 0.0, 0.0
+        for v in speed:
+            z, torque = bristle(z, v, 10.0, 5e4, 100.0, DT)
+            work += torque * v * DT
+        assert work > 0.0
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
+def test_rest_holds_any_torque_below_the_level(share):
+    """A body pushed with less than the level creeps by no more than the presliding; with more it runs away."""
+    travel = []
+    for load in (share * 10.0, 1.3 * 10.0):
+        z = v = x = 0.0
+        for k in range(6000):
+            z, torque = bristle(z, v, 10.0, 5e4, 250.0, DT)
+            v += DT * (load * min(k / 3000, 1.0) - torque)
+            x += DT * v
+        travel.append(x)
+    assert travel[0] < 2e-3
+    assert travel[1] > 1.0
+
+
+def test_sliding_friction_is_its_level():
+    """After some presliding the bristle's torque is the level, against the motion."""
+    z, torque = 0.0, 0.0
+    for _ in range(2000):
+        z, torque = bristle(z, 0.3, 10.0, 5e4, 100.0, DT)
+    assert torque == pytest.approx(10.0, rel=1e-3)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from laboratory import RATE_HZ, changes, record, there_and_back, with_effect
 
-from ident.trajectories.reference import chirp, via_spline
+from ident.recordings.recording import Payload
+from ident.trajectories.reference import chirp, ramps, together, via_spline
 
 J = 1  # joint_2 carries the arm: friction, gravity and inertia all show there
 SLIP = 0.02
@@ -277,3 +278,17 @@ def test_contact_is_a_burst_with_a_jacobians_pattern(hardware):
     assert (size[4:] < 0.5).all()
     if changed.contact_run == 1:
         assert np.abs(other).max() < 1e-6
+
+
+def test_payload_shows_on_all_joints_by_the_jacobian(hardware):
+    """At rest the change is what the arm model says of such a body."""
+    arm = hardware.arm
+    motion = together("rest", [ramps(here, [(here + 0.4, 1.0)], 4.0, 0.02) for here in POSE]).held(0.5, 0.5)
+    changed = with_effect(hardware, [motion], "payload", J, 1.0)
+    com = changed.bodies.added[-1].com
+    (before,), (after,) = record(hardware, [motion]), record(changed, [motion])
+    change = (after.effort - before.effort)[60:100].mean(axis=0)
+    expected = (arm.with_payload(Payload(1.0, com)).gravity(POSE[None]) - arm.gravity(POSE[None]))[0]
+    # Sticking joints hide a part below their dry friction; the moving average of both sides would not.
+    assert np.abs(change - expected).max() < 1.5
+    assert change[J] == pytest.approx(expected[J], rel=0.3)

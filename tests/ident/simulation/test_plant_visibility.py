@@ -95,3 +95,11 @@ def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):
         return law(size)
 
     return *find_size(shown, wanted, start, (small, large), tolerance), tried
+
+
+def test_play_is_compared_with_the_same_gear_without_play(hardware, motions, meters):
+    """That teeth twist is no play: a gear without it shows nothing, and more play shows more."""
+    cause, scene = find_cause("backlash"), scene_at(hardware, motions, 2)
+    none, some, more = (meters[0].measure(cause, scene, gap, 3)[2] for gap in (0.0, 0.004, 0.016))
+    assert none < 1e-9
+    assert 1e-6 < some < more

@@ -13,7 +13,8 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import ChainTorque, differentiate_torque, energy, find_kinks, rounded, torque_of_model
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
+from plan.dynamics.power import METRICS, ChainTorque, differentiate_torque, energy, find_kinks, rounded, torque_of_model
 from plan.solving.bound import lower_bound
 from plan.spline import Splines
 from tests.ident.made_up import sliding_arm
@@ -215,3 +216,28 @@ def test_kinks_of_power_bend_as_told(metric: str) -> None:
     kinks = find_kinks(model, dq, differentiate_torque(model, q, dq, ddq), metric, width)
     bent = sum(float((sum((p * w).sum(axis=1) for p, w in zip(by, way, strict=True)) ** 2).sum()) for _, by in kinks)
     assert (power(1.0) + power(-1.0) - 2.0 * power(0.0)) / step**2 == pytest.approx(bent, rel=0.05)
+
+
+def test_metrics_are_ordered(splines: Splines) -> None:
+    """Signed ≤ positive ≤ absolute, and absolute = 2 positive − signed."""
+    signed, positive, absolute, copper = (energy(model(), splines, metric)[0] for metric in METRICS)
+    assert np.all(signed <= positive + 1e-9)
+    assert np.all(positive <= absolute + 1e-9)
+    assert absolute == pytest.approx(2 * positive - signed)
+    assert np.all(copper > 0)
+
+
+def test_quadrature_is_good_enough(splines: Splines) -> None:
+    """Eight points a section give the absolute energy to 1 % of forty points."""
+    few, many = (energy(model(), splines, "absolute", points=points)[0] for points in (8, 40))
+    assert few == pytest.approx(many, rel=1e-2)
+
+
+@pytest.mark.parametrize("net", [joint_nets(), dense_net()], ids=["default", "paper"])
+def test_net_adds_to_the_rest(net: CompiledDenseNet | CompiledJointNets) -> None:
+    """The model with a net is the model without plus the net's torque."""
+    q, dq, ddq = random_states(3)
+    rigid = three_joints().inverse_dynamics(q, dq, ddq)
+    with_net, without = model(net).torque(q, dq, ddq), model().torque(q, dq, ddq)
+    assert with_net - without == pytest.approx(net.torque(q, dq, ddq, rigid), abs=1e-9)
+    assert np.abs(with_net - without).max() > 0.1

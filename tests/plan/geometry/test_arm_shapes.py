@@ -158,3 +158,15 @@ def test_pairs_are_checked_or_named(robot: str) -> None:
     told = {frozenset(pair.links) for pair in scene.unchecked}
     apart = {frozenset((a.name, b.name)) for a in links for b in links if a.joint != b.joint}
     assert checked | told == apart
+
+
+def test_stand_ins_hit_what_the_arm_hits(tmp_path: Path) -> None:
+    """Capsules for the whole arm touch a box at the elbow, as the arm's own boxes do."""
+    q = np.radians([80.0, 30.0, -90.0, 0.0, 0.0, 0.0])
+    own = ArmModel.load("tm5-900")
+    elbow = own.forward_kinematics(q)["link_3"][:3, 3]
+    crate = Box("crate", 0, np.eye(3), elbow, [0.1, 0.1, 0.1])
+    bare = ArmModel.load(shapeless(tmp_path))
+    assert Scene.build(own, [crate]).proximity.distances(q).min() < 0.0
+    assert Scene.build(bare, [crate], stand_in="capsules").proximity.distances(q).min() < 0.0
+    assert Scene.build(bare, [crate], stand_in="boxes").proximity.distances(q).min() < 0.0

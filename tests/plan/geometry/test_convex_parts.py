@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.robot.arm import ArmModel
-from plan.geometry.arm_shapes import convex_parts
+from plan.geometry.arm_shapes import clip, convex_parts
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Solid
 
@@ -106,3 +106,16 @@ def test_folded_positions_that_the_meshes_leave_free_are_not_refused() -> None:
         step = 1e-6 * rng.normal(size=arm.n)
         change = scene.distances(q[row] + step)[pair] - scene.distances(q[row] - step)[pair]
         assert change == pytest.approx(2.0 * slope @ step, abs=2e-8)
+
+
+def test_a_cut_keeps_every_bit_of_the_surface_on_its_side() -> None:
+    """Both sides of a cut have the area of the whole, and none of them passes the plane."""
+
+    def area(triangles: Array) -> float:
+        sides = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        return float(np.linalg.norm(np.cross(*sides), axis=1).sum() / 2)
+
+    for axis, place in ((0, 0.13), (1, 0.1), (2, 0.077)):
+        below, above = clip(BEND, axis, place)
+        assert below[..., axis].max() <= place + 1e-12 <= above[..., axis].min() + 2e-12
+        assert area(below) + area(above) == pytest.approx(area(BEND))

@@ -8,6 +8,8 @@ import coal
 import numpy as np
 import pytest
 
+from ident.robot.arm import ArmModel
+from plan.geometry.arm_shapes import arm_shapes
 from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.compiled import compile_bodies
 from plan.geometry.scene import Scene
@@ -15,7 +17,7 @@ from plan.geometry.separation import BAND, body_gap
 from plan.geometry.solids import Box
 from plan.spline import Splines
 from tests.plan.geometry.worlds import KINDS, scene_of
-from tests.plan.worlds import MONITOR, random_rotation
+from tests.plan.worlds import GOAL, MONITOR, START, problem, random_rotation
 
 # How far a compiled gap may lie below the distance near contact [m]: a thinned hull gives away 2 mm a side.
 SHORT = {"box": 5e-4, "shapes": 4.3e-3, "panda": 4.3e-3, "cloud": 1e-4}
@@ -192,3 +194,32 @@ def test_separation_is_that_of_coal_and_of_the_theorem(apart: float) -> None:
         assert exact >= BAND or ours == pytest.approx(exact, abs=1e-4)
     assert 0.1 < np.mean(overlap) < 0.9  # the check would say nothing if all pairs were alike
     assert near > 20
+
+
+def test_boxes_enclose_meshes() -> None:
+    """A mesh's box holds every vertex of the mesh."""
+    arm = ArmModel.load("ur10")
+    boxes = arm_shapes(arm).boxes
+    for box, shape in zip(boxes, arm.geometry.geometryObjects, strict=True):
+        if hasattr(shape.geometry, "vertices"):
+            points = shape.geometry.vertices() @ shape.placement.rotation.T + shape.placement.translation
+            inside = np.abs((points - box.centre) @ box.rotation)
+            assert np.all(inside <= box.half + 1e-6)
+
+
+def test_proof_sees_between_samples() -> None:
+    """A thin plate that is passed between two of three samples is found all the same."""
+    plate = Box("plate", 0, np.eye(3), [0.04, -0.47, 0.6], [0.02, 0.02, 0.0005])
+    task = problem(plate)
+    motion = task.decode(task.initial)
+    assert all(task.scene.distances(q).min() > 0.0 for q in (START, GOAL))
+    assert not prove_clearance(task.scene, motion, samples=2).collision_free
+
+
+def test_parallel_boxes() -> None:
+    """Aligned boxes, whose edge axes vanish, give the plain gap along a face."""
+    a = (np.eye(3), np.zeros(3), np.array([0.1, 0.2, 0.3]))
+    b = (np.eye(3), np.array([0.5, 0.0, 0.0]), np.array([0.1, 0.1, 0.1]))
+    assert signed_separation(a, b) == pytest.approx(0.3)
+    inside = (np.eye(3), np.array([0.15, 0.0, 0.0]), np.array([0.1, 0.1, 0.1]))
+    assert signed_separation(a, inside) == pytest.approx(-0.05)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ import pytest
 from plan.api.planning import open_task
 from plan.initial import starts
 from plan.initial.starts import MOST_VIAS, any_way, follow_closely, from_seeds, from_vias, iterate_ways, straight
-from plan.initial.trees import Trees, find_seeds, midplane_targets
+from plan.initial.trees import STEP, Trees, find_seeds, midplane_targets, tip_solver
 from plan.problem.problem import PlanningProblem
+from plan.problem.rules import Pose
 from tests.plan.worlds import GOAL, MONITOR, START, problem
 
 
@@ -136,3 +138,30 @@ def test_a_plan_without_a_net_loads_no_heavy_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("[]")
+
+
+def test_trees_connect_clear_of_the_box(task: PlanningProblem) -> None:
+    """The path joins start and goal, every edge keeps the margin at twice the resolution; pruned it is shorter, too."""
+    grown = trees(task)
+    path = grown.connect(START, GOAL, 4000, 0.7)
+    assert not isinstance(path, str)
+    assert path[[0, -1]] == pytest.approx(np.array([START, GOAL]))
+    loose = replace(grown, margins=0.0)
+    assert all(loose.edge_is_free(a, b, 0.02) for a, b in pairwise(path))
+    assert np.abs(np.diff(path, axis=0)).max() <= STEP + 1e-9
+    short = grown.prune(path)
+    lengths = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in (short, path)]
+    assert lengths[0] <= lengths[1] + 1e-9
+    assert len(short) < len(path)
+    assert not any(grown.edge_is_free(a, b) for a, b in zip(short, short[2:], strict=False))
+
+
+def test_tip_reaches_its_targets(task: PlanningProblem) -> None:
+    """Inverse kinematics puts the tip within a millimetre, or says that it can't."""
+    tip = tip_solver(task.scene.arm)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        known = START + rng.uniform(-0.5, 0.5, 3)
+        q, _ = tip.descend(Pose(None, tip.place(known)), START)
+        assert np.linalg.norm(tip.place(q) - tip.place(known)) < 1e-3
+    assert tip.descend(Pose(None, np.array([3.0, 0.0, 0.0])), START)[1][0] > 1.0

@@ -12,6 +12,7 @@ from plan.dynamics.power import METRICS
 from plan.initial.starts import quickest_of_each_joint
 from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, subproblem, velocity_reversals
+from plan.planners.descent import begin
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.sequential import Sequential, begin_course
@@ -239,3 +240,30 @@ def test_a_joint_that_waits_does_not_turn(local: LocalModel) -> None:
     turns = local._turns(coefficients, dq, ddq, duration)[0]
     assert 0 not in turns.joints[turns.inside]
     assert {1, 2} & set(turns.joints[turns.inside])
+
+
+def test_goes_round_what_is_in_the_way() -> None:
+    """A box on the line is passed with the clearance asked for, every instant proven."""
+    task = problem(MONITOR, duration=1.0)
+    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+    assert certify(task, best.splines).broken == []
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_better_than_few_vias(objective: str) -> None:
+    """Free knots reach at least what five via points reach, and what they reach is allowed."""
+    task = problem(vias=5, objective=objective, free="vias" if objective == "energy" else "both")
+    task = replace(task, limits=replace(task.limits, jerk=np.full(3, 1e6)))  # ends without acceleration for both
+    known = Sequential().run([replace(task, grows=False)], ledger(), np.random.default_rng(0)).best
+    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+    assert best.feasible
+    assert best.cost <= known.cost * 1.001
+
+
+def test_first_step_is_taken_from_the_start() -> None:
+    """A course before its first step is the initial trajectory, on knots that are named."""
+    task = problem(duration=1.0)
+    course = begin_course(replace(task, grows=False))
+    assert begin(course.local, course.x).look.cost == course.look.cost
+    points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
+    assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)

@@ -17,7 +17,7 @@ from plan.dynamics.rigid import manipulability_of
 from plan.geometry.pairs import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
 from plan.problem.makers_limits import TABLE, find_makers_limits
-from plan.problem.problem import PlanningProblem
+from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
 from plan.problem.task_file import load_task
 from plan.solving.set_up import set_up
 from tests.plan.worlds import MONITOR, problem, three_joints
@@ -171,3 +171,57 @@ def test_makers_limits_are_kept_where_the_task_gives_none(tmp_path: Path) -> Non
     without = limits_of(tmp_path, "[limits]\nmakers = false\n")
     assert without.limits.acceleration is None
     assert any("no limit of acceleration and jerk" in note for note in without.notes)
+
+
+def test_feasible_is_always_better() -> None:
+    """In the one number to minimise, no cheap broken motion passes for better than a dear allowed one."""
+    task = problem(MONITOR, duration=1.0)
+    beside = np.radians([47.0, 12.0, -95.0, 57.0, 23.0, -90.0])
+    share = np.repeat(np.linspace(0.0, 1.2, 40), 10)[:, None]
+    x = task.initial + share * (beside - task.initial) + np.random.default_rng(1).normal(size=(400, 6)) * 0.03
+    found = task.evaluate(x)
+    value = task.penalised(found)
+    near = found.feasible & (found.cost < 1.5 * task.scale)
+    deep = found.collision > 0.5
+    assert near.any()
+    assert deep.any()
+    assert value[near].max() < value[deep].min()
+
+
+@pytest.mark.parametrize("free", ["vias", "times", "both"])
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_decoding_inverts_encoding(free: str, objective: str) -> None:
+    """The initial decision vector is the initial trajectory, and lies within the bounds."""
+    task = problem(objective=objective, free=free)
+    splines = task.decode(task.initial)
+    assert splines.points[0, 1:-1] == pytest.approx(task.vias)
+    assert splines.durations[0] == pytest.approx(task.durations)
+    assert np.all(task.lower <= task.initial)
+    assert np.all(task.initial <= task.upper)
+
+
+def test_bounds_hold() -> None:
+    """Vectors beyond the bounds are clipped, so no via angle leaves its reach or the position limits."""
+    task = problem(radius=0.2)
+    splines = task.decode(np.full((1, 6), 99.0))
+    assert np.abs(splines.points[0, 1:-1] - task.vias).max() <= 0.2 + 1e-12
+
+
+def test_torque_limit_is_met_at_its_share() -> None:
+    """The excess is zero up to the share of the limit, and counts from there."""
+    task = problem(objective="time", free="times")
+    _, _, tau = task.decode(task.initial).states(TIME_NODES)
+    peak = task.initial_evaluation.peak[0].max()
+    for factor, broken in ((0.99, True), (1.01, False)):
+        limits = replace(task.limits, torque=np.full(3, factor * peak / SHARE))
+        assert bool(replace(task, limits=limits).initial_evaluation.torque[0] > 0) == broken
+    assert tau.shape[1] == 3 * len(TIME_NODES)
+
+
+def test_six_joints_lose_a_direction() -> None:
+    """With the fifth joint at zero the TM5-900's wrist is singular; the measure says so."""
+    arm = ArmModel.load("tm5-900")
+    q = np.radians([[20.0, 30.0, -60.0, 10.0, 0.0, 0.0], [20.0, 30.0, -60.0, 10.0, 90.0, 0.0]])
+    singular, regular = manipulability_of(arm)(q)
+    assert singular < 1e-9
+    assert regular > 0.02

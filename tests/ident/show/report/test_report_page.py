@@ -151,3 +151,12 @@ def test_what_nobody_can_read_is_told(tmp_path: Path) -> None:
     page.write_text('<html lang="en"><body><main><img src="x"><p style="color: #bbb">pale</p></main></body></html>')
     found = {one.split(":")[0] for one in find_violations(page, tmp_path)}
     assert {"image-alt", "color-contrast"} <= found
+
+
+def test_page_is_well_formed(page: str) -> None:
+    """Elements close in order, no id stands twice, and every reference finds its target."""
+    reader = read(page)
+    assert reader.open == []
+    assert len(reader.ids) == len(set(reader.ids))
+    targets = re.findall(r"url\(#([^)]*)\)", page) + [a[1:] for a in reader.addresses if a.startswith("#")]
+    assert set(targets) <= set(reader.ids)

@@ -161,3 +161,15 @@ def test_viewer_that_fails_is_told(arm: ArmModel, motions: list[Motion], monkeyp
     with pytest.raises(InputError, match="--rrd"):
         show_timeline(arm, motions)
     assert commands[0][commands[0].index("--bind") + 1] == "127.0.0.1"
+
+
+def test_boxes_lie_where_the_collision_geometry_does(arm: ArmModel) -> None:
+    """Link pose times box pose is where Pinocchio puts the collision object, in any posture."""
+    q = np.array([0.4, -0.7, 1.1])
+    poses = arm.forward_kinematics(q)
+    for (link, box), body in zip(link_boxes(arm).items(), arm.geometry.geometryObjects, strict=True):
+        frame = arm.model.frames[body.parentFrame]
+        of_joint = poses[link] @ np.linalg.inv(frame.placement.homogeneous)
+        corner = of_joint @ body.placement.homogeneous @ np.array([*body.geometry.halfSide, 1.0])
+        shown = Rotation.from_quat(box["quaternions"][0]).apply(box["half_sizes"][0]) + box["centers"][0]
+        np.testing.assert_allclose((poses[link] @ [*shown, 1.0])[:3], corner[:3], atol=1e-9)
