@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.confounded_links import place_bodies, distinguished
+from ident.diagnosis.change.confounded_links import distinguished, place_bodies
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.learnt_prior import LEAST
