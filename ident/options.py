@@ -155,7 +155,6 @@ class FitOptions:
     accept: tuple[str, ...] = option(
         (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
     )
-    coupling: str = option("", "Two joints on one motor's shaft, as 5,6; 5,-6 where they turn against each other.")
     smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.")
 
     def __post_init__(self) -> None:

@@ -301,9 +301,6 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
         if joints:
             stand = "the losses nearest to the effects' laws stand in for them"
             lines.append(f"{form}: at {', '.join(joints)} {stand}; {module} (extra_torque) has the laws")
-    if model is not None and model.coupling is not None:
-        pair = (arm.joint_names[j] for j in (model.coupling.shaft.first, model.coupling.shaft.second))
-        lines.append(f"the shaft shared by {' and '.join(pair)} is in the model folder alone")
     if model is not None and (model.net is not None or model.loss.offset.any()):
         lines.append("the residual net and torque offsets are in the model folder alone")
     return lines

@@ -16,7 +16,6 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.laws.carried import NamedLaw, named_columns
 from ident.model.inertia import BaseParameters
-from ident.model.loss import Shaft
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -29,13 +28,10 @@ MOST_BLOCKS = 1000
 LEAST_SETTLED = 0.1
 LEAST_ROWS = 20
 LOSS_COLUMNS = 4  # acceleration, speed, direction, one
-SHARED_COLUMNS = 3  # of a shaft: inertia, viscous, Coulomb
 # Blurs by which rows keep further away from stops and turns than samples that count as settled. After one blur the
 # filter still rings with 2 % of a step, after one and a half with 0.6 %; a stop's unknown friction is such a step, it
 # goes with the acceleration, and at one blur it made rotor inertia 1 to 2 % too small in recordings without any noise.
 EXTRA_PERIODS = 0.5
-# How far a filtered sign may be from ±1 clear of the shaft's reversals.
-SIGN_CLEAR = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +46,7 @@ class BlockSums:
     run: Int[Array, " b"]  # index of the run that each block lies in
     through_reversals: tuple[str, ...]  # joints for which samples near reversals had to be used too
     rank: int  # number r of base parameters
-    shared: int = 0  # number of columns of named laws and of a coupling, between those of the losses and the torque
+    shared: int = 0  # number of columns of named laws, between those of the losses and the torque
 
     def of(self, columns: Sequence[int]) -> tuple[Float[Array, "b n p p"], Float[Array, "b n p"], Float[Array, "b n"]]:
         """XᵀX, Xᵀy and yᵀy of some columns."""
@@ -77,18 +73,16 @@ class FitColumns:
 
     arm: ArmModel  # the arm as its URDF describes it; the torque is what it leaves
     base: BaseParameters  # its base parameters
-    shaft: Shaft | None = None  # joints that share a shaft, if any
-    # Laws of joints whose coefficients are parameters too; their columns stand before a shaft's.
-    named: Sequence[NamedLaw] = ()
+    named: Sequence[NamedLaw] = ()  # laws of joints whose coefficients are parameters too
     bearing: ArmModel | None = None  # the arm whose rigid torque is the joints' load; the arm itself if None
 
     @property
     def shared(self) -> int:
-        """Number of columns of named laws and of a shaft."""
-        return sum(law.size for law in self.named) + (0 if self.shaft is None else SHARED_COLUMNS)
+        """Number of columns of named laws."""
+        return sum(law.size for law in self.named)
 
-    def of(self, motion: Motion, mask: Bool[Array, "t n"]) -> tuple[Float[Array, "t n c"], Bool[Array, "t n"]]:
-        """Columns and torque of a run through the common filter, and the rows that are clear of a shaft's reversals.
+    def of(self, motion: Motion) -> Float[Array, "t n c"]:
+        """Columns and torque of a run through the common filter.
 
         Direction is a plain sign: clear of reversals it is one, and any smooth step would be mistaken for lower
         friction at low speed (with a width of 0.02 rad/s Coulomb friction came out 0.6 % too high and viscous 0.6 %
@@ -102,13 +96,7 @@ class FitColumns:
         if self.named:
             load = (self.bearing or self.arm).with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
             parts.append(motion.filtered(named_columns(self.named, q, dq, load)))
-        if self.shaft is not None:
-            joints = [self.shaft.first, self.shaft.second]
-            parts.append(motion.filtered(self.shaft.columns(dq, ddq, np.sign(self.shaft.turn(dq)))))
-            clear = np.abs(np.abs(parts[-1][:, self.shaft.second, 2]) - 1.0) < SIGN_CLEAR
-            mask = mask.copy()
-            mask[:, joints] &= clear[:, None]
-        return np.concatenate([*parts, filtered[..., 3:]], axis=-1), mask
+        return np.concatenate([*parts, filtered[..., 3:]], axis=-1)
 
 
 def sum_blocks(motions: Sequence[Motion], columns: FitColumns, through: Bool[Array, " n"] | None = None) -> BlockSums:
@@ -129,7 +117,7 @@ def sum_blocks(motions: Sequence[Motion], columns: FitColumns, through: Bool[Arr
     rows: list[Array] = []
     runs: list[int] = []
     for motion, run in zip(motions, run_numbers(motions), strict=True):
-        x, mask = columns.of(motion, np.where(use_moving, motion.moving, clear_of_stops(motion)))
+        x, mask = columns.of(motion), np.where(use_moving, motion.moving, clear_of_stops(motion))
         x[~mask] = 0.0
         label = ((motion.time[motion.coarse] - motion.time[0]) // BLOCK_DURATION).astype(int)
         edges = [0, *(np.flatnonzero(np.diff(label)) + 1), len(label)]

@@ -17,9 +17,9 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
-from ident.model.identification import HowToIdentify, Identified, InertiaFigure, identify
+from ident.model.identification import Identified, InertiaFigure, identify
 from ident.model.inertia import InertiaResults
-from ident.model.loss import NAMES, Coupling, LossFigure, LossParameters, LossResults, Shaft, loss_figures
+from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.motion.motion import Motion
@@ -67,8 +67,6 @@ class HybridModel:
     figures: tuple[LossFigure, ...] = ()  # loss parameters with intervals
     inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
     trained: TrainingRange | None = None  # where the training runs went; None where that is not known
-    # A shaft that two joints share, where one was asked for; its torque is part of the loss.
-    coupling: Coupling | None = None
     named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
@@ -96,7 +94,7 @@ class HybridModel:
     ) -> dict[str, Float[Array, "T n"]]:
         """The parts of the torque by name: analytic, loss, and named laws and net where there are any [N m]."""
         rigid = self.arm.with_payload(payload).inverse_dynamics(q, dq, ddq)
-        terms = {"analytic": rigid, "loss": loss_torque(self.loss, self.coupling, dq, ddq)}
+        terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
         if self.named:
             terms["named"] = named_torque(self.named, q, dq, rigid, self.loss.transition_speed)
         if self.net is not None:
@@ -168,7 +166,6 @@ class HybridModel:
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
-                coupling=Coupling.from_dict(record["coupling"], nominal.n) if "coupling" in record else None,
                 named=tuple(NamedLaw.from_dict(entry, nominal.n) for entry in record.get("named", [])),
                 trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
@@ -221,7 +218,6 @@ class HybridModel:
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
             **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
-            **({} if self.coupling is None else {"coupling": self.coupling.to_dict()}),
             "provenance": self.provenance,
         }
 
@@ -248,14 +244,6 @@ def _read_fit(nominal: ArmModel, links: Any, losses: Any) -> tuple[ArmModel, Los
     same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
     arm = nominal if same else nominal.with_inertial_parameters(numbers.ravel())
     return arm, LossParameters(*(losses[name] for name in (*NAMES, "transition_speed_rad_s")))
-
-
-def loss_torque(
-    loss: LossParameters, coupling: Coupling | None, dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> Float[Array, "T n"]:
-    """All that motors and gears take [N m]."""
-    own = loss.torque(dq, ddq)
-    return own if coupling is None else own + coupling.torque(dq, ddq)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,16 +294,14 @@ def fit_hybrid(
     nominal = build_lumped_arm(robot) if options.links == LUMPED else robot
     if options.links == LUMPED:
         motions = select_joints(motions, nominal.joint_names)
-    shaft = Shaft.parse(options.coupling, nominal.joint_names) if options.coupling else None
     stage("inertias and losses", 0.0, 0.5)
-    how = HowToIdentify(options.inertia, options.offset, options.robust, shaft)
-    found, named = identify_named(motions, nominal, how, named or NamedLaws())
+    found, named = identify_named(motions, nominal, options, named or NamedLaws())
     arm, loss = found.inertia.arm, found.loss
-    plain = identify(motions, nominal, how) if found.named else None
+    plain = identify(motions, nominal, options) if found.named else None
 
     def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
-        return loss_torque(loss.params, found.coupling, m.dq, m.ddq) + laws
+        return loss.params.torque(m.dq, m.ddq) + laws
 
     net = None
     if options.net != "none":
@@ -333,7 +319,6 @@ def fit_hybrid(
         links=options.links,
         inertia=options.inertia,
         figures=loss_figures(loss),
-        coupling=found.coupling,
         named=found.named,
         alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,

@@ -39,10 +39,11 @@ from ident.model.joint_estimate import (
     require_motion,
     require_parted,
 )
-from ident.model.loss import NAMES, SHAFT_NAMES, TRANSITION_GRID, Coupling, LossParameters, LossResults, Shaft
+from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults
 from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
+from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings can't tell apart.
@@ -78,7 +79,6 @@ class Identified:
     urdf_share: float  # how far the URDF's inertias are off, as a share of each link's scale; as the recordings have it
     through_reversals: tuple[str, ...]  # joints whose samples near reversals had to be used
     estimate: JointEstimate  # the unbounded joint estimate
-    coupling: Coupling | None = None  # parameters of a shaft that two joints share, where one was asked for
     named: tuple[NamedLaw, ...] = ()  # laws that were given, with their parameters
     lossless: tuple[str, ...] = ()  # joints whose effort holds neither friction nor a rotor: torque at the link
 
@@ -95,20 +95,10 @@ class Identified:
         }
 
 
-@dataclass(frozen=True)
-class HowToIdentify:
-    """Options of an identification."""
-
-    mode: Mode  # `nominal`, `base` or `consistent`
-    offset: bool = False  # whether a constant torque is a loss parameter too
-    robust: bool = False  # whether stretches that fit badly lose their pull
-    shaft: Shaft | None = None  # joints that share a shaft, if any
-
-
 def identify(
     motions: Sequence[Motion],
     nominal: ArmModel,
-    how: HowToIdentify,
+    options: FitOptions,
     named: Sequence[NamedLaw] = (),
     bearing: ArmModel | None = None,
 ) -> Identified:
@@ -117,24 +107,24 @@ def identify(
     Args:
         motions: Training runs; known payloads are part of the model.
         nominal: The arm as its URDF describes it.
-        how: The options.
+        options: What is fitted.
         named: Laws of joints, to be fitted with the rest.
         bearing: The arm whose rigid torque is the joints' load; the nominal one if None.
 
     Raises:
         RecordingError: A joint hardly moves in any run.
     """
-    mode, base, scale = how.mode, base_parameters(nominal), parameter_scale(nominal)
-    columns = FitColumns(nominal, base, how.shaft, named, bearing)
+    mode, base, scale = options.inertia, base_parameters(nominal), parameter_scale(nominal)
+    columns = FitColumns(nominal, base, named, bearing)
     prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
     sums = sum_blocks(motions, columns)
     require_motion(sums, nominal.joint_names, motions[0].name)
-    require_parted(sums, named, nominal.joint_names, motions[0].name, 3 + how.offset)
+    require_parted(sums, named, nominal.joint_names, motions[0].name, 3 + options.offset)
 
     def through_reversals(joints: Bool[Array, " n"]) -> JointEstimate:
-        return estimate(sum_blocks(motions, columns, joints), prior, how.offset, how.robust)
+        return estimate(sum_blocks(motions, columns, joints), prior, options.offset, options.robust)
 
-    clear = estimate(sums, prior, how.offset, how.robust)
+    clear = estimate(sums, prior, options.offset, options.robust)
     frictionless, found = find_frictionless(clear, nominal.n, through_reversals)
     share = urdf_share(found, base, scale)
     if mode == "nominal":
@@ -150,10 +140,6 @@ def identify(
     change, solved = _within_bounds(found, nominal, base, mode, bounds)
     own = nominal.n * found.per_joint
     losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
-    coupling = None
-    if how.shaft is not None:
-        inertia_of, viscous, coulomb = _triples(found, figures)[-len(SHAFT_NAMES) :]
-        coupling = Coupling(how.shaft, inertia_of, viscous, coulomb)
     triples = iter(_triples(found, figures))
     laws = tuple(replace(law, figures=tuple(islice(triples, law.size))) for law in named)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
@@ -167,12 +153,12 @@ def identify(
         informed=freeze(np.clip(informed, 0.0, 1.0)),
         condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
-    loss = _loss_results(found, losses, nominal.joint_names, _transition(few(motions), arm, losses, (coupling, laws)))
+    loss = _loss_results(found, losses, nominal.joint_names, _transition(few(motions), arm, losses, laws))
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
     tied = tied_figures(found, base, nominal.joint_names, named)
     through = sums.through_reversals
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
-    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws, lossless)
+    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, laws, lossless)
 
 
 def _triples(found: JointEstimate, figures: Float[Array, " s"]) -> list[tuple[float, float, float]]:
@@ -258,16 +244,13 @@ def _transition(
     motions: Sequence[Motion],
     arm: ArmModel,
     losses: Float[Array, "n p"],
-    others: tuple[Coupling | None, tuple[NamedLaw, ...]],
+    laws: tuple[NamedLaw, ...],
 ) -> Float[Array, " n"]:
     """Width of each joint's turn of dry friction that leaves least where it moves, all else held [rad/s]."""
     misfit = np.zeros((len(TRANSITION_GRID), arm.n))
-    coupling, laws = others
     for motion in motions:
         rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
         known = rigid + losses[:, 0] * motion.ddq + losses[:, 1] * motion.dq
-        if coupling is not None:
-            known = known + coupling.torque(motion.dq, motion.ddq)
         if laws:
             known = known + named_torque(laws, motion.q, motion.dq, rigid, np.zeros(arm.n))
         turns = [losses[:, 2] * direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
@@ -328,8 +311,6 @@ def describe(found: Identified) -> list[str]:
         told = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
         more = len(found.tied) - MOST_TIED
         lines.append(f"can't be told apart by these motions: {told}" + (f", and {more} more pairs" if more > 0 else ""))
-    if found.coupling is not None:
-        lines.append(found.coupling.describe(found.loss.joints))
     lines += [law.describe(found.loss.joints) for law in found.named]
     if found.through_reversals:
         lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")
@@ -344,7 +325,6 @@ def tied_figures(
     """Pairs of parameters whose estimates are so correlated that only a combination of them is known."""
     names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
     names += [f"{joints[law.joint]}.{law.effect}.{k + 1}" for law in named for k in range(law.size)]
-    names += [f"shaft.{name}" for name in SHAFT_NAMES[: len(found.values) - len(names)]]
     std = np.maximum(found.std, 1e-300)
     correlation = found.covariance / np.outer(std, std)
     pairs = np.argwhere(np.triu(np.abs(correlation) > TIED, 1))

@@ -63,7 +63,7 @@ class JointEstimate:
     # How many there were.
     blocks: int
     runs: int
-    shared: int = 0  # number of parameters of named laws and, last, of a coupling
+    shared: int = 0  # number of parameters of named laws, which stand last
 
     @property
     def std(self) -> Float[Array, " m"]:

@@ -9,8 +9,9 @@ from typing import Any
 
 from ident.errors import InputError
 from ident.laws.carried import KINDS, NamedLaw
-from ident.model.identification import HowToIdentify, Identified, identify
+from ident.model.identification import Identified, identify
 from ident.motion.motion import Motion
+from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record
 
@@ -69,7 +70,7 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
 
 
 def identify_named(
-    motions: Sequence[Motion], nominal: ArmModel, how: HowToIdentify, named: NamedLaws
+    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, named: NamedLaws
 ) -> tuple[Identified, NamedLaws]:
     """Identifies an arm with named laws beside losses and inertias.
 
@@ -88,7 +89,7 @@ def identify_named(
     left_out = (*named.left_out, *(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in foreign))
     bearing: ArmModel | None = None
     while True:
-        found = identify(motions, nominal, how, laws, bearing)
+        found = identify(motions, nominal, options, laws, bearing)
         gone = {(law.effect, law.joint) for law in found.named if law.vanishes}
         if gone:
             left_out += tuple(

@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.compiled import compiled
-from ident.errors import ModelError
 from ident.laws.carried import NamedLaw, named_torque, states_of
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
@@ -132,9 +131,6 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         moving: Number of joints that move.
         held: Positions of the robot's other joints [rad].
     """
-    if model.coupling is not None:
-        what = "the model has two joints on one shaft, which plans don't know"
-        raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
     arm = model.arm.locked(model.arm.joint_names[moving:], list(fixed)) if len(fixed) else model.arm
     net = None if model.net is None else read_residual(model.net)

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from ident.arrays import Array, Float
-from ident.model.identification import HowToIdentify, Identified, identify
+from ident.model.identification import Identified, identify
 from ident.model.inertia import (
     Mode,
     base_parameters,
@@ -23,6 +23,7 @@ from ident.model.inertia import (
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
+from ident.options import FitOptions
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, random_states, sliding_arm
@@ -55,7 +56,7 @@ def training(real: ArmModel) -> list[Motion]:
 
 @pytest.fixture(scope="module")
 def fits(training: list[Motion], nominal: ArmModel) -> dict[str, Identified]:
-    return {mode: identify(training, nominal, HowToIdentify(mode)) for mode in MODES}
+    return {mode: identify(training, nominal, FitOptions(inertia=mode)) for mode in MODES}
 
 
 def _measured(arm: ArmModel, seeds: Sequence[int], noise: float = 0.3) -> list[Motion]:
@@ -118,7 +119,7 @@ def test_a_known_payload_is_not_taken_for_the_arm(nominal: ArmModel) -> None:
         noise=0.3,
         payload=payload,
     )
-    fit = identify(motions, nominal, HowToIdentify("base")).inertia
+    fit = identify(motions, nominal, FitOptions(inertia="base")).inertia
     assert np.abs(fit.change / fit.std).max() < 4.0
 
 
@@ -183,7 +184,7 @@ def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], nom
     tau = real.inverse_dynamics(*states) + LOSS.torque(states[1], states[2])
     tau = tau + 0.3 * np.random.default_rng(1).standard_normal(tau.shape)
     poor = exact_motion(time, states, tau, nominal.joint_names)
-    assert identify([poor], nominal, HowToIdentify("base")).inertia.condition_number > 1000.0
+    assert identify([poor], nominal, FitOptions(inertia="base")).inertia.condition_number > 1000.0
 
 
 def test_consistent_links_could_be_bodies(fits: dict[str, Identified]) -> None:

@@ -18,11 +18,12 @@ from scipy.special import stdtrit
 from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
-from ident.model.identification import HowToIdentify, Identified, describe, identify
+from ident.model.identification import Identified, describe, identify
 from ident.model.inertia import base_parameters, is_consistent, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
 from ident.model.run_effects import USUAL_SPREAD, RunEffect, share_variance, wandering
 from ident.motion.motion import Motion
+from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
 
@@ -61,7 +62,7 @@ def test_intervals_hold_the_truth_when_friction_changes_from_run_to_run(nominal:
     """
     inside, spreads, widths = [], [], []
     for seed in range(16):
-        found = identify(_measured(nominal, seed, spread=0.02), nominal, HowToIdentify("consistent"))
+        found = identify(_measured(nominal, seed, spread=0.02), nominal, FitOptions())
         inside.append(_inside(found))
         spreads.append(found.spread)
         widths.append(np.diff(found.loss.conf_int()[:, 1:3], axis=-1)[..., 0] / TRUTH[:, 1:])
@@ -77,8 +78,8 @@ def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel)
     links = nominal.inertial_parameters + 0.05 * scale * rng.standard_normal(len(scale))
     nearest = solve_bounded(np.eye(len(scale)), np.zeros(len(scale)), (), links, scale)
     real = nominal.with_inertial_parameters(links + scale * nearest)
-    right = identify(_measured(nominal, 5), nominal, HowToIdentify("nominal"))
-    wrong = identify(_measured(real, 5), nominal, HowToIdentify("nominal"))
+    right = identify(_measured(nominal, 5), nominal, FitOptions(inertia="nominal"))
+    wrong = identify(_measured(real, 5), nominal, FitOptions(inertia="nominal"))
     assert right.urdf_share < 0.01 < 0.02 < wrong.urdf_share < 0.12
     widths = [np.diff(found.loss.conf_int()[:, 0], axis=-1).mean() for found in (right, wrong)]
     assert widths[1] > 3 * widths[0]
@@ -88,7 +89,7 @@ def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel)
 def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
     """Base parameters of a changed arm lie in their intervals; what only acts as a sum is told as tied."""
     real = nominal.with_inertial_parameters(1.1 * nominal.inertial_parameters)
-    found = identify(_measured(real, 6), nominal, HowToIdentify("base"))
+    found = identify(_measured(real, 6), nominal, FitOptions(inertia="base"))
     true = base_parameters(nominal).mapping @ real.inertial_parameters
     inside = [f.low <= value <= f.high for f, value in zip(found.inertias, true, strict=True)]
     assert np.mean(inside) >= 0.8
@@ -100,7 +101,7 @@ def test_losses_are_never_negative(nominal: ArmModel) -> None:
     """A joint whose torque asks for less than no friction gets none, and is told to be on its bound."""
     motions = [replace(m, tau=m.tau - (TRUTH[:, 2] + 1.0) * np.sign(m.dq)) for m in _measured(nominal, 8, runs=3)]
     for mode in ("nominal", "base", "consistent"):
-        loss = identify(motions, nominal, HowToIdentify(mode)).loss  # type: ignore[arg-type]
+        loss = identify(motions, nominal, FitOptions(inertia=mode)).loss  # type: ignore[arg-type]
         assert np.all(loss.params.coulomb >= -1e-6)
         assert all("coulomb" in names for names in loss.at_bound)
 
@@ -117,7 +118,7 @@ def test_pieces_of_a_run_are_one_run(nominal: ArmModel) -> None:
 
 def test_one_run_is_enough_for_figures(nominal: ArmModel) -> None:
     """Of one run nothing is known of repeats: the intervals allow for the usual ones, and the figures are there."""
-    found = identify(_measured(nominal, 10, runs=1, seconds=30.0), nominal, HowToIdentify("consistent"))
+    found = identify(_measured(nominal, 10, runs=1, seconds=30.0), nominal, FitOptions())
     assert np.all(found.spread == USUAL_SPREAD)
     assert np.allclose(found.loss.params.coulomb, TRUTH[:, 2], rtol=0.05)
     limits = found.loss.conf_int()
@@ -125,7 +126,9 @@ def test_one_run_is_enough_for_figures(nominal: ArmModel) -> None:
     assert np.all(np.diff(limits[:, 1:3])[..., 0] > 4 * USUAL_SPREAD * TRUTH[:, 1:])
     for seed in range(3):
         assert _inside(
-            identify(_measured(nominal, 30 + seed, runs=1, seconds=30.0, spread=0.01), nominal, HowToIdentify("base"))
+            identify(
+                _measured(nominal, 30 + seed, runs=1, seconds=30.0, spread=0.01), nominal, FitOptions(inertia="base")
+            )
         ).all()
 
 
@@ -136,7 +139,7 @@ def test_a_joint_that_never_moves_is_refused_by_name(nominal: ArmModel) -> None:
         states = tuple(values * [1.0, 0.0] for values in (motion.q, motion.dq, motion.ddq))
         resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
-        identify(resting, nominal, HowToIdentify("base"))
+        identify(resting, nominal, FitOptions(inertia="base"))
 
 
 def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
@@ -147,7 +150,7 @@ def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
     spoilt = [replace(motions[0], tau=tau), *motions[1:]]
     errors = []
     for robust in (False, True):
-        params = identify(spoilt, nominal, HowToIdentify("nominal", robust=robust)).loss.params
+        params = identify(spoilt, nominal, FitOptions(inertia="nominal", robust=robust)).loss.params
         errors.append(np.abs(np.stack([getattr(params, name) for name in NAMES[:3]], 1) - TRUTH)[:, 2].max())
     assert errors[1] < 0.5 * errors[0]
 
@@ -179,7 +182,7 @@ def test_friction_that_wanders_stays_within_what_is_told(runs: int, walk: float,
 
 def test_a_wider_level_has_a_wider_interval_about_the_same_estimate(nominal: ArmModel) -> None:
     """And the summary has a row for each parameter that was fitted: joint, name, value, interval, unit."""
-    loss = identify(_measured(nominal, 3, runs=3), nominal, HowToIdentify("base")).loss
+    loss = identify(_measured(nominal, 3, runs=3), nominal, FitOptions(inertia="base")).loss
     narrow, wide = loss.conf_int(0.95)[:, :3], loss.conf_int(0.99)[:, :3]
     assert np.all(wide[..., 0] < narrow[..., 0])
     assert np.all(narrow[..., 1] < wide[..., 1])
@@ -252,7 +255,7 @@ def test_torque_at_the_link_has_no_losses(nominal: ArmModel, monkeypatch: pytest
     test, better = drawn(nominal, (0.0, 0.0), [90]), []
     for seed in (1, 2, 3):
         train = drawn(nominal, (0.0, 0.0), [seed])
-        found = identify(train, nominal, HowToIdentify("consistent"))
+        found = identify(train, nominal, FitOptions())
         assert found.lossless == nominal.joint_names
         params = found.loss.params
         assert np.all(np.stack([params.motor_inertia, params.viscous, params.coulomb]) < 1e-9)
@@ -261,17 +264,14 @@ def test_torque_at_the_link_has_no_losses(nominal: ArmModel, monkeypatch: pytest
             patch.setattr(
                 "ident.model.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
             )
-            better.append(
-                error(found, nominal, test)
-                / error(identify(train, nominal, HowToIdentify("consistent")), nominal, test)
-            )
+            better.append(error(found, nominal, test) / error(identify(train, nominal, FitOptions()), nominal, test))
     assert np.mean(better) < 0.8
 
 
 @pytest.mark.parametrize("coulomb", [(8.0, 0.0), (0.0, 4.0), (8.0, 4.0)])
 def test_where_one_joint_has_friction_none_is_without(nominal: ArmModel, coulomb: tuple[float, float]) -> None:
     """Law: effort is of one kind at all joints; then nothing changes."""
-    found = identify(drawn(nominal, coulomb, [1]), nominal, HowToIdentify("consistent"))
+    found = identify(drawn(nominal, coulomb, [1]), nominal, FitOptions())
     assert found.lossless == ()
     assert found.loss.params.coulomb == pytest.approx(coulomb, abs=0.6)
 
@@ -279,9 +279,7 @@ def test_where_one_joint_has_friction_none_is_without(nominal: ArmModel, coulomb
 def test_identified_links_are_bodies(nominal: ArmModel) -> None:
     """Consistent inertias are bodies also where the base parameters' smallest change is none."""
     real = nominal.with_inertial_parameters(1.2 * nominal.inertial_parameters)
-    assert is_consistent(
-        identify(_measured(real, 7), nominal, HowToIdentify("consistent")).inertia.arm.inertial_parameters
-    )
+    assert is_consistent(identify(_measured(real, 7), nominal, FitOptions()).inertia.arm.inertial_parameters)
 
 
 @pytest.mark.parametrize("runs", [6, 9, 12])

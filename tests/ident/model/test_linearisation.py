@@ -6,7 +6,6 @@ Laws of the losses' torque.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,9 @@ import pytest
 from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
-from ident.errors import InputError, ModelError, RecordingError
+from ident.errors import RecordingError
 from ident.laws.motion import direction
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.model.identification import HowToIdentify, identify
+from ident.model.identification import identify
 from ident.model.linearisation import (
     _sharpest,
     correlation_time,
@@ -27,14 +25,14 @@ from ident.model.linearisation import (
     stop_operator,
     tune_links,
 )
-from ident.model.loss import Coupling, LossParameters, Shaft, loss_columns
+from ident.model.loss import LossParameters, loss_columns
 from ident.motion.motion import Motion, prepare
+from ident.options import FitOptions
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import torque_of_model
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture, Split
 from tests.ident.diagnosis.planted import COULOMB, ROTOR, VISCOUS, load_arm
-from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
+from tests.ident.made_up import exact_motion, made_motions, two_joint_arm
 
 TRUE = LossParameters([0.5, 0.8], [10.0, 6.0], [8.0, 5.0], [0.0, 0.0], [0.02, 0.02])
 
@@ -167,58 +165,6 @@ def test_samples_that_err_alike_count_once(alike: int) -> None:
     assert _sharpest(np.array([1.006 * left, left]), samples)[0] == (1 if alike == 1 else 0)
 
 
-RATE, OWN = 100.0, np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])
-SHARED = (0.2, 1.5, 2.0)
-
-
-def _coupled(sign: float, noise: float = 0.1) -> list[Motion]:
-    """Six runs of a made-up arm whose joints share a shaft."""
-    arm, rng, runs = two_joint_arm(), np.random.default_rng(0), []
-    time = np.arange(int(12.0 * RATE)) / RATE
-    for k in range(6):
-        q, dq, ddq = multisine(rng, time, 2)
-        turn = np.sign(dq[:, 1] + sign * dq[:, 0])
-        tau = arm.inverse_dynamics(q, dq, ddq) + OWN[:, 0] * ddq + OWN[:, 1] * dq + OWN[:, 2] * np.sign(dq)
-        tau[:, 0] += sign * (SHARED[0] * ddq[:, 1] + SHARED[1] * dq[:, 1] + SHARED[2] * turn)
-        tau[:, 1] += sign * (SHARED[0] * ddq[:, 0] + SHARED[1] * dq[:, 0]) + SHARED[2] * turn
-        tau = tau + noise * rng.standard_normal(tau.shape)
-        runs.append(exact_motion(time, (q, dq, ddq), tau, arm.joint_names, f"run_{k}"))
-    return runs
-
-
-@pytest.mark.parametrize(("text", "sign"), [("1,2", 1.0), ("1,-2", -1.0)])
-def test_a_shafts_figures_are_found_and_kept(text: str, sign: float, tmp_path: Path) -> None:
-    """Within their intervals, which are narrow; a saved model gives the same torque; without the shaft it is worse."""
-    runs = _coupled(sign)
-    found = fit_hybrid(runs, two_joint_arm(), FitOptions(net="none", coupling=text))
-    coupling = found.model.coupling
-    assert coupling is not None
-    for truth, figure in zip(SHARED, (coupling.inertia, coupling.viscous, coupling.coulomb), strict=True):
-        value, low, high = figure
-        assert abs(value - truth) < 1.5 * (high - low)
-        assert high - low < 0.1 * truth
-    one = runs[0]
-    torque = found.model.torque(one.q, one.dq, one.ddq)
-    assert np.allclose(HybridModel.load(found.model.save(tmp_path / "m")).torque(one.q, one.dq, one.ddq), torque)
-    alone = fit_hybrid(runs, two_joint_arm(), FitOptions(net="none")).model.torque(one.q, one.dq, one.ddq)
-    rows = one.moving.all(axis=1)
-    left = [np.sqrt(np.mean((one.tau - part)[one.coarse][rows] ** 2)) for part in (torque, alone)]
-    assert left[0] < 0.4 * left[1]
-
-
-@pytest.mark.parametrize("text", ["1", "1,1", "1,9", "0,1", "1,2,1", "shoulder,2", "1,two"])
-def test_what_is_no_pair_of_joints_is_told(text: str) -> None:
-    with pytest.raises(InputError, match="--coupling"):
-        Shaft.parse(text, ("a", "b"))
-
-
-def test_a_plan_refuses_what_it_does_not_know() -> None:
-    coupling = Coupling(Shaft(0, 1), (0.0,) * 3, (0.0,) * 3, (2.0, 1.0, 3.0))
-    model = fit_hybrid(_coupled(1.0), two_joint_arm(), FitOptions(net="none")).model
-    with pytest.raises(ModelError, match="one shaft"):
-        torque_of_model(replace(model, coupling=coupling), 2, [])
-
-
 @pytest.fixture(scope="module")
 def fixture() -> Fixture:
     made = Fixture()
@@ -229,15 +175,6 @@ def fixture() -> Fixture:
 def motion(split: Split) -> Motion:
     run = Recording("run", JOINTS, split.time, split.q, split.tau)
     return prepare(Session("fixture", (run,)))[0]
-
-
-def test_a_shaft_does_no_work_against_itself() -> None:
-    """Power of the torque that a shaft adds: Coulomb's is |u| f, whatever the sign; both joints' parts together."""
-    dq = np.random.default_rng(1).normal(size=(50, 2))
-    for sign in (1.0, -1.0):
-        coupling = Coupling(Shaft(0, 1, sign), (0.0,) * 3, (0.0,) * 3, (2.0, 1.0, 3.0))
-        power = np.sum(coupling.torque(dq, np.zeros_like(dq)) * dq, axis=1)
-        assert np.allclose(power, 2.0 * np.abs(dq[:, 1] + sign * dq[:, 0]))
 
 
 def test_a_stop_holds_its_range() -> None:
@@ -270,7 +207,7 @@ def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
     worst = []
     for number in range(2):
         train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
-        found, seen = identify([motion(train)], arm, HowToIdentify("consistent")), motion(test)
+        found, seen = identify([motion(train)], arm, FitOptions()), motion(test)
         losses = found.loss.params
         told = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
         told += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
