@@ -30,7 +30,7 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat")
 # The file that makes a folder a ROS 2 bag.
 METADATA = "metadata.yaml"
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
-SUFFIXES = (".parquet", *BAGS, ".npz", ".mat", *TEXTS)
+SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
 TOPIC = "/joint_states"
 # Unit of a file's used blocks; share of a file that must be written on the disk, and from which size that is asked
 # [bytes]; share of the memory that a file may fill.
@@ -154,7 +154,7 @@ def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> Na
         return open_text(path)
     if suffix == ".parquet":
         return open_table(path)
-    if suffix in (".npz", ".mat"):
+    if suffix == ".npz":
         return open_arrays(path, always=settings is None or bool(settings.columns))
     raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
 

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 from plyfile import PlyData, PlyElement
 from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
-from scipy.io import savemat
 
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
@@ -81,7 +80,6 @@ def _recordings(folder: Path) -> None:
     pacsv.write_csv(table, folder / "run.csv")
     np.savez(folder / "run.npz", **{name: table[name].to_numpy() for name in table.column_names})
     arrays = {name: np.column_stack([table[f"{joint}/{name}"] for joint in JOINTS]) for name in ("position", "effort")}
-    savemat(folder / "matlab.mat", {"time": table["time"].to_numpy(), "joints": JOINTS, **arrays})
     _data_set(folder / "set", table["time"], arrays)
     foreign = [",".join(map(str, row.values())).replace(",", " ; ") for row in islice(table.to_pylist(), ROWS)]
     (folder / "foreign.txt").write_text("\n".join(foreign))

@@ -164,7 +164,6 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
         return load(path.parents[2])
 
     found = [Kind(path.suffix[1:], path, load, check_loaded) for path in (folder / "run.parquet", folder / "run.npz")]
-    found += [Kind("mat", folder / "matlab.mat", load, check_loaded, 0.3)]
     found += [Kind("bag", folder / "old.bag", load, check_loaded, 0.3)]
     found += [Kind("lerobot", folder / "set/data/chunk-000/file-000.parquet", data_set, check_loaded, 0.3)]
     found += [Kind("info.json", folder / "set/meta/info.json", lambda path: load(path.parents[1]), check_loaded, 0.3)]

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.io import loadmat, savemat
 
 from tests.ident.robot.test_xacro import GROWING, HARMFUL
 
@@ -209,20 +208,6 @@ def _change_meaning(table: pa.Table, rng: Rng) -> pa.Table:
     return table
 
 
-def change_matrix(data: bytes, rng: Rng) -> bytes:
-    """A variable of a .mat file becomes one of another shape or kind."""
-    try:
-        record = {name: one for name, one in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
-        name = str(rng.choice(list(record)))
-    except Exception:
-        return flip_bytes(data, rng)
-    hostile = [np.zeros((0, 0)), np.zeros((2, 3, 4)), {"a": {"b": [1.0]}}, "touch RUN", np.full(3, np.nan), 1j]
-    record[name] = hostile[int(rng.integers(len(hostile)))]
-    sink = io.BytesIO()
-    savemat(sink, record)
-    return sink.getvalue()
-
-
 def _lie_about_shape(data: bytes) -> bytes:
     """An array that claims to hold terabytes."""
     out = io.BytesIO()
@@ -341,7 +326,6 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
     "bag": (lengthen, *BYTES),
-    "mat": (change_matrix, change_matrix, lengthen, *BYTES),
     "yaml": (change_words, change_words, change_rows, *BYTES),
     "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),

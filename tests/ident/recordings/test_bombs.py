@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 from backports import zstd
 from rosbags.rosbag2 import StoragePlugin
-from scipy.io import savemat
 
 from ident.errors import InputError
 from ident.recordings import ros_messages
@@ -48,11 +47,6 @@ def data_set(path: Path) -> Path:
     return path
 
 
-def matlab(path: Path) -> Path:
-    savemat(path / "run.mat", {"time": np.zeros(ROWS)}, do_compression=True)
-    return path / "run.mat"
-
-
 def archive(path: Path) -> Path:
     np.savez_compressed(path / "run.npz", time=np.zeros(ROWS))
     return path / "run.npz"
@@ -77,7 +71,7 @@ def columns(path: Path) -> Path:
     return path / "scan.pcd"
 
 
-@pytest.mark.parametrize("write", [parquet, commands, data_set, matlab, archive, ply, pcd, columns])
+@pytest.mark.parametrize("write", [parquet, commands, data_set, archive, ply, pcd, columns])
 def test_what_unpacks_out_of_proportion_is_refused(
     write: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

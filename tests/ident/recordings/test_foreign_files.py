@@ -14,7 +14,6 @@ import pytest
 from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
-from scipy.io import savemat
 
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
@@ -90,44 +89,20 @@ def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_
     np.testing.assert_allclose(load_session(folder).runs[1].position, run.position, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["npz", "npz of rows", "mat", "mat struct", "parquet"])
+@pytest.mark.parametrize("kind", ["npz", "npz of rows", "parquet"])
 def test_arrays_of_two_dimensions_are_columns(kind: str, run: Recording, tmp_path: Path) -> None:
-    """Samples may stand in rows or in columns; fields of MATLAB's structs are dotted; Parquet holds lists."""
+    """Samples may stand in rows or in columns; Parquet holds lists."""
     turned = run.position.T if kind == "npz of rows" else run.position
     arrays = {"t": run.time, "q": turned, "tau": run.effort, "model": np.arange(3)}
-    prefix = "log." if kind == "mat struct" else ""
     if kind == "parquet":  # only the lists that are named are read
         table = {"t": run.time, "q": list(run.position), "tau": list(run.effort), "note": ["x"] * len(run)}
         pq.write_table(pa.table(table), tmp_path / "run.parquet")
-    elif kind.startswith("npz"):
-        np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
     else:
-        savemat(tmp_path / "run.mat", {"log": arrays} if prefix else arrays)
-    mapped(tmp_path, {f"{prefix}t": "time", **places((f"{prefix}q", "position"), (f"{prefix}tau", "effort"))})
+        np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
+    mapped(tmp_path, {"t": "time", **places(("q", "position"), ("tau", "effort"))})
     read = load_session(tmp_path).runs[0]
     np.testing.assert_array_equal(read.time, run.time)
     np.testing.assert_array_equal(read.position, run.position)
-
-
-@pytest.mark.parametrize(("word", "value"), [(144, 5), (160, 2**31 - 1), (176, 0), (176, 14)])
-def test_a_matlab_file_by_which_its_reader_crashes_is_told(word: int, value: int, tmp_path: Path) -> None:
-    """Law: sparse arrays, sizes beyond the file, elements of no kind, or of others, never come to scipy's reader."""
-    savemat(tmp_path / "a.mat", {"q": np.zeros((3, 20))})
-    data = (tmp_path / "a.mat").read_bytes()
-    (tmp_path / "a.mat").write_bytes(data[:word] + value.to_bytes(4, "little") + data[word + 4 :])
-    with pytest.raises(RecordingError, match="not a MATLAB file"):
-        load_session(tmp_path / "a.mat")
-
-
-def test_what_is_no_matlab_file_is_told(tmp_path: Path) -> None:
-    """A damaged file, and MATLAB's HDF5."""
-    (tmp_path / "a.mat").write_bytes(b"nothing of the kind" * 20)
-    with pytest.raises(RecordingError, match="not a MATLAB file"):
-        load_session(tmp_path / "a.mat")
-    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
-    (tmp_path / "b.mat").write_bytes(header + bytes(400))
-    with pytest.raises(RecordingError, match=r"7\.3"):
-        load_session(tmp_path / "b.mat")
 
 
 @pytest.mark.parametrize("storage", list(StoragePlugin))
