@@ -57,15 +57,6 @@ class BlockSums:
         chosen = self.moments[:, :, columns]
         return chosen[..., columns], chosen[..., -1], self.moments[..., -1, -1]
 
-    def without(self, run: int) -> BlockSums:
-        """The same without one run."""
-        return self.at(self.run != run)
-
-    def at(self, blocks: Bool[Array, " b"]) -> BlockSums:
-        """Some of the blocks."""
-        kept = (self.moments[blocks], self.rows[blocks], self.run[blocks])
-        return BlockSums(*kept, self.through_reversals, self.rank, self.shared)
-
 
 @dataclass(frozen=True, eq=False)
 class FitColumns:
