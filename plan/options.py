@@ -23,8 +23,6 @@ class TaskOptions:
     variables: str | None = option(
         None, "What is searched: vias, times or both. Energy: vias; time: both, if not given."
     )
-    vias: Path | None = option(None, "File of taught via points ([[trial]] tables) to start from.")
-    trial: int = option(1, "Which of the taught motions, from 1.", min=1)
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
     )

@@ -14,10 +14,10 @@ from plan.options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
 from plan.planners.base import Budget, Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
-from plan.problem.task_file import Task, load_task, load_trials
+from plan.problem.task_file import Task, load_task
 from plan.solving.compare import Comparison
 from plan.solving.compare import compare as compare_methods
-from plan.solving.set_up import DEFAULTS, cheapest_goal, from_trial, reach_goals, require_valid_ends, set_up
+from plan.solving.set_up import DEFAULTS, cheapest_goal, from_taught, reach_goals, require_valid_ends, set_up
 from plan.solving.solve import solve as solve_problem
 
 Scene = Task | str | Path
@@ -111,7 +111,7 @@ class OpenedTask:
 
 
 def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = DEFAULTS) -> OpenedTask:
-    """Reads scene, model and taught via points, and checks start and goal.
+    """Reads scene and model, and checks start and goal.
 
     Raises:
         InputError: Any of them is at fault.
@@ -124,12 +124,6 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     fitted = HybridModel.load(Path(model)) if isinstance(model, str | Path) else model
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)
-    taught = task.taught[0] if task.taught else None
-    if options.vias is not None:
-        trials = load_trials(options.vias, task.n)
-        if options.trial > len(trials):
-            what = f"it has {len(trials)} trials, not {options.trial}"
-            raise InputError(options.vias, what, f"use --trial 1 to {len(trials)}")
-        taught = trials[options.trial - 1]
     named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)
-    return OpenedTask(task, problems if taught is None else tuple(from_trial(one, taught) for one in problems), named)
+    taught = task.taught
+    return OpenedTask(task, problems if taught is None else tuple(from_taught(one, taught) for one in problems), named)

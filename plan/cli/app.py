@@ -114,7 +114,7 @@ def compare(
     from plan.api.planning import open_task
 
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
-    check_outputs([scene, model, options.vias], {**written, "--json": json_file})
+    check_outputs([scene, model], {**written, "--json": json_file})
     opened = open_task(task, model, options)
     with progress_line(console, "compare"):
         table = opened.compare(options)

@@ -89,10 +89,9 @@ NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """One set of taught via points."""
+class Taught:
+    """Via points from which the search begins."""
 
-    name: str
     vias: Float[Array, "V n"]  # via points [rad]
     times: Float[Array, " V"] | None = None  # their time stamps [s]; None if they are to be found
 
@@ -130,7 +129,7 @@ class Task(Surroundings):
     acceleration: Float[Array, " n"] | None = None  # limits of acceleration [rad/s²] and jerk [rad/s³]; None for none
     jerk: Float[Array, " n"] | None = None
     makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
-    taught: tuple[Trial, ...] = ()  # via points of the file itself
+    taught: Taught | None = None  # via points of the file itself
     pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
     avoid_singular: bool = False  # whether singular positions are fined
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
@@ -157,13 +156,13 @@ def load_task(path: str | Path) -> Task:
     task, limits = top.table("task"), top.table("limits")
     poses = read_poses(task)
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
-    taught = (_trial(task),) if "via_points_deg" in task else ()
+    taught = _read_taught(task) if "via_points_deg" in task else None
     return Task(
         **vars(_surroundings(top)) | {"robot": top.need("robot")},
         start=start,
         goal=goals[0],
         duration=task["duration_s"],
-        via_points=len(taught[0].vias) if taught else task["via_points"],
+        via_points=task["via_points"] if taught is None else len(taught.vias),
         wrist=task["wrist_deg"],
         clearance=task["clearance_m"],
         reach=task["reach_deg"],
@@ -190,20 +189,6 @@ def load_surroundings(path: str | Path, joints: int) -> Surroundings:
     top.table("task")
     top.table("tool")
     return _surroundings(top)
-
-
-def load_trials(path: str | Path, joints: int) -> list[Trial]:
-    """Reads a file of taught via points: `[[trial]]` tables with `via_points_deg`, and `name`, `times_s` if known.
-
-    Raises:
-        InputError: Not such a file.
-    """
-    document = read_toml(Path(path), "give a scene file (TOML)")
-    top = SceneTable(Path(path), "", {"trial": document.get("trial", [])}, joints=joints)
-    if not top.entry["trial"]:
-        remedy = "give one [[trial]] with via_points_deg a taught motion"
-        raise InputError(top.file, "it has no [[trial]] table", remedy)
-    return [_trial(table) for table in top.tables("trial")]
 
 
 def _read(file: Path, joints: int | None = None) -> SceneTable:
@@ -236,12 +221,10 @@ def _surroundings(top: SceneTable) -> Surroundings:
     )
 
 
-def _trial(table: SceneTable) -> Trial:
-    if "via_points_deg" not in table:
-        raise InputError(table.file, f"{table.name} has no via_points_deg", "give rows of joint angles in degrees")
-    vias, times = np.array(table["via_points_deg"]), table["times_s"]
+def _read_taught(task: SceneTable) -> Taught:
+    vias, times = np.array(task["via_points_deg"]), task["times_s"]
     if times is not None and len(times) != len(vias):
-        raise table.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
+        raise task.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
     if times is not None and np.any(np.diff(times) <= 0):
-        raise InputError(table.file, f"{table.name}: times_s do not increase", "give one later stamp a via point")
-    return Trial(str(table.entry.get("name", table.name)), vias, times)
+        raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
+    return Taught(vias, times)

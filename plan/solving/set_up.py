@@ -28,7 +28,7 @@ from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
-from plan.problem.task_file import Task, Trial
+from plan.problem.task_file import Task, Taught
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
@@ -172,12 +172,12 @@ def cheapest_goal(
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
-def from_trial(problem: PlanningProblem, trial: Trial) -> PlanningProblem:
+def from_taught(problem: PlanningProblem, taught: Taught) -> PlanningProblem:
     """The problem started from taught via points, the whole duration kept."""
-    taught = from_vias(problem, trial.vias, f"taught: {trial.name}", len(trial.vias))
-    if trial.times is None:
-        return taught
-    return replace(taught, durations=np.diff([0.0, *trial.times, problem.durations.sum()]))
+    begun = from_vias(problem, taught.vias, "taught", len(taught.vias))
+    if taught.times is None:
+        return begun
+    return replace(begun, durations=np.diff([0.0, *taught.times, problem.durations.sum()]))
 
 
 def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:

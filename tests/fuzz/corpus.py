@@ -27,7 +27,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
-from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
+from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, WORLD, XACRO, obj, stl
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
@@ -150,7 +150,6 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     np.save(folder / "scan.npy", corners)
     np.savetxt(folder / "scan.csv", corners, delimiter=",", header="x,y,z", comments="")
     (folder / "scene.toml").write_text(SCENE)
-    (folder / "vias.toml").write_text(VIAS)
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'
     (folder / "arm.srdf").write_text(f'<robot name="{arm.name}">{pairs}</robot>')
 

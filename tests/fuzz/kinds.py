@@ -36,7 +36,7 @@ from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.pairs import read_disabled
-from plan.problem.task_file import load_surroundings, load_task, load_trials
+from plan.problem.task_file import load_surroundings, load_task
 from tests.fuzz.corpus import KEY, OPTIONS, training_data
 
 # Of nanoseconds since 1970, in seconds or metres no figure of an arm; and no figure that is told has more digits.
@@ -261,13 +261,9 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
     def check_mesh(found: Any) -> None:
         finite("the mesh", found[0].points, found[1])
 
-    def check_trials(found: Any) -> None:
-        finite("a trial", *(one.vias for one in found), *(one.times for one in found))
-
     return [
         Kind("scene.toml", folder / "scene.toml", load_task, check_task),
         Kind("surroundings", folder / "scene.toml", lambda path: load_surroundings(path, 3), check_boxes, 0.5),
-        Kind("vias.toml", folder / "vias.toml", lambda path: load_trials(path, 3), check_trials),
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),

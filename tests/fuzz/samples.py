@@ -55,13 +55,6 @@ radius_m = 0.03
 xyz_m = [0, 0, 0.05]
 touches = ["link_6"]
 """
-VIAS = """[[trial]]
-name = "first"
-via_points_deg = [[60, 10, -110], [70, 20, -100]]
-times_s = [0.2, 0.4]
-[[trial]]
-via_points_deg = [[60, 12, -112], [70, 22, -102]]
-"""
 LIMITS = """rung = "loss"
 [torque_rmse_Nm]
 total = 2.0

@@ -14,7 +14,7 @@ from ident.errors import InputError
 from plan.api.planning import OpenedTask, open_task
 from plan.cli.app import app, main
 from plan.options import CompareOptions, SolveOptions, TaskOptions
-from plan.problem.task_file import load_trials
+from plan.problem.task_file import load_task
 from tests.schemas import check_file
 
 DATA = Path(__file__).parents[1] / "data"
@@ -126,25 +126,20 @@ def test_a_model_is_planned_with_where_it_is_this_robots(tmp_path: Path) -> None
     assert with_loss.cost > without.cost + 5.0
 
 
-def test_taught_files(tmp_path: Path) -> None:
-    """Taught via points from a file: read with stamps, refused with the place of the fault."""
-    path = scene(
-        tmp_path, '[[trial]]\nname = "a"\nvia_points_deg = [[50, 10, -100], [70, 20, -95]]\ntimes_s = [1, 2]\n'
-    )
-    (trial,) = load_trials(path, 3)
-    assert trial.name == "a"
-    assert (trial.vias.shape, trial.times.shape) == ((2, 3), (2,))
+def test_taught_via_points(tmp_path: Path) -> None:
+    """Those of a scene are read with their stamps, or refused with the place of the fault."""
+    head = 'robot = "tm5-900"\n[task]\nstart_deg = [50, 0, -120]\ngoal_deg = [80, 30, -90]\nduration_s = 3\n'
+    text = "via_points_deg = [[50, 10, -100], [70, 20, -95]]\ntimes_s = [1, 2]\n"
+    taught = load_task(scene(tmp_path, head + text)).taught
+    assert taught is not None
+    assert (taught.vias.shape, taught.times.shape) == ((2, 3), (2,))
     for text, words in (
-        ("", "no \\[\\[trial\\]\\]"),
-        ("[[trial]]\nname = 3\n", "no via_points_deg"),
-        ("[[trial]]\nvia_points_deg = [[1, 2]]\n", "has 2 numbers, not 3"),
-        ("[[trial]]\nvia_points_deg = [[1, 2, 3]]\ntimes_s = [0]\n", "not above zero"),
-        ("[[trial]]\nvia_points_deg = [[1, 2, 3], [2, 3, 4]]\ntimes_s = [2, 1]\n", "do not increase"),
+        ("via_points_deg = [[1, 2]]\n", "has 2 numbers, not 3"),
+        ("via_points_deg = [[1, 2, 3]]\ntimes_s = [0]\n", "not above zero"),
+        ("via_points_deg = [[1, 2, 3], [2, 3, 4]]\ntimes_s = [2, 1]\n", "do not increase"),
     ):
         with pytest.raises(InputError, match=words):
-            load_trials(scene(tmp_path, text), 3)
-    with pytest.raises(InputError, match="use --trial 1 to 1"):
-        opened(DATA / "table3.toml", vias=scene(tmp_path, "[[trial]]\nvia_points_deg = [[60, 10, -110]]"), trial=2)
+            load_task(scene(tmp_path, head + text))
 
 
 CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '

@@ -21,10 +21,10 @@ from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import Pose
-from plan.problem.task_file import Trial
+from plan.problem.task_file import Taught
 from plan.solving.bound import lower_bound
 from plan.solving.compare import compare, cost_at
-from plan.solving.set_up import find_obstruction, from_trial
+from plan.solving.set_up import find_obstruction, from_taught
 from plan.solving.solve import _certified, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
@@ -143,9 +143,9 @@ def test_gap_to_the_default_method() -> None:
 
 def test_taught_vias_are_improved() -> None:
     """From taught via points with time stamps, energy falls and the number of via points stays."""
-    taught = Trial("hand", np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
+    taught = Taught(np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
     task = problem(MONITOR, duration=4.0)
-    task = from_trial(task, taught)
+    task = from_taught(task, taught)
     start = find_starts(task, np.random.default_rng(0)).problems
     assert len(start) == 1
     assert start[0].durations == pytest.approx([1.5, 1.2, 1.3])
