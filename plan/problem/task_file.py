@@ -89,7 +89,7 @@ NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)
-class Taught:
+class TaughtVias:
     """Via points from which the search begins."""
 
     vias: Float[Array, "V n"]  # via points [rad]
@@ -129,7 +129,7 @@ class Task(Surroundings):
     acceleration: Float[Array, " n"] | None = None  # limits of acceleration [rad/s²] and jerk [rad/s³]; None for none
     jerk: Float[Array, " n"] | None = None
     makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
-    taught: Taught | None = None  # via points of the file itself
+    taught: TaughtVias | None = None  # via points of the file itself
     pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
     avoid_singular: bool = False  # whether singular positions are fined
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
@@ -221,10 +221,10 @@ def _surroundings(top: SceneTable) -> Surroundings:
     )
 
 
-def _read_taught(task: SceneTable) -> Taught:
+def _read_taught(task: SceneTable) -> TaughtVias:
     vias, times = np.array(task["via_points_deg"]), task["times_s"]
     if times is not None and len(times) != len(vias):
         raise task.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
     if times is not None and np.any(np.diff(times) <= 0):
         raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
-    return Taught(vias, times)
+    return TaughtVias(vias, times)

@@ -28,7 +28,7 @@ from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
-from plan.problem.task_file import Task, Taught
+from plan.problem.task_file import Task, TaughtVias
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
@@ -172,7 +172,7 @@ def cheapest_goal(
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
-def from_taught(problem: PlanningProblem, taught: Taught) -> PlanningProblem:
+def from_taught(problem: PlanningProblem, taught: TaughtVias) -> PlanningProblem:
     """The problem started from taught via points, the whole duration kept."""
     begun = from_vias(problem, taught.vias, "taught", len(taught.vias))
     if taught.times is None:

@@ -21,7 +21,7 @@ from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import Pose
-from plan.problem.task_file import Taught
+from plan.problem.task_file import TaughtVias
 from plan.solving.bound import lower_bound
 from plan.solving.compare import compare, cost_at
 from plan.solving.set_up import find_obstruction, from_taught
@@ -143,7 +143,7 @@ def test_gap_to_the_default_method() -> None:
 
 def test_taught_vias_are_improved() -> None:
     """From taught via points with time stamps, energy falls and the number of via points stays."""
-    taught = Taught(np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
+    taught = TaughtVias(np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
     task = problem(MONITOR, duration=4.0)
     task = from_taught(task, taught)
     start = find_starts(task, np.random.default_rng(0)).problems
