@@ -140,8 +140,9 @@ def identify(
     change, solved = _within_bounds(found, nominal, base, mode, bounds)
     own = nominal.n * found.per_joint
     losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
-    triples = iter(_triples(found, figures))
-    laws = tuple(replace(law, figures=tuple(islice(triples, law.size))) for law in named)
+    half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
+    triples = iter(np.stack([figures, figures - half, figures + half], axis=1).tolist())
+    laws = tuple(replace(law, figures=tuple(map(tuple, islice(triples, law.size)))) for law in named)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
     informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
     information = found.information
@@ -159,13 +160,6 @@ def identify(
     through = sums.through_reversals
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
     return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, laws, lossless)
-
-
-def _triples(found: JointEstimate, figures: Float[Array, " s"]) -> list[tuple[float, float, float]]:
-    """Values of the parameters that stand last, with their 95 % intervals."""
-    half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
-    pairs = zip(figures, half, strict=True)
-    return [(float(value), float(value - reach), float(value + reach)) for value, reach in pairs]
 
 
 def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
