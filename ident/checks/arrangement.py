@@ -31,8 +31,6 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 GRAVITY = 9.81
-
-
 # What one joint's torque tells of gravity's direction u, each per variance of the torque: inner products of the torque
 # with what each axis of gravity would ask for, b, shape (3,), and of these with each other, W, shape (3, 3).
 Pull = tuple[Float[Array, " 3"], Float[Array, "3 3"]]
@@ -52,29 +50,26 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     pulls = {} if states is None else _pulls(states, arm)
     if states is None or not pulls:
         return arm, []
-    now = np.array(arm.model.gravity.linear)
-    now = now / max(float(np.linalg.norm(now)), 1e-12)
+    now = arm.model.gravity.linear / max(float(np.linalg.norm(arm.model.gravity.linear)), 1e-12)
     best = find_direction(list(pulls.values()))
     angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
-    gains = {j: float(-np.diff(np.log(left_of(pull, np.stack([now, best]))))[0]) for j, pull in pulls.items()}
-    if angle < LIMIT.least_turn_deg or sum(gains.values()) < np.log(LIMIT.least_gain):
-        return arm, []
     turned = arm.with_gravity(GRAVITY * best)
-    heavy = max(gains, key=lambda j: gains[j])
-    there = collect_states(session, turned)
-    explained = 0.0 if there is None else fit_signed(there, heavy, 1.0).explained
+    there = replace(states, gravity=turned.gravity(states.q))
     # A torque of the wrong sign follows gravity upside down, and inertia and friction too: that is no mount.
-    as_it_is = max(fit_signed(states, heavy, sign).explained for sign in (1.0, -1.0))
-    if explained < max(LIMIT.least_explained, as_it_is):
+    as_it_is = {j: max(fit_signed(states, j, sign).explained for sign in (1.0, -1.0)) for j in pulls}
+    explained = {j: fit_signed(there, j, 1.0).explained for j in pulls}
+    gains = {j: float(np.log((1.0 - as_it_is[j] + LIMIT.floor) / (1.0 - explained[j] + LIMIT.floor))) for j in pulls}
+    most = max(gains, key=lambda j: gains[j])
+    unsure = sum(gains.values()) < np.log(LIMIT.least_gain) or explained[most] < LIMIT.least_explained
+    if unsure or (angle < LIMIT.least_turn_deg and (_is_misread(there) or not _is_misread(states))):
         return arm, []
-    share = f"{explained:.0%} of the effort of {session.joints[heavy]}, not {max(as_it_is, 0.0):.0%}"
+    share = f"{explained[most]:.0%} of the effort of {session.joints[most]}, not {max(as_it_is[most], 0.0):.0%}"
     axis = np.cross(best, now)
-    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.array([1.0, 0.0, 0.0])
-    about = next((name for name, unit in zip("xyz", np.eye(3), strict=True) if abs(axis @ unit) > 0.99), None)
-    words = about or f"({', '.join(f'{one:.2f}' for one in axis)})"
-    signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
+    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.eye(3)[0]
+    named = [name for name, one in zip(("x", "y", "z", "-x", "-y", "-z"), (*axis, *-axis), strict=True) if one > 0.99]
+    words = named[0] if named else f"({', '.join(f'{one:.2f}' for one in axis)})"
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
-    return turned, [issue_of("mounted", session, turn=signed, axis=words, share=share, line=line)]
+    return turned, [issue_of("mounted", session, turn=angle, axis=words, share=share, line=line)]
 
 
 def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
@@ -90,24 +85,29 @@ def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
     return np.asarray(best)
 
 
+def _is_misread(states: States) -> bool:
+    """Whether a joint that carries much follows gravity at no size of a torque: it would be refused."""
+    joints = map(int, np.flatnonzero(states.heavy & states.alive & states.moving))
+    sizes = [max(fit_signed(states, j, sign) for sign in (1.0, -1.0)).gravity for j in joints]
+    return any(not states.settings.scale_low < size < states.settings.scale_high for size in sizes)
+
+
 def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
     """What each moving joint says that feels some gravity, in whichever direction."""
     rows = slice(None, None, max(1, len(states.q) // LIMIT.states))
     q, dq, tau = states.q[rows], states.dq[rows], states.tau[rows]
-    if len(q) < 20:
-        return {}
     axes = np.stack([arm.with_gravity(GRAVITY * axis).gravity(q) for axis in np.eye(3)], axis=-1)
     change = axes.std(axis=0).max(axis=1)
     least = max(states.settings.heavy_Nm, states.settings.heavy_share * float(change.max()))
     found = {}
-    # A joint that stands still is held by its friction, too: how it pulls there says little of gravity.
     for j in np.flatnonzero((change > least) & states.alive & states.moving):
-        friction = [np.tanh(dq[:, j] / TRANSITION_RAD_S), dq[:, j], np.ones(len(q))]
-        beside, _ = np.linalg.qr(np.column_stack([states.inertial[rows, j], *friction]))
-        target = tau[:, j] - beside @ (beside.T @ tau[:, j])
-        table = axes[:, j] - beside @ (beside.T @ axes[:, j])
+        # While a joint stands still its friction holds it, too: how it pulls there says little of gravity.
+        moves = np.flatnonzero(np.abs(dq[:, j]) > states.settings.moving_rad_s)
+        friction = [np.tanh(dq[moves, j] / TRANSITION_RAD_S), dq[moves, j], np.ones(len(moves))]
+        beside, _ = np.linalg.qr(np.column_stack([states.inertial[rows, j][moves], *friction]))
+        target, table = (one - beside @ (beside.T @ one) for one in (tau[moves, j], axes[moves, j]))
         variance = float(target @ target)
-        if variance > 0.0:
+        if len(moves) > 20 and variance > 0.0:
             found[int(j)] = table.T @ target / variance, table.T @ table / variance
     return found
 

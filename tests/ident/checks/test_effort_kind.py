@@ -44,13 +44,8 @@ def test_the_payload_is_in_the_gravity_that_is_added() -> None:
 
 def test_a_spring_that_carries_the_arm_is_not_gravity_taken_out(clean: Session, arm: ArmModel) -> None:
     """It hides gravity on its own joint; the others show it."""
-
-    def sprung(run: Recording) -> Recording:
-        effort = np.array(run.effort)
-        effort[:, 1] -= arm.gravity(run.position)[:, 1]
-        return run.replace(effort=effort)
-
-    assert not inspect(spoil(clean, sprung), arm).find("effort_gravity_compensated")
+    sprung = spoil(clean, lambda run: run.replace(effort=run.effort - (np.arange(6) == 1) * arm.gravity(run.position)))
+    assert not inspect(sprung, arm).find("effort_gravity_compensated")
 
 
 def test_an_arm_that_gravity_does_not_load_is_not_judged(clean: Session) -> None:
