@@ -7,13 +7,12 @@ torques those nearest to the URDF's that are bodies can be taken. The same holds
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.inertia import is_consistent, parameter_scale, pseudo_inertia, solve_bounded
+from ident.model.inertia import is_consistent, parameter_scale, solve_bounded
 from ident.robot.arm import ArmModel
 
 # How much more the torques count than the numbers behind them, when bodies are sought.
@@ -36,28 +35,6 @@ class Links:
     def total(self) -> Float[Array, "n 10"]:
         """Both changes."""
         return self.tuned + self.named
-
-
-def numbers(values: Sequence[float] | Array) -> str:
-    """Numbers of an attribute, to the last digit."""
-    return " ".join(repr(float(value)) for value in values)
-
-
-def moved(link: Float[Array, " 10"], turn: Float[Array, "3 3"], shift: Float[Array, " 3"]) -> Float[Array, " 10"]:
-    """Ten inertial numbers in another frame, in which the old one stands at `shift`, turned by `turn`."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, shift
-    pseudo = pose @ pseudo_inertia(link) @ pose.T
-    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]])
-
-
-def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], Float[Array, "3 3"]]:
-    """Mass, centre of mass, and inertia about it, of ten inertial numbers about a frame."""
-    mass, (xx, xy, yy, xz, yz, zz) = float(link[0]), link[4:]
-    centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
 def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -21,10 +21,10 @@ from scipy.spatial.transform import Rotation
 from ident.arrays import Array, Float
 from ident.effects.rigid_body import UnknownPayload
 from ident.errors import RobotError
-from ident.export.bodies import about_centre, moved, numbers
 from ident.export.identified import IdentifiedArm
 from ident.laws.acting import payload_parameters
 from ident.model.inertia import is_consistent
+from ident.model.link_inertia import about_centre, ball_of, child, moved, numbers, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
@@ -216,8 +216,6 @@ PAYLOAD, LEVEL = UnknownPayload.id, "level"
 LEFT = 1e-6
 # A payload is reported as a point; simulators need some extent [m].
 PAYLOAD_RADIUS = 0.01
-MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
-ENTRIES = (np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2]))
 
 
 def write_urdf(identified: IdentifiedArm) -> str:
@@ -236,9 +234,8 @@ def write_urdf(identified: IdentifiedArm) -> str:
     for change in identified.changes:
         part, p = change.part("urdf"), change.values
         if part == "load":
-            inertial = ET.SubElement(ET.SubElement(root, "link", name=PAYLOAD), "inertial")
-            mass, centre = p["mass_kg"], np.array([p[f"com_{axis}_m"] for axis in "xyz"])
-            _set_inertial(inertial, mass, centre, mass * PAYLOAD_RADIUS**2 * np.eye(3))
+            ball = ball_of(p["mass_kg"], np.array([p[f"com_{axis}_m"] for axis in "xyz"]), PAYLOAD_RADIUS)
+            set_inertial(ET.SubElement(root, "link", name=PAYLOAD), ball)
             _fix(root, f"{PAYLOAD}_fixed", arm.links[-1], PAYLOAD, np.eye(3))
         elif part == "zero":
             _turn_joint(joints[arm.joint_names[change.joint]], p["offset_rad"])
@@ -255,30 +252,22 @@ def write_urdf(identified: IdentifiedArm) -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def child(element: ET.Element, tag: str) -> ET.Element:
-    """A child of an element, made if it is not there."""
-    found = element.find(tag)
-    return ET.SubElement(element, tag) if found is None else found
-
-
 def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:
     """Adds to a link's ten numbers.
 
     What hangs on the link keeps its own, unless the change takes more than the link itself has: then the link gets that
     of what is fixed to it too, and where this is not enough, of what is locked.
     """
-    inertial = child(link, "inertial")
-    numbers = _ten_numbers(inertial) + change
+    numbers = read_inertial(link) + change
     for held in ({}, locked):
         if is_consistent(numbers):
             break
         for other, pose in list(_hanging_on(root, link, np.eye(4), held)):
-            own = other.find("inertial")
-            if own is not None:
-                taken = (1.0 - LEFT) * _ten_numbers(own)
-                numbers = numbers + moved(taken, pose[:3, :3], pose[:3, 3])
-                _set_inertial(own, *about_centre(LEFT / (1.0 - LEFT) * taken))
-    _set_inertial(inertial, *about_centre(numbers))
+            own = read_inertial(other)
+            if own.any():
+                numbers = numbers + (1.0 - LEFT) * moved(own, pose[:3, :3], pose[:3, 3])
+                set_inertial(other, LEFT * own)
+    set_inertial(link, numbers)
 
 
 def _hanging_on(
@@ -299,27 +288,6 @@ def _hanging_on(
         child = next(one for one in root.findall("link") if one.get("name") == link_of(joint, "child"))
         yield child, pose @ placed
         yield from _hanging_on(root, child, pose @ placed, locked)
-
-
-def _ten_numbers(inertial: ET.Element) -> Float[Array, " 10"]:
-    """Mass, first and second moments about the link's frame; zero for an empty element."""
-    origin, mass, inertia = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
-    if mass is None or inertia is None:
-        return np.zeros(10)
-    own = np.zeros(10)
-    own[0] = float(mass.get("value", "0"))
-    own[4:] = [float(inertia.get(key, "0")) for key in MOMENTS]
-    return moved(own, rpy_to_matrix(read_vector(origin, "rpy")), read_vector(origin, "xyz"))
-
-
-def _set_inertial(inertial: ET.Element, mass: float, centre: Array, inertia: Float[Array, "3 3"]) -> None:
-    origin = child(inertial, "origin")
-    origin.set("xyz", numbers(centre))
-    origin.set("rpy", "0 0 0")
-    child(inertial, "mass").set("value", repr(mass))
-    moments = child(inertial, "inertia")
-    for key, value in zip(MOMENTS, inertia[ENTRIES], strict=True):
-        moments.set(key, repr(float(value)))
 
 
 def _fix(root: ET.Element, name: str, parent: str, child: str, turn: Float[Array, "3 3"]) -> None:

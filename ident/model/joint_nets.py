@@ -1,4 +1,4 @@
-"""A small net for each joint, as plain arrays: several members side by side, SiLU inside.
+"""A small net for each joint, as plain arrays, SiLU inside.
 
 The box of inputs that a joint's net was fitted in; beyond it the net says what it says at the edge.
 
@@ -19,9 +19,8 @@ Source: Rahimi and Recht 2008 (random features); Huang, Zhu and Siew 2006 (drawn
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,18 +33,15 @@ ROWS = 2048
 
 @dataclass(frozen=True, eq=False)
 class JointNets:
-    """Perceptrons, one for each member and joint.
+    """Perceptrons of one hidden layer, one for each joint.
 
     A joint sees its own features only. On real arms that carries over to new motions, while one net over the whole
     state learns the training paths by heart.
     """
 
-    # How many.
-    members: int
-    joints: int
-    # One array a layer, shape (members · joints, in, out).
-    weights: tuple[Float[Array, "k i o"], ...] = field(repr=False)
-    biases: tuple[Float[Array, "k 1 o"], ...] = field(repr=False)  # one array a layer, shape (members · joints, 1, out)
+    # One array a layer, shape (joints, in, out), and the biases, (joints, 1, out).
+    weights: tuple[Float[Array, "n f w"], Float[Array, "n w 1"]] = field(repr=False)
+    biases: tuple[Float[Array, "n 1 w"], Float[Array, "n 1 1"]] = field(repr=False)
 
     def __post_init__(self) -> None:
         for name in ("weights", "biases"):
@@ -55,55 +51,43 @@ class JointNets:
             object.__setattr__(self, name, single)
 
     @classmethod
-    def from_arrays(
-        cls, arrays: Mapping[str, Array], members: int, joints: int, inputs: int, hidden: Sequence[int]
-    ) -> JointNets:
+    def from_arrays(cls, arrays: dict[str, Array], joints: int, inputs: int) -> JointNets:
         """Nets from named arrays, as `arrays` gives them.
 
         Raises:
-            KeyError, ValueError: One is missing, too many, or of another shape.
+            ValueError: One is missing, too many, or of another shape.
         """
-        layers = list(pairwise([inputs, *hidden, 1]))
-        names = {f"{kind}.{i}" for i in range(len(layers)) for kind in ("weights", "biases")}
-        if set(arrays) != names:
-            raise ValueError(f"its weights are {', '.join(sorted(arrays))}")
-        count = members * joints
-        for i, (before, after) in enumerate(layers):
-            for name, shape in ((f"weights.{i}", (count, before, after)), (f"biases.{i}", (count, 1, after))):
-                if arrays[name].shape != shape:
-                    raise ValueError(f"{name} has shape {arrays[name].shape}, not {shape}")
-        weights, biases = ([arrays[f"{kind}.{i}"] for i in range(len(layers))] for kind in ("weights", "biases"))
-        return cls(members, joints, tuple(weights), tuple(biases))
+        width = width_of(inputs)
+        shapes = {"weights.0": (joints, inputs, width), "weights.1": (joints, width, 1)}
+        shapes |= {"biases.0": (joints, 1, width), "biases.1": (joints, 1, 1)}
+        if (found := {name: values.shape for name, values in arrays.items()}) != shapes:
+            raise ValueError(f"its weights are {found}, not {shapes}")
+        return cls((arrays["weights.0"], arrays["weights.1"]), (arrays["biases.0"], arrays["biases.1"]))
 
     def arrays(self) -> dict[str, Array]:
         """All weights by name."""
-        named: dict[str, Array] = {f"weights.{i}": weight for i, weight in enumerate(self.weights)}
-        return named | {f"biases.{i}": bias for i, bias in enumerate(self.biases)}
+        named = {"weights": self.weights, "biases": self.biases}
+        return {f"{kind}.{i}": values for kind, layers in named.items() for i, values in enumerate(layers)}
 
     @property
     def size(self) -> int:
         """Number of weights."""
         return sum(part.size for part in (*self.weights, *self.biases))
 
-    def __call__(self, x: Float[Array, "T n f"]) -> Float[Array, "m T n"]:
-        """Outputs of all members, in single precision."""
-        out = np.empty((self.members, len(x), self.joints), dtype=np.float32)
+    def __call__(self, x: Float[Array, "T n f"]) -> Float[Array, "T n"]:
+        """Outputs in single precision."""
+        out = np.empty(x.shape[:2], dtype=np.float32)
         for start in range(0, len(x), ROWS):
             part = np.ascontiguousarray(x[start : start + ROWS].transpose(1, 0, 2), dtype=np.float32)
-            y = np.tile(part, (self.members, 1, 1))
-            for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-                y = y @ weight + bias
-                if i < len(self.weights) - 1:
-                    y = silu(y)
-            shaped = y[..., 0].reshape(self.members, self.joints, part.shape[1])
-            out[:, start : start + ROWS] = shaped.transpose(0, 2, 1)
+            hidden = silu(part @ self.weights[0] + self.biases[0])
+            out[start : start + ROWS] = (hidden @ self.weights[1] + self.biases[1])[..., 0].T
         return out
 
     def scaled(self, shares: Sequence[float]) -> JointNets:
         """The same, of each joint's output a share."""
-        factor = np.tile(np.asarray(shares, dtype=np.float32), self.members)[:, None, None]
-        weights, biases = (*self.weights[:-1], factor * self.weights[-1]), (*self.biases[:-1], factor * self.biases[-1])
-        return JointNets(self.members, self.joints, weights, biases)
+        factor = np.asarray(shares, dtype=np.float32)[:, None, None]
+        (first, last), (bias, offset) = self.weights, self.biases
+        return JointNets((first, factor * last), (bias, factor * offset))
 
 
 def silu(z: Array) -> Array:

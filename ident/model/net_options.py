@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,7 @@ class NetOptions:
     """How a net is built and trained; a net a joint is solved for, not trained, and takes of these the seed alone."""
 
     preset: str = "default"  # `default` (a net a joint) or `paper` (one dense net)
-    hidden: tuple[int, ...] = (268,)  # widths of the hidden layers; a net a joint comes with its own when it is fitted
-    members: int = 1  # nets that are averaged; one is fitted, older models have more
+    hidden: tuple[int, ...] = (268,)  # widths of the hidden layers; a net a joint has this one
     dropout: float = 0.0  # dropout rate of the hidden layers while training
     epochs: int = 100  # number of epochs
     batch: int = 256  # most samples a step
@@ -34,13 +33,12 @@ class NetOptions:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> NetOptions:
-        """Reads them back; options that older models had beside these say nothing of a net that is there.
+        """Reads them back.
 
         Raises:
             KeyError, TypeError: It is damaged.
         """
-        known = {one.name: record[one.name] for one in fields(cls)}
-        return cls(**{**known, "hidden": tuple(known["hidden"])})
+        return cls(**{**record, "hidden": tuple(record["hidden"])})
 
 
 PRESETS = {

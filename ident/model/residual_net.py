@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from errno import EIO
 from itertools import pairwise
 from pathlib import Path
@@ -28,7 +28,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.joint_nets import JointNets, NetBounds, solve_net, width_of
+from ident.model.joint_nets import JointNets, NetBounds, solve_net
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
 from ident.model.net_shrinkage import JointGate, make_folds, shrink_net
 from ident.motion.motion import Motion
@@ -88,7 +88,7 @@ class ResidualNet:
         ddq: Float[Array, "T n"],
         rigid: Float[Array, "T n"],
     ) -> Float[Array, "T n"]:
-        """Residual torque [N m], the mean over the members.
+        """Residual torque [N m].
 
         Args:
             q, dq, ddq: Joint states.
@@ -100,7 +100,7 @@ class ResidualNet:
             dq, ddq, rigid = self.bounds.clip(dq, ddq, rigid)
         x = (compute_features(q, dq, ddq, rigid, self.options.preset) - self.input_mean) / self.input_std
         if isinstance(self.network, JointNets):
-            return np.asarray(self.network(x).mean(axis=0).astype(float) * self.output_std)
+            return np.asarray(self.network(x).astype(float) * self.output_std)
         return self.network.run(x) * self.output_std
 
     def save(self, folder: Path) -> None:
@@ -129,27 +129,24 @@ class ResidualNet:
             mean, std, scale = (freeze(record[name]) for name in ("input_mean", "input_std", "output_std"))
             weights = folder / "residual.safetensors"
             size = require_regular(weights, "fit the model again", ModelError)
-            # A file's options decide how much memory a net takes: its weights must be there before they are believed.
-            widths = [mean.shape[-1], *map(int, options.hidden), 1]
-            if min(widths) < 1 or options.members < 1:
-                raise ValueError(f"its layers are {options.hidden} wide")
-            nets = 1 if options.preset == "paper" else options.members * len(scale)
-            if 4 * nets * sum(a * b for a, b in pairwise(widths)) > size:
-                raise ValueError("its options speak of more weights than there are")
             from safetensors.numpy import load_file
 
             arrays = load_file(weights)
             if not all(np.isfinite(values).all() for values in arrays.values()):
                 raise ValueError("a weight is not finite")
             network: JointNets | DenseNet
+            bounds, inputs = None, (len(scale), JOINT_FEATURES)
             if options.preset == "paper":
+                # The options decide how much memory a net takes: its weights must be there before they are believed.
+                widths = [mean.shape[-1], *map(int, options.hidden), 1]
+                if min(widths) < 1 or 4 * sum(a * b for a, b in pairwise(widths)) > size:
+                    raise ValueError("its options speak of more weights than there are")
                 from ident.model.dense_training import DenseNet  # torch is slow to load
 
-                network = DenseNet.from_arrays(arrays, mean.shape[-1], len(scale), options)
+                network, inputs = DenseNet.from_arrays(arrays, mean.shape[-1], len(scale), options), (3 * len(scale),)
             else:
-                shape = options.members, len(scale), mean.shape[-1], options.hidden
-                network = JointNets.from_arrays(arrays, *shape)
-            inputs = (3 * len(scale),) if options.preset == "paper" else (len(scale), JOINT_FEATURES)
+                network = JointNets.from_arrays(arrays, *inputs)
+                bounds = NetBounds.from_dict(record["bounds"], len(scale))
             if not mean.shape == std.shape == inputs or scale.ndim != 1:
                 raise ValueError("its scales are of another number of joints or inputs")
             # Nets reckon in single precision: what overflows there is no scale.
@@ -157,7 +154,6 @@ class ResidualNet:
                 scales = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
             if not all(np.isfinite(values).all() for values in scales) or not (scales[1] > 0).all():
                 raise ValueError("a scale is not finite and positive")
-            bounds = NetBounds.from_dict(record["bounds"], len(scale)) if "bounds" in record else None
         except ModelError:
             raise
         except Exception as error:  # torch, safetensors and json each raise their own
@@ -211,7 +207,7 @@ def fit_residual_net(
         interval: Time between two samples of a run [s]; gives the gate's energies their unit.
 
     Returns:
-        The net; of a training the best epoch (the last one where `patience` is zero). Same seed, same weights.
+        The net. Same seed, same weights.
 
     Source: paper, eq. 6.
     """
@@ -240,8 +236,7 @@ def fit_residual_net(
     run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
     gate = shrink_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
     network = network.scaled([one.weight for one in gate])
-    shaped = replace(options, hidden=(width_of(x.shape[-1]),), members=1)
-    return ResidualNet(shaped, network, freeze(mean), freeze(std), freeze(scale), None, gate, bounds)
+    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), None, gate, bounds)
 
 
 def _features(
@@ -273,9 +268,9 @@ def _solve(
         solved.append(solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j]))
         if progress is not None:
             progress(j + 1, joints, solved[-1].error)
-    weights = tuple(np.stack([one.weights[i] for one in solved]) for i in range(2))
-    biases = tuple(np.stack([one.biases[i][None] for one in solved]) for i in range(2))
-    return JointNets(1, joints, weights, biases), np.stack([one.unseen for one in solved], axis=1)
+    first, last = (np.stack([one.weights[i] for one in solved]) for i in range(2))
+    bias, offset = (np.stack([one.biases[i][None] for one in solved]) for i in range(2))
+    return JointNets((first, last), (bias, offset)), np.stack([one.unseen for one in solved], axis=1)
 
 
 def fit_net_of_arm(

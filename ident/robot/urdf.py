@@ -22,7 +22,7 @@ MOST_JOINTS = 500
 # Humanoids with both hands have some eighty that move; the room that dynamics need grows with the cube of them.
 MOST_MOVING = 150
 SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {"scale": 3}}
-MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 
 
 def check_urdf(root: ET.Element, where: str) -> None:

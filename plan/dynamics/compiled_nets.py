@@ -7,7 +7,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
 from ident.model.joint_nets import ROWS, JointNets, NetBounds, silu
@@ -77,17 +76,15 @@ class CompiledJointNets:
 
     joints: tuple[Layers, ...]  # layers of each joint's net
     # Speeds, accelerations and loads of the training; beyond them the net gives what it gives at their edge.
-    bounds: NetBounds | None = None
+    bounds: NetBounds
 
     def frozen(self, positions: Float[Array, " k"]) -> CompiledJointNets:
         """The nets of the first joints: joints know nothing of each other."""
         kept = slice(0, len(self.joints) - len(positions))
-        return CompiledJointNets(self.joints[kept], None if self.bounds is None else self.bounds.of_joints(kept))
+        return CompiledJointNets(self.joints[kept], self.bounds.of_joints(kept))
 
     def _clip(self, j: int, *given: Float[Array, " T"]) -> Float[Array, "3 T"]:
         """Speed, acceleration and load of one joint, moved to the edge of its training where they lie outside."""
-        if self.bounds is None:
-            return np.stack(given)
         return np.clip(np.stack(given), self.bounds.low[:, j, None], self.bounds.high[:, j, None])
 
     def torque(
@@ -148,20 +145,16 @@ CompiledNet = CompiledDenseNet | CompiledJointNets
 
 
 def read_residual(net: ResidualNet) -> CompiledNet:
-    """A trained net as plain layers, its standardisation folded in; members of a joint stand side by side, averaged."""
+    """A trained net as plain layers, its standardisation folded in."""
     network, mean, std, scale = net.network, net.input_mean, net.input_std, net.output_std
     if not isinstance(network, JointNets):
         parts = [value.astype(float) for value in network.arrays().values()]  # each layer's weights, then biases
         return CompiledDenseNet(_folded([w.T for w in parts[::2]], parts[1::2], mean, std, scale))
+    assert net.bounds is not None
     joints = []
-    for j in range(network.joints):
-        rows = slice(j, None, network.joints)
-        *weights, last = (w[rows].astype(float) for w in network.weights)
-        *biases, offset = (b[rows, 0].astype(float) for b in network.biases)
-        wide = [np.concatenate(list(weights[0]), axis=1), *(block_diag(*w) for w in weights[1:])]
-        out = last.reshape(-1, 1) / network.members, offset.mean(axis=0)
-        given = [*wide, out[0]], [*(b.reshape(-1) for b in biases), out[1]]
-        joints.append(_folded(*given, mean[j], std[j], scale[j : j + 1]))
+    for j in range(net.n):
+        weights, biases = [w[j].astype(float) for w in network.weights], [b[j, 0].astype(float) for b in network.biases]
+        joints.append(_folded(weights, biases, mean[j], std[j], scale[j : j + 1]))
     return CompiledJointNets(tuple(joints), net.bounds)
 
 

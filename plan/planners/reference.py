@@ -100,9 +100,8 @@ def torque(model: ChainTorque, q: Symbol, dq: Symbol, ddq: Symbol, rounding: Sym
 
 def _net_torque(net: CompiledJointNets, j: int, dq: Symbol, ddq: Symbol, load: Symbol) -> Symbol:
     """A joint's net, see `CompiledJointNets`."""
-    if net.bounds is not None:
-        edges = zip((dq, ddq, load), net.bounds.low[:, j], net.bounds.high[:, j], strict=True)
-        dq, ddq, load = (ca.fmin(ca.fmax(part, float(low)), float(high)) for part, low, high in edges)
+    edges = zip((dq, ddq, load), net.bounds.low[:, j], net.bounds.high[:, j], strict=True)
+    dq, ddq, load = (ca.fmin(ca.fmax(part, float(low)), float(high)) for part, low, high in edges)
     near, far = (ca.tanh(dq / scale) for scale in DIRECTION_SCALES)
     x = ca.vertcat(dq, ddq, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
     *layers, (last, offset) = net.joints[j]

@@ -111,15 +111,14 @@ class Arm:
 
 
 class Net:
-    """The default residual net, from its bytes: a small perceptron for each joint and member, SiLU inside."""
+    """The default residual net, from its bytes: a small perceptron for each joint, SiLU inside."""
 
     def __init__(self, folder: Path) -> None:
         record = json.loads((folder / "residual.json").read_text())
         self.mean, self.std = np.array(record["input_mean"]), np.array(record["input_std"])
-        self.scale, self.members = np.array(record["output_std"]), record["options"]["members"]
-        # Beyond what the net was fitted on it is asked at the edge; older records have none.
-        edge = record.get("bounds")
-        self.edge = None if edge is None else (np.array(edge["low"]), np.array(edge["high"]))
+        self.scale = np.array(record["output_std"])
+        # Beyond what the net was fitted on it is asked at the edge.
+        self.edge = [np.array(record["bounds"][side]) for side in ("low", "high")]
         raw = (folder / "residual.safetensors").read_bytes()
         size = struct.unpack("<Q", raw[:8])[0]
         self.parts = {}
@@ -129,21 +128,16 @@ class Net:
                 self.parts[name] = np.frombuffer(raw[begin:end], "<f4").reshape(part["shape"]).astype(float)
 
     def torque(self, dq: np.ndarray, ddq: np.ndarray, load: np.ndarray) -> np.ndarray:
-        if self.edge is not None:
-            low, high = self.edge
-            dq, ddq, load = (np.clip(part, low[k], high[k]) for k, part in enumerate((dq, ddq, load)))
+        low, high = self.edge
+        dq, ddq, load = (np.clip(part, low[k], high[k]) for k, part in enumerate((dq, ddq, load)))
         steep = np.tanh(dq / 0.02)
         features = [dq, ddq, steep, np.tanh(dq / 0.15), load, np.sqrt(load**2 + 0.25) * steep]
         x = (np.stack(features, axis=2) - self.mean) / self.std
-        n, total = dq.shape[1], np.zeros(dq.shape)
-        layers = len(self.parts) // 2
-        for k in range(self.members * n):
-            y = x[:, k % n]
-            for i in range(layers):
-                y = y @ self.parts[f"weights.{i}"][k] + self.parts[f"biases.{i}"][k]
-                y = y * expit(y) if i + 1 < layers else y
-            total[:, k % n] += y[:, 0]
-        return total / self.members * self.scale
+        total = np.zeros(dq.shape)
+        for k in range(dq.shape[1]):
+            y = x[:, k] @ self.parts["weights.0"][k] + self.parts["biases.0"][k]
+            total[:, k] = (y * expit(y) @ self.parts["weights.1"][k] + self.parts["biases.1"][k])[:, 0]
+        return total * self.scale
 
 
 class Model:

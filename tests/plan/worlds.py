@@ -40,16 +40,16 @@ def losses(n: int = 3) -> LossParameters:
     )
 
 
-def joint_nets(n: int = 3, members: int = 2, seed: int = 0) -> CompiledJointNets:
+def joint_nets(n: int = 3, seed: int = 0) -> CompiledJointNets:
     """A net of the default kind with random weights, a few N m large."""
     rng = np.random.default_rng(seed)
-    widths = (6, 8 * members, 5 * members, 1)
+    widths = (6, 16, 10, 1)
     joints = [
         [(rng.normal(size=shape), 0.3 * rng.normal(size=shape[1])) for shape in pairwise(widths)] for _ in range(n)
     ]
     for (first, _), *_ in joints:
         first *= np.array([0.3, 0.1, 1.0, 1.0, 0.02, 0.02])[:, None]
-    return CompiledJointNets(tuple(joints))
+    return CompiledJointNets(tuple(joints), NetBounds(np.full((3, n), -np.inf), np.full((3, n), np.inf)))
 
 
 def bounded_nets() -> CompiledJointNets:

@@ -16,11 +16,11 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
+from ident.model.link_inertia import ball_of, read_inertial, set_inertial
 from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Recording
 from ident.recordings.session_toml import NAME, SessionFile, load_session_file
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import MOMENTS, read_vector, rpy_to_matrix
 from ident.simulation.hardware import without_geometry
 
 
@@ -32,38 +32,8 @@ def with_body(urdf: str, joint: str, mass: float, place: Float[Array, " 3"], rad
     root = ET.fromstring(urdf)
     child = next(one for one in root.findall("joint") if one.get("name") == joint).find("child")
     link = next(one for one in root.findall("link") if child is not None and one.get("name") == child.get("link"))
-    old_mass, old_centre, old_inertia = _read(link)
-    total = old_mass + mass
-    centre = (old_mass * old_centre + mass * place) / total
-    about = old_inertia + _shifted(old_mass, old_centre - centre) + _shifted(mass, place - centre)
-    _write(link, total, centre, about + mass * radius**2 * np.eye(3))
+    set_inertial(link, read_inertial(link) + ball_of(mass, place, radius))
     return ET.tostring(root, encoding="unicode")
-
-
-def _shifted(mass: float, by: Array) -> Array:
-    return mass * (by @ by * np.eye(3) - np.outer(by, by))
-
-
-def _read(link: ET.Element) -> tuple[float, Array, Array]:
-    """Mass, centre, and inertia about it in the link's axes; zeros of a link without."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    origin, mass, inertia = (inertial.find(name) for name in ("origin", "mass", "inertia"))
-    turn = rpy_to_matrix(read_vector(origin, "rpy"))
-    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(key, 0.0)) for key in MOMENTS)
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return 0.0 if mass is None else float(mass.get("value", 0.0)), read_vector(origin, "xyz"), turn @ own @ turn.T
-
-
-def _write(link: ET.Element, mass: float, centre: Array, about: Array) -> None:
-    for old in link.findall("inertial"):
-        link.remove(old)
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=" ".join(f"{x:.12g}" for x in centre), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=f"{mass:.12g}")
-    values = about[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
-    ET.SubElement(inertial, "inertia", {key: f"{x:.12g}" for key, x in zip(MOMENTS, values, strict=True)})
 
 
 # Recordings of real arms as sessions in the native form: those of `arms.toml`, and any folder that names its robot.
