@@ -6,13 +6,11 @@ Source: paper, eq. 6 and section 4.1.
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from errno import EIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +19,7 @@ from safetensors.torch import load_file, save_file
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from ident.model.net_options import KIND, NAME, NetOptions, TrainingHistory, torch_threads
+from ident.model.net_options import KIND, NAME, NetOptions, torch_threads
 from ident.outputs import begin_folder
 
 Progress = Callable[[int, int, float], None]
@@ -69,8 +67,8 @@ def train_dense(
     options: NetOptions,
     progress: Progress | None,
     checkpoint: Path | None,
-) -> tuple[DenseNet, TrainingHistory]:
-    """A dense net in evaluation mode, and how its errors fell.
+) -> DenseNet:
+    """A dense net in evaluation mode.
 
     Args:
         x, y: Standardised inputs and targets.
@@ -93,12 +91,12 @@ def train_dense(
         # number. On a busy machine more only wait for each other.
         with torch_threads(1):
             while training.epoch < options.epochs:
-                training.run_epoch(data, options)
+                error = training.run_epoch(data, options)
                 if checkpoint is not None and training.epoch % KEPT_EVERY == 0:
                     training.save(checkpoint, fingerprint)
                 if progress is not None:
-                    progress(training.epoch, options.epochs, training.validation[-1])
-    return training.network.eval(), TrainingHistory(tuple(training.train), tuple(training.validation))
+                    progress(training.epoch, options.epochs, error)
+    return training.network.eval()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,33 +126,31 @@ class Training:
     network: DenseNet
     learning_rate: float
     epoch: int = 0
-    train: list[float] = field(default_factory=list)
-    validation: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
 
-    def run_epoch(self, data: _Data, options: NetOptions) -> None:
-        """One pass in an order that depends on seed and epoch alone: a resumed training is the same training."""
+    def run_epoch(self, data: _Data, options: NetOptions) -> float:
+        """The held-back error after one pass in an order that depends on seed and epoch alone.
+
+        A resumed training is the same training.
+        """
         torch.manual_seed(options.seed * 100_003 + self.epoch)  # dropout's masks
         order = np.random.default_rng((options.seed, self.epoch)).permutation(np.flatnonzero(~data.held))
-        total, batch = 0.0, min(options.batch, max(LEAST_BATCH, len(order) // LEAST_STEPS))
+        batch = min(options.batch, max(LEAST_BATCH, len(order) // LEAST_STEPS))
         self.network.train()
         for start in range(0, len(order), batch):
             rows = order[start : start + batch]
             self.optimiser.zero_grad(set_to_none=True)
-            loss = data.error(self.network, rows)
-            loss.backward()
+            data.error(self.network, rows).backward()
             self.optimiser.step()
-            total += float(loss.detach()) * len(rows)
         self.network.eval()
-        with torch.inference_mode():
-            self.validation.append(float(data.error(self.network, np.flatnonzero(data.held))))
-        self.train.append(total / len(order))
         self.epoch += 1
+        with torch.inference_mode():
+            return float(data.error(self.network, np.flatnonzero(data.held)))
 
     def save(self, folder: Path, fingerprint: str) -> None:
-        """Writes the checkpoint as one file: tensors, and the rest as its metadata.
+        """Writes the checkpoint as one file: tensors, and the epoch as its metadata.
 
         Raises:
             OSError: The system can't: the disk is full, say.
@@ -162,11 +158,10 @@ class Training:
         tensors = {f"now.{name}": value.contiguous() for name, value in self.network.state_dict().items()}
         for index, entry in self.optimiser.state_dict()["state"].items():
             tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in entry.items()}
-        record = {name: getattr(self, name) for name in ("epoch", "train", "validation")}
         begin_folder(folder, KIND)
         with atomic_write(folder / NAME) as part:
             try:
-                save_file(tensors, part, {"fingerprint": fingerprint, "record": json.dumps(record)})
+                save_file(tensors, part, {"fingerprint": fingerprint, "epoch": str(self.epoch)})
             except SafetensorError as error:
                 raise OSError(EIO, str(error), str(part)) from None
 
@@ -180,16 +175,15 @@ class Training:
             with safe_open(path, framework="pt") as stream:
                 metadata = stream.metadata() or {}
             if metadata.get("fingerprint") == fingerprint:
-                self._take(load_file(path), json.loads(metadata["record"]))
+                self._take(load_file(path), int(metadata["epoch"]))
         except (OSError, SafetensorError, ValueError, KeyError, IndexError, AttributeError, TypeError, RuntimeError):
             # Damaged: the training starts afresh and writes it anew.
             self.network.load_state_dict(before[0])
             self.optimiser.load_state_dict(before[1])
 
-    def _take(self, tensors: dict[str, torch.Tensor], record: dict[str, Any]) -> None:
+    def _take(self, tensors: dict[str, torch.Tensor], epoch: int) -> None:
         if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
             raise ValueError("a checkpoint of another net")
-        epoch, train, validation = record["epoch"], list(record["train"]), list(record["validation"])
         parts = {head: {} for head in ("now", "adam")}  # type: dict[str, dict[str, torch.Tensor]]
         for name, value in tensors.items():
             head, rest = name.split(".", 1)
@@ -200,4 +194,4 @@ class Training:
             index, name = key.split(".")
             state["state"].setdefault(int(index), {})[name] = value
         self.optimiser.load_state_dict(state)
-        self.epoch, self.train, self.validation = epoch, train, validation
+        self.epoch = epoch

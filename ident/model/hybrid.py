@@ -34,7 +34,7 @@ from ident.robot.traits import are_same
 from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:
-    from ident.model.residual_net import ResidualNet, TrainingHistory
+    from ident.model.residual_net import ResidualNet
 
 
 LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
@@ -252,7 +252,6 @@ class FitResults(Result):
 
     model: HybridModel
     identified: Identified
-    history: TrainingHistory | None
 
     @property
     def loss(self) -> LossResults:
@@ -325,7 +324,7 @@ def fit_hybrid(
         trained=find_training_range(few(motions), nominal, found),
         provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
     )
-    return FitResults(model, found, net.history if net else None)
+    return FitResults(model, found)
 
 
 def _provenance(

@@ -1,4 +1,4 @@
-"""How residual nets are built and trained: the two presets, and the record of a training.
+"""How residual nets are built and trained: the two presets.
 
 The folder in which a training may stop and go on.
 
@@ -8,11 +8,10 @@ How many threads torch may use: one in trainings and searches, whose batches are
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ident.files import clear_temporaries
 from ident.outputs import MARKER, is_begun
@@ -31,15 +30,6 @@ class NetOptions:
     validation_share: float = 0.0  # share of single samples held back
     seed: int = 0  # seeds the weights, the split and the order of the samples
 
-    @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> NetOptions:
-        """Reads them back.
-
-        Raises:
-            KeyError, TypeError: It is damaged.
-        """
-        return cls(**{**record, "hidden": tuple(record["hidden"])})
-
 
 PRESETS = {
     "default": NetOptions(),
@@ -52,14 +42,6 @@ PRESETS = {
         validation_share=0.3,
     ),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingHistory:
-    """Mean square errors of a training in steps, in units of each joint's residual variance, epoch by epoch."""
-
-    train: tuple[float, ...]
-    validation: tuple[float, ...]
 
 
 NAME = "checkpoint.safetensors"

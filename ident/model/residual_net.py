@@ -29,7 +29,7 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
 from ident.model.joint_nets import JointNets, NetBounds, solve_net
-from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
+from ident.model.net_options import PRESETS, NetOptions
 from ident.model.net_shrinkage import JointGate, make_folds, shrink_net
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -38,7 +38,7 @@ from ident.safe_read import read_json, require_regular
 if TYPE_CHECKING:
     from ident.model.dense_training import DenseNet, Progress
 
-__all__ = ["PRESETS", "NetOptions", "ResidualNet", "TrainingHistory", "compute_features", "fit_residual_net"]
+__all__ = ["PRESETS", "NetOptions", "ResidualNet", "compute_features", "fit_residual_net"]
 
 # Torque of a run beside the rigid arm's: the motion, its rigid torque → [N m].
 Known = Callable[[Motion, Float[Array, "T n"]], Float[Array, "T n"]]
@@ -64,7 +64,6 @@ class ResidualNet:
     input_mean: Float[Array, "..."]
     input_std: Float[Array, "..."]
     output_std: Float[Array, " n"]  # scale of each joint's output [N m], shape (n,)
-    history: TrainingHistory | None = None  # errors while training, if it was trained here in steps
     # What the net did on runs that it never saw, joint by joint, if it was fitted here.
     gate: tuple[JointGate, ...] = ()
     bounds: NetBounds | None = None  # where a net a joint was fitted; the paper's net has none
@@ -125,7 +124,7 @@ class ResidualNet:
         path = folder / "residual.json"
         try:
             record = read_json(path, "fit the model again", ModelError)
-            options = NetOptions.from_dict(record["options"])
+            options = NetOptions(**{**record["options"], "hidden": tuple(record["options"]["hidden"])})
             mean, std, scale = (freeze(record[name]) for name in ("input_mean", "input_std", "output_std"))
             weights = folder / "residual.safetensors"
             size = require_regular(weights, "fit the model again", ModelError)
@@ -225,8 +224,8 @@ def fit_residual_net(
 
         x = compute_features(*whole, options.preset)
         mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
-        dense, history = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
-        return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale), history)
+        dense = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
+        return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale))
     folds, groups = make_folds([len(part) for part in residuals], every, np.random.default_rng(options.seed))
     bounds = NetBounds.of(np.stack(whole[1:]), mask > 0.0)
     x, strange = _features(whole, mask > 0.0, folds, bounds)
@@ -236,7 +235,7 @@ def fit_residual_net(
     run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
     gate = shrink_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
     network = network.scaled([one.weight for one in gate])
-    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), None, gate, bounds)
+    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
 
 
 def _features(
