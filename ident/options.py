@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from ident.errors import InputError
 
@@ -17,11 +18,19 @@ Net = Literal["default", "paper", "none"]
 # Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
 FULL_ARM, LUMPED = 6, 3
 # Seeds of the arms that follow the first fit below the simulator's own bound.
-LARGEST_SEED = 2**62
+LARGEST_SEED = 2**62 - 1
 READ = "read"
 
 
-def option(default: Any, text: str, *names: str, typed: Any = None, place: str = "", **bounds: float) -> Any:
+def option(
+    default: Any,
+    text: str,
+    *names: str,
+    typed: Any = None,
+    place: str = "",
+    one_of: Sequence[Any] = (),
+    **bounds: float,
+) -> Any:
     """A field of options.
 
     Args:
@@ -30,9 +39,10 @@ def option(default: Any, text: str, *names: str, typed: Any = None, place: str =
         names: Its names on the command line, if they are not its own.
         typed: Its type on the command line, where Python takes more.
         place: The kind of a folder that the command writes; `read` of what it reads that is no path by its type.
+        one_of: The values that there are; any if empty.
         bounds: `min` and `max`.
     """
-    known = {"help": text, "names": names, "typed": typed, "bounds": bounds}
+    known = {"help": text, "names": names, "typed": typed, "one_of": one_of, "bounds": bounds}
     reads = place == READ
     return field(default=default, metadata={**known, "reads": reads, "writes": "" if reads else place})
 
@@ -40,6 +50,17 @@ def option(default: Any, text: str, *names: str, typed: Any = None, place: str =
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Base of a job's options; fields without a help text are for Python alone."""
+
+    def __post_init__(self) -> None:
+        """Refuses with an InputError what is none of an option's values, or beyond its bounds."""
+        for one in (one for one in fields(self) if one.metadata and getattr(self, one.name) is not None):
+            value, known, bounds = getattr(self, one.name), one.metadata["one_of"], one.metadata["bounds"]
+            label = (*one.metadata["names"], f"--{one.name}" if one.metadata["help"] else one.name)[0]
+            if known and value not in known:
+                raise InputError(label, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
+            if bounds and not bounds.get("min", -inf) <= value <= bounds.get("max", inf):
+                ends = [f"{words} {bounds[end]}" for end, words in (("min", "from"), ("max", "to")) if end in bounds]
+                raise InputError(label, f"{value!r} is out of bounds", f"give a number {' '.join(ends)}")
 
     @classmethod
     def of(cls, job: str, given: Mapping[str, Any]) -> Self:
@@ -143,29 +164,21 @@ class RangesOptions(FilterOptions):
 
 
 @dataclass(frozen=True)
-class FitOptions:
+class FitOptions(Options):
     """How a hybrid model is fitted."""
 
-    links: int = option(FULL_ARM, "6 for the full arm with all its joints, 3 for the lumped one.")
-    inertia: Inertia = option("consistent", "nominal, base or consistent.", typed=str)
-    net: Net = option("default", "default, paper or none.", typed=str)
+    links: int = option(
+        FULL_ARM, "6 for the full arm with all its joints, 3 for the lumped one.", one_of=(LUMPED, FULL_ARM)
+    )
+    inertia: Inertia = option("consistent", "nominal, base or consistent.", typed=str, one_of=get_args(Inertia))
+    net: Net = option("default", "default, paper or none.", typed=str, one_of=get_args(Net))
     offset: bool = option(False, "Fit a constant torque a joint too.")
     robust: bool = option(False, "Stretches that fit badly lose their pull.")
     seed: int = option(0, "Seed of the net.", min=0)
     accept: tuple[str, ...] = option(
         (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
     )
-    smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.")
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("--links", self.links, (LUMPED, FULL_ARM)),
-            ("--inertia", self.inertia, ("nominal", "base", "consistent")),
-            ("--net", self.net, ("default", "paper", "none")),
-            ("--smoother", self.smoother, ("fast", "filterpy")),
-        ):
-            if value not in allowed:
-                raise InputError(name, f"{value!r} is unknown", f"use one of: {', '.join(map(str, allowed))}")
+    smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.", one_of=("fast", "filterpy"))
 
     @property
     def motion(self) -> MotionSettings:
@@ -184,27 +197,19 @@ class WatchOptions(Options):
     )
     model: str | Path | None = option(None, "Fitted model whose inertias all figures refer to.", typed=Path | None)
     diagnosed: bool = option(True, "Diagnose each session too (ten times the work).", "--diagnose/--no-diagnose")
-    level: float = option(0.05, "Chance of any false alarm in an arm's life.")
-    settle: float = option(10.0, "Leave a session alone that was written to within so many s.")
-    workers: int = option(1, "Processes on this machine.")
+    level: float = option(0.05, "Chance of any false alarm in an arm's life.", min=1e-6, max=0.5)
+    settle: float = option(10.0, "Leave a session alone that was written to within so many s.", min=0.0)
+    workers: int = option(1, "Processes on this machine.", min=1)
     scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.level < 1.0:
-            raise InputError("--level", f"{self.level:g} is no chance", "give a number between 0 and 1, such as 0.05")
-        if not self.settle >= 0.0:
-            raise InputError("--settle", f"{self.settle:g} is no time", "give seconds")
-        if self.workers < 1:
-            raise InputError("--workers", f"{self.workers} processes can do nothing", "give 1 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
 class CloseOptions(Options):
     """How the gap of arms is closed."""
 
-    arms: int = option(1, "Simulated arms, each with three random effects.")
-    seed: int = option(0, "Of the first arm; the next ones count up.", min=0)
-    rounds: int = option(8, "Most rounds of recording an arm.")
+    arms: int = option(1, "Simulated arms, each with three random effects.", min=1)
+    seed: int = option(0, "Of the first arm; the next ones count up.", min=0, max=LARGEST_SEED)
+    rounds: int = option(8, "Most rounds of recording an arm.", min=2)
     effects: tuple[str, ...] | None = option(
         None, "ID:JOINT:SIZE instead of random effects.", "--effect", typed=list[str] | None
     )
@@ -217,12 +222,7 @@ class CloseOptions(Options):
     compared: bool = option(True, "Make rivals of the same data, try a controller with each.", "--compare/--no-compare")
 
     def __post_init__(self) -> None:
-        if self.arms < 1:
-            raise InputError("--arms", f"{self.arms} arms", "give 1 or more")
-        if not 0 <= self.seed < LARGEST_SEED:
-            raise InputError("--seed", f"{self.seed} is no seed", f"give a number from 0 to {LARGEST_SEED - 1}")
-        if self.rounds < 2:
-            raise InputError("--rounds", f"{self.rounds} round(s) can't be checked", "give 2 or more")
+        super().__post_init__()
         if self.recorder is not None and self.arms != 1:
             raise InputError("--arms", f"{self.arms} arms behind one recorder", "record one arm at a time")
 
@@ -231,23 +231,15 @@ class CloseOptions(Options):
 class CheckOptions(Options):
     """What the check on withheld effects checks."""
 
-    cases: int = option(40, "Number of cases.")
-    seed: int | None = option(None, "Of the check; the system's entropy if not given.", min=0)
+    cases: int = option(40, "Number of cases.", min=1)
+    seed: int | None = option(None, "Of the check; the system's entropy if not given.", min=0, max=LARGEST_SEED)
     out: Path = option(Path("out/blind"), "Folder of the check; one that was stopped there goes on.")
-    workers: int = option(1, "Processes on this machine.")
+    workers: int = option(1, "Processes on this machine.", min=1)
     scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
     robot: str = option("tm5-900", "URDF path or name.", place=READ)
     worlds: str = option("", "Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without).")
     oracle: bool = option(True, "Work out what an oracle would name (in worlds; takes time).")
     edit: bool = option(False, "Take named causes out of the patched model; judge it on the arm without them.")
-
-    def __post_init__(self) -> None:
-        if self.cases < 1:
-            raise InputError("--cases", f"{self.cases} cases", "ask for one or more")
-        if self.workers < 1:
-            raise InputError("--workers", f"{self.workers} processes", "give one or more")
-        if self.seed is not None and not 0 <= self.seed < LARGEST_SEED:
-            raise InputError("--seed", f"{self.seed}", "choose a number from 0 to 2^62")
 
 
 @dataclass(frozen=True, kw_only=True)

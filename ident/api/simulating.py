@@ -214,15 +214,10 @@ def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Se
     Raises:
         InputError: An unknown effect, joint or option.
     """
-    known = SimulationOptions.__dataclass_fields__
-    for name in options:
-        if name not in known or name == "effects":
-            others = ", ".join(sorted(set(known) - {"effects"}))
-            raise InputError("simulate", f"there is no option {name!r}", f"give some of: {others}")
     for effect in effects:
         if not isinstance(effect, str):
             raise InputError("simulate", f"a {type(effect).__name__} is no effect", "give ID:JOINT:SIZE as text")
-    chosen = SimulationOptions(effects=effects, **options)
+    chosen = SimulationOptions.of("simulate", {**options, "effects": effects})
     if out is None:
         return run(chosen).session
     simulate_to(out, chosen)

@@ -139,7 +139,7 @@ def _parameters(kind: type) -> list[inspect.Parameter]:
     """One parameter a field that has a help text, the own ones of a class before those of its bases."""
     hints, own = get_type_hints(kind), vars(kind).get("__annotations__", {})
     found = []
-    for one in sorted((one for one in fields(kind) if "help" in one.metadata), key=lambda one: one.name not in own):
+    for one in sorted((one for one in fields(kind) if one.metadata.get("help")), key=lambda one: one.name not in own):
         meta = one.metadata
         shown = typer.Option(*meta["names"], help=meta["help"], **meta["bounds"])
         mark = Writes(meta["writes"]) if meta["writes"] else READS if meta["reads"] else ""

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.inertia import pseudo_inertia
 from ident.robot.urdf import MOMENTS, read_vector, rpy_to_matrix
 
 ENTRIES = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))
@@ -17,6 +16,18 @@ ENTRIES = ((0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2))
 def numbers(values: Sequence[float] | Array) -> str:
     """Numbers of an attribute, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
+
+
+def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
+    """The matrix that is positive semidefinite for every body that can exist, of one link or of many.
+
+    Args:
+        link: m, m·c, and Ixx Ixy Iyy Ixz Iyz Izz about the joint frame [kg, kg m, kg m²].
+    """
+    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = np.moveaxis(np.asarray(link, dtype=float), -1, 0)
+    half = 0.5 * (xx + yy + zz)
+    rows = [[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz], [mx, my, mz, mass]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def moved(link: Float[Array, " 10"], turn: Float[Array, "3 3"], shift: Float[Array, " 3"]) -> Float[Array, " 10"]:

@@ -134,7 +134,7 @@ class ResidualNet:
             if not all(np.isfinite(values).all() for values in arrays.values()):
                 raise ValueError("a weight is not finite")
             network: JointNets | DenseNet
-            bounds, inputs = None, (len(scale), JOINT_FEATURES)
+            bounds, inputs = None, (len(scale), JOINT_FEATURES)  # type: tuple[NetBounds | None, tuple[int, ...]]
             if options.preset == "paper":
                 # The options decide how much memory a net takes: its weights must be there before they are believed.
                 widths = [mean.shape[-1], *map(int, options.hidden), 1]
@@ -144,7 +144,7 @@ class ResidualNet:
 
                 network, inputs = DenseNet.from_arrays(arrays, mean.shape[-1], len(scale), options), (3 * len(scale),)
             else:
-                network = JointNets.from_arrays(arrays, *inputs)
+                network = JointNets.from_arrays(arrays, len(scale), JOINT_FEATURES)
                 bounds = NetBounds.from_dict(record["bounds"], len(scale))
             if not mean.shape == std.shape == inputs or scale.ndim != 1:
                 raise ValueError("its scales are of another number of joints or inputs")

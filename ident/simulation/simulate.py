@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.errors import InputError, plural
 from ident.files import atomic_folder, write_record
+from ident.options import Options, option
 from ident.outputs import SESSION_KIND, require_own_folder
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import fill_session
@@ -36,46 +37,37 @@ ORIGIN = {"origin": "simulated by ident.simulation; not measured on hardware"}
 
 
 @dataclass(frozen=True)
-class SimulationOptions:
+class SimulationOptions(Options):
     """A session to be simulated."""
 
     robot: str = "tm5-900"  # URDF path or name
     effects: tuple[str | EffectRequest, ...] = ()  # what is wrong, each ID:JOINT:SIZE
-    seed: int = 0  # of everything: arm, motions, noise
+    seed: int = option(0, "", min=0, max=2**63 - 1)  # of everything: arm, motions, noise
     arm_seed: int | None = None  # of the individual arm, if it is to be the same in several sessions; else as `seed`
     motions: tuple[str, ...] = RICH  # kinds of motion, in turn
     runs: int = 10  # number of runs
     duration: float = 8.0  # rough duration of a run [s]
-    rate: float = 250.0  # log rate [Hz]
+    rate: float = option(250.0, "", "--rate", min=10.0, max=1000.0)  # log rate [Hz]
     velocity: bool = True  # whether these channels are logged
     commands: bool = True
     temperature: bool = False
     payload: Payload | None = None  # a known body at the flange
     decoys: tuple[str, ...] = ()  # names of decoys
     pause: tuple[float, float] = (4.0, 12.0)  # bounds of the standstill between runs [s]
-    inertia_error: float = 0.03  # standard deviation of the relative error of the URDF's inertias
-    friction_spread: float = 0.01  # relative change of the friction from run to run
-    noise: float = 1.0  # factor on the noise of torque and encoders
+    inertia_error: float = option(0.03, "", min=0.0, max=0.15)  # deviation of the relative error of the URDF's inertias
+    friction_spread: float = option(0.01, "", min=0.0, max=0.2)  # relative change of the friction from run to run
+    noise: float = option(1.0, "", min=0.0, max=100.0)  # factor on the noise of torque and encoders
     measure: bool = False  # whether the visible amplitude of every effect is measured for the answer
     coarse: bool = False  # whether it is measured on the whole session in longer steps, not on half of it in short ones
     world: World | None = None  # what the arm, its sensors and its log are like (`in_world`); the plant's own if None
     friction_factors: tuple[float, ...] = ()  # on the friction of each joint, as after a service; none if empty
 
-    def check(self) -> None:
-        """Raises InputError for what no arm or log has."""
-        bounds: list[tuple[str, float, float, float, str]] = [
-            ("--rate", self.rate, 10.0, 1000.0, "Hz"),
-            ("inertia_error", self.inertia_error, 0.0, 0.15, ""),
-            ("friction_spread", self.friction_spread, 0.0, 0.2, ""),
-            ("noise", self.noise, 0.0, 100.0, ""),
-            ("--seed", self.seed, 0, 2**63 - 1, ""),
-            ("--payload", self.payload.mass_kg if self.payload else 0.0, 0.0, 1000.0, "kg"),
-            *(("friction_factors", factor, 1e-3, 10.0, "") for factor in self.friction_factors),
-        ]
-        for key, value, low, high, unit in bounds:
-            if not low <= value <= high:
-                remedy = f"choose between {low:g} and {high:g} {unit}".strip()
-                raise InputError(key, f"{value:g} {unit}".strip(), remedy)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.payload is None or 0.0 <= self.payload.mass_kg <= 1000.0):
+            raise InputError("--payload", f"{self.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
+        if not all(1e-3 <= factor <= 10.0 for factor in self.friction_factors):
+            raise InputError("friction_factors", f"{self.friction_factors}", "choose between 0.001 and 10")
         if not 0.0 <= self.pause[0] <= self.pause[1]:
             raise InputError("pause", f"{self.pause[0]:g} to {self.pause[1]:g} s", "give bounds in order, from 0 s")
 
@@ -118,7 +110,6 @@ def simulate(
     Raises:
         InputError: Unknown effect, joint, motion or decoy, or a size outside physics.
     """
-    options.check()
     arm, world = ArmModel.load(options.robot), options.world
     requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
     joints = [find_joint(request, arm) for request in requests]
