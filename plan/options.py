@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
-from ident.options import Options, option
+from ident.options import option
 
-Objective = Literal["energy", "time"]
-Metric = Literal["signed", "positive", "absolute", "copper"]
-Free = Literal["vias", "times", "both"]
 DEFAULT_METHOD = "sqp"
 # What a search may spend unless it is told: trajectories evaluated and processor time [s]; the brute force search more.
 USUAL_BUDGET, BRUTE_BUDGET = (200_000, 120.0), (20_000_000, 3600.0)
@@ -19,18 +15,13 @@ GENERATIONS, PAPER_GENERATIONS = 200, 2000
 
 
 @dataclass(frozen=True)
-class TaskOptions(Options):
+class TaskOptions:
     """How a scene file is taken: what is best, what may be moved, which shapes and limits count."""
 
-    objective: Objective = option("energy", "energy or time.", typed=str, one_of=get_args(Objective))
-    metric: Metric = option(
-        "absolute", "signed (the paper's), positive, absolute or copper.", typed=str, one_of=get_args(Metric)
-    )
-    variables: Free | None = option(
-        None,
-        "What is searched: vias, times or both. Energy: vias; time: both, if not given.",
-        typed=str | None,
-        one_of=get_args(Free),
+    objective: str = option("energy", "energy or time.")
+    metric: str = option("absolute", "signed (the paper's), positive, absolute or copper.")
+    variables: str | None = option(
+        None, "What is searched: vias, times or both. Energy: vias; time: both, if not given."
     )
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
@@ -70,7 +61,7 @@ class CompareOptions(TaskOptions):
 
 
 @dataclass(frozen=True)
-class PaperOptions(Options):
+class PaperOptions:
     """How much of the paper's experiments is run."""
 
     epochs: int = option(500, "PPO's epochs on Table 3's task (the paper's: 500).", min=1)
@@ -80,7 +71,7 @@ class PaperOptions(Options):
 
 
 @dataclass(frozen=True)
-class ExciteOptions(Options):
+class ExciteOptions:
     """What the next motion to record has to tell, how long it may take, and where the arm stands."""
 
     separate: str | None = option(None, "Effects to tell apart, or one to show: ID,ID.")

@@ -29,7 +29,6 @@ from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int, freeze
-from ident.model.link_inertia import pseudo_inertia
 from ident.robot.arm import ArmModel
 
 if TYPE_CHECKING:
@@ -135,6 +134,18 @@ TOLERANCE = 1e-9
 MARGIN = 1e-7
 # Eigenvalues of the scaled normal equations below this share of the largest are rounding.
 ROUNDING = 1e-13
+
+
+def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
+    """The matrix that is positive semidefinite for every body that can exist, of one link or of many.
+
+    Args:
+        link: m, m·c, and Ixx Ixy Iyy Ixz Iyz Izz about the joint frame [kg, kg m, kg m²].
+    """
+    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = np.moveaxis(np.asarray(link, dtype=float), -1, 0)
+    half = 0.5 * (xx + yy + zz)
+    rows = [[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz], [mx, my, mz, mass]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def is_consistent(parameters: Float[Array, " 10n"]) -> bool:

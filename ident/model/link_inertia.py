@@ -18,33 +18,26 @@ def numbers(values: Sequence[float] | Array) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def pseudo_inertia(link: Float[Array, "... 10"]) -> Float[Array, "... 4 4"]:
-    """The matrix that is positive semidefinite for every body that can exist, of one link or of many.
-
-    Args:
-        link: m, m·c, and Ixx Ixy Iyy Ixz Iyz Izz about the joint frame [kg, kg m, kg m²].
-    """
-    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = np.moveaxis(np.asarray(link, dtype=float), -1, 0)
-    half = 0.5 * (xx + yy + zz)
-    rows = [[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz], [mx, my, mz, mass]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
 def moved(link: Float[Array, " 10"], turn: Float[Array, "3 3"], shift: Float[Array, " 3"]) -> Float[Array, " 10"]:
     """Ten inertial numbers in another frame, in which the old one stands at `shift`, turned by `turn`."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, shift
-    pseudo = pose @ pseudo_inertia(link) @ pose.T
-    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[ENTRIES]])
+    mass, first = link[0], turn @ link[1:4]
+    second = turn @ _matrix(link) @ turn.T
+    for a, b in ((shift, first), (first, shift), (shift, mass * shift)):
+        second = second + (a @ b) * np.eye(3) - np.outer(a, b)
+    return np.concatenate([[mass], first + mass * shift, second[ENTRIES]])
+
+
+def _matrix(link: Float[Array, " 10"]) -> Float[Array, "3 3"]:
+    """Second moments of ten inertial numbers."""
+    xx, xy, yy, xz, yz, zz = link[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], Float[Array, "3 3"]]:
     """Mass, centre of mass, and inertia about it, of ten inertial numbers about a frame."""
-    mass, (xx, xy, yy, xz, yz, zz) = float(link[0]), link[4:]
+    mass = float(link[0])
     centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return mass, centre, _matrix(link) - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
 def ball_of(mass: float, centre: Float[Array, " 3"], radius: float) -> Float[Array, " 10"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -14,10 +15,14 @@ from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nod
 from plan.dynamics.rigid import manipulability_of
 from plan.geometry.pairs import find_margins
 from plan.geometry.scene import Scene
-from plan.options import Free, Objective
 from plan.problem.rule_values import Rules
 from plan.problem.rules import WayRules
 from plan.spline import Splines
+
+Objective = Literal["energy", "time"]
+Free = Literal["vias", "times", "both"]
+OBJECTIVES: tuple[Objective, ...] = ("energy", "time")
+FREE: tuple[Free, ...] = ("vias", "times", "both")
 
 # Limits are kept to this share during the search: torque is sampled there, and checked densely afterwards.
 SHARE = 0.998

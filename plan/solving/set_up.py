@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ident.model.loss import LossParameters
 from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import ChainTorque, torque_of_model
+from plan.dynamics.power import METRICS, ChainTorque, Metric, torque_of_model
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
@@ -25,10 +26,11 @@ from plan.options import TaskOptions
 from plan.planners.base import Budget, Ledger
 from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
-from plan.problem.problem import Limits, PlanningProblem
+from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
 from plan.problem.task_file import Task, TaughtVias
 
+Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
 # What is tried for each way before one is chosen, and how long in processor time [s].
 QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
@@ -52,8 +54,11 @@ def set_up(
     Raises:
         RobotError: A link has no collision geometry, and nothing stands in.
         InputError: The task does not fit the robot or the model.
+        InputError: No such objective, metric or choice of variables.
     """
-    objective, metric, free = options.objective, options.metric, options.variables
+    objective = _one_of("--objective", options.objective, OBJECTIVES)
+    metric: Metric = _one_of("--metric", options.metric, METRICS)
+    free: Free | None = None if options.variables is None else _one_of("--variables", options.variables, FREE)
     if objective == "time" and free == "vias":
         raise InputError("--variables", "time can't fall while the time stamps are fixed", "use times or both")
     robot = ArmModel.load(task.robot)
@@ -173,6 +178,18 @@ def from_taught(problem: PlanningProblem, taught: TaughtVias) -> PlanningProblem
     if taught.times is None:
         return begun
     return replace(begun, durations=np.diff([0.0, *taught.times, problem.durations.sum()]))
+
+
+def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:
+    """The value, if it is known.
+
+    Raises:
+        InputError: It is not.
+    """
+    for one in known:
+        if one == value:
+            return one
+    raise InputError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
 
 
 def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
