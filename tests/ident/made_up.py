@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.model.loss import LossParameters
 from ident.motion.motion import Lowpass, Motion
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
@@ -93,20 +94,21 @@ def exact_motion(
 
 def made_motions(
     arm: ArmModel,
-    law: Law,
+    law: Law | LossParameters,
     seeds: Sequence[int],
     duration: float = 20.0,
     rate: float = 100.0,
     noise: float = 0.0,
     payload: Payload | None = None,
 ) -> list[Motion]:
-    """Multisine runs of an arm whose torque is `law(q, dq, ddq)` plus white noise [N m]."""
-    motions = []
+    """Multisine runs of an arm whose torque is `law(q, dq, ddq)`, or its own with losses, plus white noise [N m]."""
+    loaded, motions = arm.with_payload(payload), []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         time = np.arange(int(duration * rate)) / rate
         states = multisine(rng, time, arm.n)
-        tau = law(*states) + noise * rng.standard_normal((len(time), arm.n))
+        own = law(*states) if callable(law) else loaded.inverse_dynamics(*states) + law.torque(*states[1:])
+        tau = own + noise * rng.standard_normal((len(time), arm.n))
         motions.append(exact_motion(time, states, tau, arm.joint_names, f"run_{seed}", payload))
     return motions
 

@@ -19,15 +19,7 @@ LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02
 
 
 def _runs(arm: ArmModel, seeds: Sequence[int], payload: Payload | None = None) -> list[Motion]:
-    loaded = arm.with_payload(payload)
-    return made_motions(
-        arm,
-        lambda q, dq, ddq: loaded.inverse_dynamics(q, dq, ddq) + LOSS.torque(dq, ddq),
-        seeds,
-        8.0,
-        noise=0.1,
-        payload=payload,
-    )
+    return made_motions(arm, LOSS, seeds, 8.0, noise=0.1, payload=payload)
 
 
 @pytest.fixture(scope="module")

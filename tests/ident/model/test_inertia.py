@@ -60,9 +60,7 @@ def fits(training: list[Motion], nominal: ArmModel) -> dict[str, Identified]:
 
 
 def _measured(arm: ArmModel, seeds: Sequence[int], noise: float = 0.3) -> list[Motion]:
-    return made_motions(
-        arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + LOSS.torque(dq, ddq), seeds, 15.0, noise=noise
-    )
+    return made_motions(arm, LOSS, seeds, 15.0, noise=noise)
 
 
 @pytest.mark.parametrize(
@@ -110,15 +108,7 @@ def test_wrong_inertias_are_recovered_in_torque(fits: dict[str, Identified], rea
 def test_a_known_payload_is_not_taken_for_the_arm(nominal: ArmModel) -> None:
     """Runs with a reported payload on the exact arm: no base parameter is off by more than 4 deviations."""
     payload = Payload(2.0, (0.0, 0.0, 0.08))
-    loaded = nominal.with_payload(payload)
-    motions = made_motions(
-        nominal,
-        lambda q, dq, ddq: loaded.inverse_dynamics(q, dq, ddq) + LOSS.torque(dq, ddq),
-        [1, 2],
-        15.0,
-        noise=0.3,
-        payload=payload,
-    )
+    motions = made_motions(nominal, LOSS, [1, 2], 15.0, noise=0.3, payload=payload)
     fit = identify(motions, nominal, FitOptions(inertia="base")).inertia
     assert np.abs(fit.change / fit.std).max() < 4.0
 

@@ -43,9 +43,7 @@ def arm() -> ArmModel:
 
 
 def _runs(arm: ArmModel, params: LossParameters, noise: float = 0.0, seeds: Sequence[int] = (1, 2)) -> list[Motion]:
-    return made_motions(
-        arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + params.torque(dq, ddq), seeds, noise=noise
-    )
+    return made_motions(arm, params, seeds, noise=noise)
 
 
 def _values(params: LossParameters) -> Float[Array, "n 3"]:
@@ -88,9 +86,7 @@ def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(arm: Ar
 def test_links_come_near_the_true_ones_and_silent_ones_stay(arm: ArmModel) -> None:
     """Torque of links 20 % heavier to 2 % on unseen states; without motion all stays as the URDF has it."""
     real = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
-    motions = made_motions(
-        arm, lambda q, dq, ddq: real.inverse_dynamics(q, dq, ddq) + TRUE.torque(dq, ddq), [1, 2], noise=0.1
-    )
+    motions = _runs(real, TRUE, 0.1)
     tuned, base = tune_links(motions, arm, 2.0)
     test = _runs(real, TRUE, seeds=(9,))[0]
     found = rigid_torque(tuned, test) + _fitted(tuned, motions).torque(test.dq, test.ddq)  # rotors trade with links
