@@ -90,12 +90,10 @@ def _run(name: str, module: str, signals: _Signals) -> int:
             raise InputError(own, "numba would take its settings from this file", "start the command elsewhere")
         app = importlib.import_module(module).app
         signals.is_loading = False
-        status = app(standalone_mode=False)
+        status = app(prog_name=name, standalone_mode=False)
     except InputError as error:
         say(str(error))
         return USER
-    except KeyboardInterrupt:
-        status = signals.status
     except OSError as error:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
         place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
@@ -105,12 +103,13 @@ def _run(name: str, module: str, signals: _Signals) -> int:
     except MemoryError:
         say(MEMORY_FULL)
         return SYSTEM
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
         # Interrupted, maybe within a library that made something else of it.
-        if signals.came or type(error).__name__ == "Abort":
+        if signals.came or type(error).__name__ in ("Abort", "KeyboardInterrupt"):
             status = signals.status
         elif type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
-            say(f"{error.format_message().rstrip('.')}; see {name} --help")
+            path = getattr(getattr(error, "ctx", None), "command_path", name)
+            say(f"{error.format_message().rstrip('.')}; see {path} --help")
             return USER
         elif isinstance(error, ImportError) and any(words in str(error) for words in UNMAPPED):
             say(MEMORY_FULL)

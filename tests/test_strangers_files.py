@@ -176,7 +176,7 @@ def test_nothing_is_imported_from_the_folder_where_the_user_is(tmp_path: Path, m
     """Law: what a command and its libraries start is as safe in a stranger's folder as itself; numba reads nothing."""
     for folder in ("own", "strange"):
         (tmp_path / folder).mkdir()
-    (tmp_path / "own/started.py").write_text(f"import subprocess, sys\napp = lambda standalone_mode: {CALL}")
+    (tmp_path / "own/started.py").write_text(f"import subprocess, sys\napp = lambda **given: {CALL}")
     for name in ("joblib", "numpy", "struct"):
         (tmp_path / f"strange/{name}.py").write_text("open('RUN', 'w')")
     monkeypatch.chdir(tmp_path / "strange")

@@ -46,8 +46,8 @@ def new(session: str | Path, robot: str | Path | ArmModel | None = None) -> NewS
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / NAME
         draft.write_text(found.text, encoding="utf-8")
-        read = load_session(path, session_file=draft)
-    report = inspect_sessions([read], arm)[0] if arm is not None else None
+        read = load_session(path, session_file=draft, with_effort=found.has_effort)
+    report = inspect_sessions([read], arm)[0] if arm is not None and found.has_effort else None
     settings = {"robot": named or (arm.name if arm is not None else None)}
     origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))
     found = replace(found, report=report, provenance=origin)

@@ -28,9 +28,9 @@ def new(
     """Looks at a foreign table and writes a session.toml with its guesses, each with its evidence."""
     from ident.api.daily import new as guess
 
-    found = guess(session, robot)
-    hand_over(found, json_file)
-    console.print(f"written to {found.file}: look through it, then `ident inspect`", soft_wrap=True)
+    hand_over(found := guess(session, robot), json_file)
+    then = "inspect" if found.has_effort else "servo"
+    console.print(f"written to {found.file}: look through it, then `ident {then}`", soft_wrap=True)
 
 
 @command

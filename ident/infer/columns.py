@@ -140,7 +140,7 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
     """Finds the channels by the columns' names; None where no family of columns is a position.
 
     Raises:
-        RecordingError: There is a position, but neither torque nor current.
+        RecordingError: There is a position, but neither torque, current nor goal.
     """
     names = list(table.columns)
     clock = find_time(names) or _find_rising(table)
@@ -157,10 +157,9 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         family = _choose(families, channel, arm, count)
         if family is not None and not (channel == "current" and "effort" in chosen):
             chosen[channel] = family
-    if not {*MEASURED} & set(chosen):
-        goals = "; an arm that logs goal and position only is for `ident servo`" if "position_command" in chosen else ""
+    if not {*MEASURED, "position_command"} & set(chosen):
         what = f"no columns are named as torque or current of the {count} joints"
-        remedy = f"name them in [columns] of session.toml yourself{goals}; there are: {listed(names)}"
+        remedy = f"name them in [columns] of session.toml yourself; there are: {listed(names)}"
         raise RecordingError(table.source, what, remedy)
     joints, why = _joints(position, arm, count)
     columns = {}
@@ -246,36 +245,27 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
         raise RecordingError(table.source, "no columns follow the torque that this robot needs", HINT)
     reasons.append(Reason(channel, f"columns {_span(names, blocks[torque])}", why))
     chosen = {"position": position, "velocity": velocity, channel: torque}
-    return Signals(
-        arm.joint_names,
-        {name: tuple(names[i] for i in blocks[k]) for name, k in chosen.items()},
-        {name: values[:, blocks[k]] for name, k in chosen.items()},
-        None if clock is None else names[clock],
-        time,
-        tuple(reasons),
-    )
+    columns = {name: tuple(names[i] for i in blocks[k]) for name, k in chosen.items()}
+    tables = {name: values[:, blocks[k]] for name, k in chosen.items()}
+    return Signals(arm.joint_names, columns, tables, rising, time, tuple(reasons))
 
 
 def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, int, float] | None:
     """Blocks of position and velocity; of several pairs the one with more noise, for commands have none."""
-    found = []
+    found, step, half = [], LIMIT.stride, LIMIT.stride // 2
     for p, v in permutations(range(len(blocks)), 2):
         q, dq = values[:, blocks[p]], values[:, blocks[v]]
-        derived = (q[LIMIT.stride :] - q[: -LIMIT.stride]) / np.maximum(
-            time[LIMIT.stride :] - time[: -LIMIT.stride], 1e-12
-        )[:, None]
-        middle = dq[LIMIT.stride // 2 : len(dq) - LIMIT.stride + LIMIT.stride // 2]
+        derived = (q[step:] - q[:-step]) / np.maximum(time[step:] - time[:-step], 1e-12)[:, None]
+        middle = dq[half : len(dq) - step + half]
         moving = derived.std(axis=0) > 1e-9 * max(float(np.abs(derived).max()), 1e-300)
         if moving.any():
             one, other = (values[:, moving] - values[:, moving].mean(axis=0) for values in (derived, middle))
             scale = np.maximum(one.std(axis=0) * other.std(axis=0), 1e-300)
             match = float(np.median((one * other).mean(axis=0) / scale))
             found.append((match, _noise(dq), p, v))
-    good = [one for one in found if one[0] > LIMIT.same_motion]
-    if not good:
-        return None
-    match, _, p, v = max(good, key=lambda one: one[1])
-    return p, v, match
+    good = (one for one in found if one[0] > LIMIT.same_motion)
+    best = max(good, key=lambda one: one[1], default=None)
+    return None if best is None else (best[2], best[3], best[0])
 
 
 def _find_torque(
@@ -315,10 +305,9 @@ def _noise(table: Array) -> float:
 
 def follow(states: States) -> tuple[float, float]:
     """How much of the torque the model explains, whatever its sign, and at what scale; medians over heavy joints."""
-    joints = np.flatnonzero(states.heavy & states.alive)
-    if not len(joints):
-        joints = np.flatnonzero(states.alive)
-    fits = [max((fit_signed(states, int(j), s) for s in (1.0, -1.0)), key=lambda fit: fit.explained) for j in joints]
+    heavy, alive = (np.flatnonzero(one) for one in (states.heavy & states.alive, states.alive))
+    joints = map(int, heavy if len(heavy) else alive)
+    fits = [max(fit_signed(states, j, sign) for sign in (1.0, -1.0)) for j in joints]
     return float(np.median([fit.explained for fit in fits])), float(np.median([fit.gravity for fit in fits]))
 
 

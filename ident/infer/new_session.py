@@ -20,7 +20,7 @@ from jinja2 import Environment
 from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
-from ident.infer.columns import guess_by_data, guess_by_name
+from ident.infer.columns import MEASURED, guess_by_data, guess_by_name
 from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
 from ident.infer.units import (
     GAINS,
@@ -57,6 +57,11 @@ class NewSession(Result):
     text: str  # the file's text
     # The telemetry check of the session under these settings; None where no robot was given.
     report: TelemetryReport | None = None
+
+    @property
+    def has_effort(self) -> bool:
+        """Whether there is a torque or current; an arm that logs goal and position only has none."""
+        return any(name.rpartition("/")[2] in MEASURED for name in self.guess.columns.values())
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -153,9 +158,9 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     signals = replace(signals, time=second * signals.time, tables=tables)
     signals, velocity, refused = check_velocity(signals)
     reasons = [*signals.reasons, clock, rate_reason, turn, velocity]
-    nominal = "effort" if "effort" in signals.tables else "current"
+    nominal = next((name for name in MEASURED if name in signals.tables), "")
     joints, channel, settings = signals.joints, nominal, dict[str, Any]()
-    if arm is not None:
+    if arm is not None and nominal:
         joints, order = joint_order(signals, arm)
         known = tuple(name for name in arm.joint_names if name in joints)
         states = states_of(signals, arm, joints)
@@ -166,13 +171,14 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         settings[GAINS] = dict.fromkeys(joints, 1.0)
         reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
     settings |= {"time_unit": time} if time != "s" else {}
-    settings |= {"angle_unit": angle} if angle != "rad" else {}
+    settings |= {turn.what: angle} if turn is not None and angle != "rad" else {}
     settings |= {"sample_rate_hz": rate} if rate is not None else {}
     columns = {} if signals.clock is None else {signals.clock: TIME}
     for name, own in signals.columns.items():
         native = channel if name == nominal else name
         columns.update({column: f"{joint}/{native}" for column, joint in zip(own, joints, strict=True)})
     left = [] if refused is None else [f"velocity {refused}"]
+    left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
     unused = [name for name in table.columns if name not in columns]
     left += [f"not used: {', '.join(fold_names(unused))}"] if unused else []
     return Guess(columns, settings, tuple(one for one in reasons if one is not None), tuple(left))

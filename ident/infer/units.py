@@ -23,10 +23,9 @@ LIMIT = read_group(__file__, "units")
 # No joint of an arm turns farther than three turns to a side [rad].
 FARTHEST_RAD = 6 * math.pi
 GAINS = "drive_gain_Nm_per_A"
-
-
+COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
 # Its name, its factor to SI, and why.
-Unit = tuple[str, float, Reason | None]
+Unit = tuple[str | int, float, Reason | None]
 
 
 def time_unit(signals: Signals) -> Unit:
@@ -63,6 +62,8 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
         j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
         limit = f"its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
         seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
+        if far[j] > math.degrees(FARTHEST_RAD) and not np.any(signals.tables["position"] % 1.0):
+            return COUNTS, math.tau / COUNTS, Reason("counts_per_turn", f"{COUNTS}", f"{seen}; whole numbers: counts")
         return "deg", math.radians(1.0), Reason("angle_unit", "deg", seen)
     return "rad", 1.0, Reason("angle_unit", "rad", seen)
 
@@ -91,8 +92,7 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
         return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it")
     if "velocity" not in signals.tables:
         return None, None
-    steps = np.gradient(signals.tables["position"], axis=0)
-    speed = signals.tables["velocity"]
+    steps, speed = np.gradient(signals.tables["position"], axis=0), signals.tables["velocity"]
     power = (steps**2).sum(axis=0)
     slope = (speed * steps).sum(axis=0)[power > 0] / power[power > 0]
     rate = float(np.median(slope)) if len(slope) else 0.0

@@ -216,6 +216,7 @@ def ends_within_cell(path: Path, layout: TextLayout) -> bool:
 # Columns that hold text in most of so many first rows are no columns of numbers.
 LOOKED_AT = 50
 # What the cells of a time are: numbers, or ISO 8601 without and with a zone.
+ISO = re.compile(r"\"?\d{4}-\d\d-\d\d[T ]\d\d:")
 CLOCKS = (pa.float64(), pa.timestamp("ns"), pa.timestamp("ns", "UTC"))
 BLOCK_BYTES = 1 << 24  # a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
 
@@ -232,13 +233,17 @@ def open_text(path: Path) -> NamedColumns:
         with path.open("rb") as stream:
             head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
         rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
-        filled = [i for i in range(len(layout.names)) if sum(is_number(row[i]) for row in rows) > len(rows) / 2]
+        filled, stamps = (
+            [i for i in range(len(layout.names)) if sum(bool(kind(row[i])) for row in rows) > len(rows) / 2]
+            for kind in (is_number, ISO.match)
+        )
         if not filled:
             raise RecordingError(path, "has no column of numbers", "give a table of samples")
-        table = _read(path, layout, {i: f"column_{i}/position" for i in filled})
+        keys = {i: f"column_{i}/position" for i in filled} | dict.fromkeys(stamps[:1], TIME)
+        table = _read(path, layout, keys)
         # A name that stands twice is no name: its column goes by its number.
-        own = [str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i] for i in filled]
-        return {name: table.columns[f"column_{i}/position"] for i, name in zip(filled, own, strict=True)}
+        own = {i: str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i] for i in keys}
+        return {own[i]: table.columns[key] for i, key in keys.items()}
 
     return NamedColumns(layout.names, lambda chosen: _read(path, layout, chosen), numbers)
 
