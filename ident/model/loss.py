@@ -70,7 +70,7 @@ class LossResults:
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""
         limits = self.conf_int()
-        lines = [f"{'joint':<22}{'figure':<15}{'value':>10}  {'95 % interval':<24}unit"]
+        lines = [f"{'joint':<19} {'figure':<13} {'value':>9}  {'95 % interval':<22}unit"]
         for j, joint in enumerate(self.joints):
             for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
                 value = getattr(self.params, name)[j]
@@ -78,7 +78,7 @@ class LossResults:
                     continue  # was not fitted
                 note = "  on its bound" if name in self.at_bound[j] else ""
                 interval = f"[{limits[j, k, 0]:.4g}, {limits[j, k, 1]:.4g}]"
-                lines.append(f"{joint:<22}{name:<15}{value:>10.4g}  {interval:<24}{unit}{note}")
+                lines.append(f"{joint:<19} {name:<13} {value:>9.4g}  {interval:<22}{unit}{note}")
         return "\n".join(lines)
 
 
