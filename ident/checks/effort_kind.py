@@ -13,7 +13,7 @@ The size of a torque: beyond its rating, at another scale than the model's, or d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,8 +88,8 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
 
 
 def tell_gravity(fit: GravityFit) -> str:
-    """The figures of a fit in words."""
-    return f"follows gravity at {fit.gravity:.2f} ± {fit.gravity_error:.2f} and inertia at {fit.inertia:.2f}"
+    """The figures of a fit in words, with 95 % of the error."""
+    return f"follows gravity at {fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f} and inertia at {fit.inertia:.2f}"
 
 
 def judge_effort(session: Session, states: States | None, issues: list[TelemetryIssue]) -> tuple[JointEffort, ...]:
@@ -99,7 +99,9 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
         if states is None or not states.alive[joint]:
             return "unknown", "no run is long enough, or the effort doesn't change"
         fit = fit_gravity(states, joint)
-        told = tell_gravity(fit) if states.heavy[joint] else "gravity hardly changes here"
+        scale, error, _ = fit_scale(states, joint)  # what `check_scales` tells
+        shown = replace(fit, gravity=scale, gravity_error=error)
+        told = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
         told += f"; friction is {fit.friction:.0%} of the effort's spread"
         for issue in (one for one in issues if name in one.joints):
             if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
@@ -124,8 +126,7 @@ def _is_current(session: Session, joint: int) -> bool:
     if not pairs or len(pairs) < len(session.runs):
         return False
     effort, current = (np.concatenate(values) for values in zip(*pairs, strict=True))
-    size = float(np.linalg.norm(effort) * np.linalg.norm(current))
-    return size > 0.0 and abs(float(effort @ current)) > (1.0 - LIMIT.same) * size
+    return abs(float(effort @ current)) > (1.0 - LIMIT.same) * float(np.linalg.norm(effort) * np.linalg.norm(current))
 
 
 def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
@@ -179,13 +180,12 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
         dq, tau = states.dq[:, j], states.tau[:, j]
         table = np.column_stack([swings, states.q[:, j], dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))])
         left = tau - table @ least_squares(table, tau)
-        found[int(j)] = 1.0 - float(left.var() / tau.var())
+        found[int(j)] = max(1.0 - float(left.var() / tau.var()), 0.0)
     worst = min(found, key=lambda j: found[j], default=None)
     if worst is None or found[worst] > LIMIT.own_motion[1]:
         return []
     severity: Severity = "fatal" if found[worst] < LIMIT.own_motion[0] else "warning"
-    explained = max(found[worst], 0.0)
-    return [issue_of("absent", session, [worst], worst, severity, explained=explained, absent=", ".join(absent))]
+    return [issue_of("absent", session, [worst], worst, severity, explained=found[worst], absent=", ".join(absent))]
 
 
 def fit_scale(states: States, joint: int) -> tuple[float, float, float]:

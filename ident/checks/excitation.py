@@ -147,15 +147,15 @@ class Amount:
         """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
         share, (up, down) = self._independence.shown()
         moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
-        seen = "of its acceleration does not follow from its angle where one recording is left out"
-        told = f"{{:.2g}} % {seen}: one sinusoid, or nearly"
+        part = "a fifth of the recording" if self._runs == 1 else "one recording"
+        told = f"without {part}, {{:.2g}} % of its acceleration does not follow from its angle: one sinusoid, or nearly"
         found = [(int(j), told.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
         once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
         found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]
         if not found:
             return []
         columns = [j for j, _ in found]
-        others = f"; so {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
+        others = f"; likewise {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
         severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
         return [issue_of("dependent", first, columns, columns[0], severity, told=found[0][1], others=others)]
 

@@ -105,8 +105,7 @@ MARK_FROM = 4.0
 
 def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     """Verdict, findings, and what could not be judged."""
-    facts, verdict = record["session"], record["verdict"]
-    runs = int(facts["runs"])
+    facts, verdict, runs = record["session"], record["verdict"], int(record["session"]["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     print_serious(console, record["telemetry"])
     console.print(styled((verdict, "bold"), f": {diagnosis_headline(record)}"), soft_wrap=True)
@@ -148,9 +147,8 @@ def describe(finding: Mapping[str, Any], runs: int) -> str:
     before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
     return (
         f"  {', '.join(finding['joints'])}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
-        f"{parameters_in_words(finding['parameters'])}; "
-        f"explains {significant(heldout['gain_rms_Nm'])} N m (rms) on unseen runs, {heldout['shrink']:.0%} of what can "
-        f"be closed; energy error {before} → {after} J"
+        f"{parameters_in_words(finding['parameters'])}; explains {significant(heldout['gain_rms_Nm'])} N m (rms) on "
+        f"unseen parts, {heldout['shrink']:.0%} of what can be closed; energy error {before} → {after} J"
     )
 
 
@@ -203,6 +201,7 @@ OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 def headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
+    from ident.diagnosis.change.friction_drift import FRICTION
 
     named = []
     for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
@@ -214,10 +213,11 @@ def headline(record: Mapping[str, Any]) -> str:
         elif change["effect"] not in OF_THE_ARM:
             effect = f"{effect} in {where}"
         named.append(effect)
-    changes = join_words(named)
     more = len(record["changes"]) - 3
-    changes += f", and {more} more" if more > 0 else ""
-    return str(TABLES["changes"][record["verdict"]]).format(changes=changes, colon=f": {changes}" if changes else "")
+    changes = join_words(named) + (f", and {more} more" if more > 0 else "")
+    unseen = record["verdict"] == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"])
+    words = str(TABLES["changes"]["friction_unseen" if unseen else record["verdict"]])
+    return words.format(changes=changes, colon=f": {changes}" if changes else "")
 
 
 def places_of(change: Mapping[str, Any]) -> str:
@@ -234,18 +234,8 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
         console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
     print_serious(console, record["telemetry"])
     console.print(styled((record["verdict"], "bold"), f": {headline(record)}"), soft_wrap=True)
-    for change in record["changes"]:
-        words = f"  {describe_change(change)}\n    do: {change['action']}"
-        console.print(words, soft_wrap=True, highlight=False, markup=False)
-    lines = [
-        f"not reported: {effect_name(one['effect'])} in {join_words(one['joints'])}: {one['reason']}"
-        for one in record["reservations"]
-    ]
-    lines.append(describe_spread(record["friction_run_spread"]))
-    if min(record["before"]["runs"], record["after"]["runs"]) < 2:
-        unknown = "of a single run nothing is known of what runs differ by"
-        lines.append(f"{unknown}: a usual spread is assumed; record three or more")
-    lines += [*describe_used(record), *describe_still(record), *group_silent(without_still(record))]
+    lines = [f"{describe_change(change)}\n    do: {change['action']}" for change in record["changes"]]
+    lines += [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
 
@@ -275,9 +265,20 @@ def describe_change(change: Mapping[str, Any]) -> str:
     )
 
 
-def describe_spread(spread: Mapping[str, float]) -> str:
-    """How much friction differs from run to run of one set."""
-    parts = [f"{joint} {percent(share)}" for joint, share in spread.items()]
+def describe_notes(record: Mapping[str, Any]) -> list[str]:
+    """What fits and is not reported, a line for each reason; joints of which little was used, or that stood still."""
+    found: dict[str, list[str]] = {}
+    for one in record["reservations"]:
+        found.setdefault(one["reason"], []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
+    lines = [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
+    return [*lines, *describe_used(record), *describe_still(record)]
+
+
+def describe_spread(record: Mapping[str, Any]) -> str:
+    """How much friction differs from run to run of one set, or is taken to where each has a single run."""
+    parts = [f"{joint} {percent(share)}" for joint, share in record["friction_run_spread"].items()]
+    if parts and record["before"]["runs"] + record["after"]["runs"] <= 2:
+        return "how much friction differs from run to run is assumed, for single runs don't tell: record three a side"
     return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
 
 

@@ -25,9 +25,8 @@ from ident.show.report.page import (
 from ident.show.report.words import axis_name, axis_unit, fixed, interval_words, percent, sentence, shade, significant
 from ident.show.terminal import (
     OF_THE_ARM,
+    describe_notes,
     describe_spread,
-    describe_still,
-    describe_used,
     headline,
     limit_rows,
     places_of,
@@ -174,8 +173,8 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         "headline": headline(record),
         "OF_THE_ARM": OF_THE_ARM,
         "places_of": places_of,
-        "spread": describe_spread(record["friction_run_spread"]),
-        "still": [f"{sentence(line)}." for line in (*describe_used(record), *describe_still(record))],
+        "spread": describe_spread(record),
+        "notes": [f"{sentence(line)}." for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),
     }
     sections = [

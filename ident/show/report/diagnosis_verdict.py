@@ -202,7 +202,7 @@ def describe_findings(record: Mapping[str, Any]) -> str:
         for joint, before in heldout.get("rms_before_Nm", {}).items()
         if joint in _named_joints(record)
     ]
-    closes = f"On runs that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
+    closes = f"On parts that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
 
 
@@ -238,7 +238,7 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
     if nearest := record.get("nearest"):
         parts.append(
             f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
-            f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen runs by "
+            f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen parts by "
             f"{percent(nearest['rms_fall'])}."
         )
     return " ".join(parts)

@@ -140,7 +140,7 @@ def test_columns_under_another_joints_name_are_found(
 def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     joint: int, factor: float, session: Session, arm: ArmModel
 ) -> None:
-    """Law: the scale that is told follows the planted factor to 1e-9; the interval is of its size."""
+    """Law: the scale that is told follows the planted factor to 1e-9, wherever it is; the interval is of its size."""
     gains = np.where(np.arange(6) == joint, factor, 1.0)
     report = found(changed(session, "effort", lambda effort: effort * gains), arm)
     assert session.joints[joint] in report.issues[0].joints
@@ -149,6 +149,7 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     (before, *_), (after, error, _) = (fit_scale(states, joint) for states in pair)
     assert after == pytest.approx(factor * before, rel=1e-6)
     assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
+    assert f"at {after:.2f} ± {2.0 * error:.2f} and" in report.effort[joint].evidence
 
 
 @pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0])

@@ -187,8 +187,7 @@ def issues(two_joints: ArmModel, *motions: Array) -> list[TelemetryIssue]:
         dq = np.gradient(q, 1.0 / RATE, axis=0)
         tau = two_joints.gravity(q) + 5.0 * dq
         runs.append(Recording(f"run_{k}", two_joints.joint_names, TIME + 20.0 * k, q, tau))
-    amount = Amount()
-    session = Session("made up", tuple(runs))
+    amount, session = Amount(), Session("made up", tuple(runs))
     amount.take(session, TelemetryReport(session, (), two_joints))
     return [issue for issue in amount.issues() if "angle" in issue.evidence or "times up" in issue.evidence]
 
@@ -203,9 +202,9 @@ def test_recordings_of_one_sinusoid_are_refused(two_joints: ArmModel, noise: flo
 
 def test_an_answer_that_rests_on_one_recording_is_refused(two_joints: ArmModel) -> None:
     """Law: two the same and another one are one sinusoid wherever the other is held out."""
-    same, other = motion(ONE, ONE), motion(OTHER, OTHER, seed=1)
-    (found,) = issues(two_joints, same, motion(ONE, ONE, seed=2), other)
-    assert found.severity == "fatal"
+    (found,) = issues(two_joints, motion(ONE, ONE), motion(ONE, ONE, seed=2), motion(OTHER, OTHER, seed=1))
+    assert (found.severity, ": without one recording, " in found.evidence) == ("fatal", True)
+    assert ": without a fifth of the recording, " in issues(two_joints, motion(ONE, ONE))[0].evidence
 
 
 def test_a_direction_that_is_shown_once_is_told(two_joints: ArmModel) -> None:

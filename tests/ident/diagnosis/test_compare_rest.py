@@ -19,7 +19,7 @@ from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report
-from ident.show.terminal import describe_still, describe_used, without_still
+from ident.show.terminal import describe_spread, describe_still, describe_used, without_still
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -139,16 +139,14 @@ def test_what_is_wrong_before_and_after_alike_is_no_reason_to_refuse() -> None:
     assert as_compared(torn, [report(torn)], [report(torn)]).severity == "fatal"
 
 
-STILL, ANGLE = 2, 0.4
-OFFSET = 0.7  # [N m]
+STILL, ANGLE, OFFSET = 2, 0.4, 0.7  # a joint, [rad], [N m]
 
 
 def runs_held(arm: ArmModel, plant: Plant, seeds: range, held: bool) -> list[Motion]:
     """Runs in which the last joint is held at an angle, or moves like the others."""
     found = []
     for seed in seeds:
-        rng = np.random.default_rng(seed)
-        time = np.arange(400) / 50.0
+        rng, time = np.random.default_rng(seed), np.arange(400) / 50.0
         q, dq, ddq = multisine(rng, time, arm.n)
         if held:
             q[:, STILL], dq[:, STILL], ddq[:, STILL] = ANGLE, 0.0, 0.0
@@ -192,8 +190,7 @@ def test_the_rest_of_the_arm_is_compared(arm: ArmModel, held: tuple[bool, bool],
     assert told.low <= OFFSET <= told.high
     assert [(one.name, one.when, one.crept) for one in found.still] == [("joint_3", when, False)]
     assert set(found.rms_before) == set(found.noise) == set(arm.joint_names)
-    silent = {one.effect.id for one in found.not_testable if one.joint == STILL}
-    assert "friction_change" in silent
+    assert "friction_change" in {one.effect.id for one in found.not_testable if one.joint == STILL}
 
 
 @pytest.mark.parametrize("held", [(True, False), (False, True)])
@@ -204,7 +201,10 @@ def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bo
     (line,) = describe_still(record)
     assert line.startswith("of joint_3 only torque beyond its static friction shows: it stood still")
     assert all("stood still" not in one["reason"] for one in without_still(record))
-    assert f"{line[0].upper()}{line[1:]}." in render_comparison_report(record)
+    page = render_comparison_report(record)
+    for told in (f"{line[0].upper()}{line[1:]}.", "; a change of friction they can", "is assumed, for single runs"):
+        assert told in page
+    assert "is assumed" not in describe_spread(record | {"before": {"runs": 3}})
 
 
 def test_a_push_far_beyond_static_friction_is_told_of_a_joint_at_rest(arm: ArmModel) -> None:
