@@ -251,7 +251,7 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
 
 
 def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, int, float] | None:
-    """Blocks of position and velocity; of several pairs the one with more noise, for commands have none."""
+    """Blocks of position, itself no derivative, and velocity; of several the noisier, for commands have no noise."""
     found, step, half = [], LIMIT.stride, LIMIT.stride // 2
     for p, v in permutations(range(len(blocks)), 2):
         q, dq = values[:, blocks[p]], values[:, blocks[v]]
@@ -263,8 +263,8 @@ def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, 
             scale = np.maximum(one.std(axis=0) * other.std(axis=0), 1e-300)
             match = float(np.median((one * other).mean(axis=0) / scale))
             found.append((match, _noise(dq), p, v))
-    good = (one for one in found if one[0] > LIMIT.same_motion)
-    best = max(good, key=lambda one: one[1], default=None)
+    good = [one for one in found if one[0] > LIMIT.same_motion]
+    best = max((one for one in good if one[2] not in {v for *_, v in good}), key=lambda one: one[1], default=None)
     return None if best is None else (best[2], best[3], best[0])
 
 

@@ -126,15 +126,15 @@ def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: Ar
     motion = (run.position, np.gradient(run.position, run.time, axis=0), run.position, run.velocity)
     text_table(tmp_path / "run.csv", [], np.column_stack([run.time, *motion, rigid, run.effort / 10.0]))
     found = new(tmp_path, arm)
-    wanted = {"1": "time", "20": "joint_1/velocity", "32": "joint_1/current"}
-    assert found.guess.columns.items() >= wanted.items()
+    assert found.guess.columns.items() >= {"1": "time", "20": "joint_1/velocity", "32": "joint_1/current"}.items()
     assert found.guess.settings["drive_gain_Nm_per_A"]["joint_2"] == pytest.approx(10.0, rel=0.05)  # gravity moves it
     assert found.report.is_fit
 
 
 def test_without_time_the_rate_is_told_by_the_velocity(run: Recording, tmp_path: Path) -> None:
-    """Two-dimensional arrays of an archive, in alphabetical order or not: the model tells which."""
-    np.savez(tmp_path / "run.npz", q=run.position, qd=run.velocity, tau=run.effort)  # type: ignore[arg-type]
+    """Arrays of an archive: the model tells which is which; a velocity beside its acceleration is no position."""
+    tables = (run.position, speed := np.gradient(run.position, run.time, axis=0), np.gradient(speed, run.time, axis=0))
+    np.savez(tmp_path / "run.npz", *tables, run.effort)  # type: ignore[arg-type]
     found = new(tmp_path / "run.npz", "tm5-900")
     assert found.file == tmp_path / "run.toml"
     assert found.guess.settings["sample_rate_hz"] == pytest.approx(125.0, rel=0.01)

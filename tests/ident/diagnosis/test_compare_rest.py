@@ -202,7 +202,7 @@ def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bo
     assert line.startswith("of joint_3 only torque beyond its static friction shows: it stood still")
     assert all("stood still" not in one["reason"] for one in without_still(record))
     page = render_comparison_report(record)
-    for told in (f"{line[0].upper()}{line[1:]}.", "; a change of friction they can", "is assumed, for single runs"):
+    for told in (f"{line[0].upper()}{line[1:]}.", "; a change of friction may", "is assumed, for single runs"):
         assert told in page
     assert "is assumed" not in describe_spread(record | {"before": {"runs": 3}})
 
