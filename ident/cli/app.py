@@ -82,7 +82,7 @@ def fit(
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
         results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named)
-    hand_over(results, json_file, lambda: results.model.save(out), places={"model": out})
+    hand_over(results, json_file, lambda: results.model.save(out), places={"model (its URDF: `ident export`)": out})
     remove_checkpoint(checkpoint)
 
 
