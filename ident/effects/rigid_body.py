@@ -177,10 +177,11 @@ class LinkInertialError(Effect):
         change = _acting_law(arm, joint, variant)
         widest = LIMIT.widest * self.prior_scale(session, joint, variant)
         coefficients, covariance = beside_prior(coefficients, covariance, widest)
-        mass = linear_interval(change[0], coefficients, covariance)
+        mass, none = linear_interval(change[0], coefficients, covariance), -float(arm.inertial_parameters[10 * joint])
         if not weighs(arm, joint):
-            own = -float(arm.inertial_parameters[10 * joint])
-            mass = Interval(mass.value, min(own, mass.value), max(arm_mass(arm), mass.value), "both")
+            mass = Interval(mass.value, min(none, mass.value), max(arm_mass(arm), mass.value), "both")
+        elif mass.low < none <= mass.high:  # a link weighs something
+            mass = Interval(mass.value, min(none, mass.value), mass.high, "low")
         found = {"mass_change_kg": mass}
         for k, axis in enumerate("xyz", start=1):
             found[f"moment_change_{axis}_kgm"] = linear_interval(change[k], coefficients, covariance)
@@ -189,12 +190,11 @@ class LinkInertialError(Effect):
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """A link weighs something, no more than the whole arm, and its centre lies within the arm's reach."""
-        arm = session.runs[0].arm
+        arm, mass = session.runs[0].arm, figures["mass_change_kg"]
         own, whole = float(arm.inertial_parameters[10 * joint]), arm_mass(arm)
-        moment = (own + abs(figures["mass_change_kg"].value)) * arm_reach(arm)
+        moment = (own + abs(mass.value)) * arm_reach(arm)
         centre = Range(-moment, moment, "the link's centre would lie beyond the arm's reach")
         found = {f"moment_change_{axis}_kgm": centre for axis in "xyz"}
-        mass = figures["mass_change_kg"]
         if mass.low > -own or mass.open:
             return found
         return {"mass_change_kg": Range(-own, whole, "the link's mass would be negative"), **found}

@@ -29,8 +29,7 @@ def test_a_payload_is_found_with_its_centre(session: SessionContext, recover: Re
     torque = difference(session, session.runs[0].arm.with_payload(Payload(1.5, com)))
     found = recover(find_effect("payload"), session, 0, torque)
     np.testing.assert_allclose(found["mass_kg"].value, 1.5, rtol=0.01)
-    for axis, place in zip("xyz", com, strict=True):
-        np.testing.assert_allclose(found[f"com_{axis}_m"].value, place, atol=0.005)
+    np.testing.assert_allclose([found[f"com_{axis}_m"].value for axis in "xyz"], com, atol=0.005)
 
 
 def test_a_load_has_a_height_only_where_it_is_tilted(session: SessionContext) -> None:
@@ -38,14 +37,19 @@ def test_a_load_has_a_height_only_where_it_is_tilted(session: SessionContext) ->
     scara = ArmModel.load("scara")
     hanging = make_session(scara, seconds=2.0, runs=1)
     effect = find_effect("payload")
-    columns = {
-        name: effect.columns(one, 0, effect.variants(one, 0)[0])[0].shape[-1]
-        for name, one in (("scara", hanging), ("six joints", session))
-    }
-    assert columns == {"scara": 3, "six joints": 4}
+    columns = [effect.columns(one, 0, effect.variants(one, 0)[0])[0].shape[-1] for one in (hanging, session)]
+    assert columns == [3, 4]
     figures = effect.parameters(hanging, 0, effect.variants(hanging, 0)[0], np.ones(3), 0.01 * np.eye(3))
-    assert figures["com_z_m"].open == "both"
-    assert figures["com_x_m"].open == ""
+    assert (figures["com_z_m"].open, figures["com_x_m"].open) == ("both", "")
+
+
+@pytest.mark.parametrize(("spread", "open_end"), [(0.05, ""), (2.0, "low")])
+def test_no_link_weighs_less_than_nothing(session: SessionContext, spread: float, open_end: str) -> None:
+    """Law: where less than nothing is as likely, a link's mass stays open, and what to do is told by its moment."""
+    effect, own = find_effect("link_inertial_error"), session.runs[0].arm.inertial_parameters[20]
+    shift, error = 0.2 * effect.prior_scale(session, 2, Variant()), spread * own * np.array([1.0, 0.01, 0.01, 0.01])
+    figures = effect.parameters(session, 2, Variant(), np.append(-0.5 * own, shift[1:]), np.diag(error**2))
+    assert (figures["mass_change_kg"].open, "moment" in effect.action("joint_3", figures)) == (open_end, open_end != "")
 
 
 @pytest.mark.parametrize("name", ["payload", "link_inertial_error"])
@@ -69,12 +73,11 @@ def test_a_heavier_link_is_found(session: SessionContext, recover: Recover) -> N
     """Link 3 with 12 % more of everything: its mass and its moment say so."""
     arm = session.runs[0].arm
     parameters = arm.inertial_parameters.reshape(6, 10).copy()
-    nominal = parameters[2].copy()
     parameters[2] *= 1.12
     torque = difference(session, arm.with_inertial_parameters(parameters.ravel()))
     found = recover(find_effect("link_inertial_error"), session, 2, torque)
-    np.testing.assert_allclose(found["mass_change_kg"].value, 0.12 * nominal[0], rtol=0.05)
-    np.testing.assert_allclose(found["moment_change_x_kgm"].value, 0.12 * nominal[1], rtol=0.05)
+    told = [found[name].value for name in ("mass_change_kg", "moment_change_x_kgm")]
+    np.testing.assert_allclose(told, 0.12 * arm.inertial_parameters[20:22], rtol=0.05)
 
 
 def test_a_tilted_base_is_found_about_both_axes(session: SessionContext, recover: Recover) -> None:
@@ -85,8 +88,7 @@ def test_a_tilted_base_is_found_about_both_axes(session: SessionContext, recover
     gravity = (about_x @ about_y).T @ np.array([0.0, 0.0, -9.81])
     torque = difference(session, session.runs[0].arm.with_gravity(gravity))
     found = recover(find_effect("gravity_misalignment"), session, 0, torque)
-    np.testing.assert_allclose(found["tilt_x_rad"].value, turn_x, atol=3e-4)
-    np.testing.assert_allclose(found["tilt_y_rad"].value, turn_y, atol=3e-4)
+    np.testing.assert_allclose([found[f"tilt_{axis}_rad"].value for axis in "xy"], (turn_x, turn_y), atol=3e-4)
 
 
 def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionContext) -> None:
@@ -106,8 +108,7 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     arm = session.runs[0].arm
     shift = mass * (place - arm.inertial_parameters[10 * link + 1 : 10 * link + 4] / arm.inertial_parameters[10 * link])
     priors = [effect.size_prior(session, link, variant) for variant in (usual, placed)]
-    of_own_density = np.append(mass, shift)
-    assert priors[1].log_density(at_place) == pytest.approx(priors[0].log_density(of_own_density))
+    assert priors[1].log_density(at_place) == pytest.approx(priors[0].log_density(np.append(mass, shift)))
     whole = find_effect("payload").screened(replace(session, tuned=tuned), [])
     assert len(whole.variants(session, 0)) == len(find_effect("payload").variants(session, 0))
     assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)
@@ -133,5 +134,4 @@ def test_a_tilt_shows_on_a_vertical_joint(session: SessionContext) -> None:
     effect = find_effect("gravity_misalignment")
     columns = effect.columns(session, 0, effect.variants(session, 0)[0])[0]
     assert np.abs(columns[:, 0]).max() > 1.0
-    slow = session.runs[0].arm.gravity(session.runs[0].motion.q)
-    assert np.abs(slow[:, 0]).max() < 1e-9
+    assert np.abs(session.runs[0].arm.gravity(session.runs[0].motion.q)[:, 0]).max() < 1e-9
