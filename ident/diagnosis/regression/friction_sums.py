@@ -155,15 +155,3 @@ class FrictionSums:
         for k, each in enumerate(inverse):
             spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = misfit * each
         return found.reshape(-1, whole.shape[2]), spread
-
-    def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
-        """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.
-
-        Args:
-            joint: The joint.
-            weights: What the model leaves of a row is their product.
-        """
-        level, whole = self.level[joint], self._wholes[joint]
-        power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
-        seen = power > 1e-9
-        return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]

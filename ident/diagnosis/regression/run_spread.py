@@ -1,13 +1,14 @@
 """How much each joint's friction varies from run to run: a variance component, separated from noise.
 
-A run's friction level s_r, as a share of the model's, is estimated from what the model leaves of the run, with variance
-v_r known from the run's length and motion. Of R runs, Σ (s_r − s̄)² / v_r beyond R − 1 is due to friction itself:
+A stretch's friction s_r, its viscous and its Coulomb level as shares of the model's, is estimated from what the model
+leaves of the stretch, with covariance V_r known from its length and motion. Both vary by themselves, with variance τ²
+about means that the model has; τ is where
 
-    τ² = max(0, Σ w (s − s̄)² − (R − 1)) / (Σ w − Σ w² / Σ w),  w = 1 / v.
+    −½ Σ (log|Σ_r| + (s_r − s̄)ᵀ Σ_r⁻¹ (s_r − s̄)) − ½ log|Σ Σ_r⁻¹| − ½ ν (log τ² + τ_0² / τ²),    Σ_r = V_r + τ² I,
 
-Few runs say little of it: what is usual counts as some more (`usual_runs`).
+is greatest: few runs say little of it, and what is usual, τ_0, counts as ν more (`usual_runs`).
 
-Source: DerSimonian and Laird 1986 (moment estimator of a variance component).
+Source: Patterson and Thompson 1971 (restricted likelihood of a variance component).
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.dwells import DwellRows
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.settings import RegressionSettings
 
 # Holds that a joint's level of static friction, guessed by its Coulomb friction, counts as.
 GUESS = 4.0
+# Spreads of friction that are tried: least and greatest share, and how many (chosen: steps of 4 %).
+SPREADS = (1e-3, 0.5, 160)
 
 
 def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array, " P"]:
@@ -59,29 +63,27 @@ def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Arr
     return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
 
 
-def excess_over_noise(values: Float[Array, " R"], variance: Float[Array, " R"]) -> tuple[float, float]:
-    """What values differ by beyond their noise, and what a variance component of one would add to that.
-
-    Args:
-        values: Estimates of one thing.
-        variance: Of each by noise.
-    """
-    weight = 1.0 / variance
-    mean = float(weight @ values / weight.sum())
-    excess = float(weight @ (values - mean) ** 2) - (len(values) - 1)
-    return excess, float(weight.sum() - weight @ weight / weight.sum())
-
-
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
-    own = weights[evidence.layout.local[joint]]
-    level, variance = evidence.friction.relative_levels(joint, own)
-    held, runs = evidence.settings, len(level)
-    if runs < 2:
+    held = evidence.settings
+    follow, covariance = evidence.friction.levels(joint, evidence.misfit(joint, weights))
+    levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
+    if len(levels) < 2:
         return held.usual_spread
-    excess, scale = excess_over_noise(level, variance * evidence.misfit(joint, weights))
-    found = max(0.0, excess) / max(scale, 1e-300)
-    usual = held.usual_runs * held.usual_spread**2
-    return float(np.sqrt((runs * found + usual) / (runs + held.usual_runs)))
+    stretches = np.arange(len(levels))
+    noise = covariance.reshape(len(levels), 2, len(levels), 2)[stretches, :, stretches]
+    return float(max(np.geomspace(*SPREADS), key=lambda spread: _likelihood(levels, noise, spread, held)))
+
+
+def _likelihood(
+    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spread: float, settings: RegressionSettings
+) -> float:
+    """Restricted log likelihood of friction levels that vary by so much, times what is known of it beforehand."""
+    each = np.linalg.inv(noise + spread**2 * np.eye(2))
+    mean = np.linalg.solve(each.sum(axis=0), np.einsum("rab,rb->a", each, levels))
+    left = float(np.einsum("ra,rab,rb->", levels - mean, each, levels - mean))
+    weight = float(np.linalg.slogdet(each)[1].sum() - np.linalg.slogdet(each.sum(axis=0))[1])
+    usual = settings.usual_runs * (2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2)
+    return 0.5 * (weight - left - usual)
 
 
 def estimate_held(evidence: Evidence, model: Projection) -> tuple[DwellRows, ...]:

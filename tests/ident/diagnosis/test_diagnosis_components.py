@@ -7,12 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, null_space
+from scipy.stats import multivariate_normal
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.run_spread import _likelihood
+from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
 from ident.effects.catalogue import CATALOGUE, find_effect
@@ -24,12 +28,12 @@ SPREAD = 0.05
 
 @pytest.fixture(scope="module")
 def varying(short_arm: ArmModel) -> Analysis:
-    """A healthy arm of which the friction changes by 5 % from run to run."""
+    """A healthy arm whose viscous and dry friction each change by 5 % from run to run."""
     rng, motions = np.random.default_rng(11), []
     for motion in record(short_arm, nothing):
-        level = SPREAD * rng.standard_normal(3)
-        friction = COULOMB * np.tanh(motion.dq / SLIP) + VISCOUS * motion.dq
-        motions.append(replace(motion, tau=motion.tau + level * friction))
+        dry, viscous = SPREAD * rng.standard_normal((2, 3))
+        friction = dry * COULOMB * np.tanh(motion.dq / SLIP) + viscous * VISCOUS * motion.dq
+        motions.append(replace(motion, tau=motion.tau + friction))
     return diagnose(motions, short_arm, CATALOGUE, common_clock=False)
 
 
@@ -39,6 +43,24 @@ def test_friction_from_run_to_run_is_noise(varying: Analysis) -> None:
     assert varying.diagnosis.verdict == "no_gap"
     assert np.all((varying.evidence.spread > SPREAD / 2) & (varying.evidence.spread < SPREAD * 2))
     assert np.all(varying.evidence.floor > varying.evidence.whitening.level)
+
+
+def test_the_likelihood_of_a_spread_is_that_of_the_contrasts() -> None:
+    """Law: restricted likelihood is the normal density of what is left of the levels without their two means."""
+    rng = np.random.default_rng(5)
+    roots = 0.03 * rng.standard_normal((9, 2, 2))
+    noise, levels = roots @ np.swapaxes(roots, 1, 2), 0.05 * rng.standard_normal((9, 2))
+    contrasts = null_space(np.tile(np.eye(2), (1, 9))).T
+    none = replace(USUAL_REGRESSION, usual_runs=0.0)
+
+    def oracle(spread: float) -> float:
+        covariance = contrasts @ (block_diag(*noise) + spread**2 * np.eye(18)) @ contrasts.T
+        return float(multivariate_normal(cov=covariance).logpdf(contrasts @ levels.ravel()))
+
+    here, there = 0.02, 0.08
+    assert _likelihood(levels, noise, here, none) - _likelihood(levels, noise, there, none) == pytest.approx(
+        oracle(here) - oracle(there), rel=1e-9
+    )
 
 
 def test_what_a_run_has_of_its_own_friction_is_taken_out(healthy: Analysis) -> None:
