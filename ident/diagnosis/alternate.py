@@ -47,11 +47,11 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
     prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
-    left = settings.most_settling
+    left, start = settings.most_settling, list[Group]()
     while True:
         left -= 1
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
-        sure = _sure(search, session, baseline, doubted)
+        sure = _sure(search, session, baseline, doubted, start)
         search, doubted = sure.search, sure.doubted
         drifting = _mere_drift(search, sure.found, free)
         if drifting:
@@ -68,7 +68,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
         if not left or (error == prior.error and steady):
             return replace(sure, found=_or_doubted(sure.found, sure.doubted))
-        spread, prior = now, Prior.believing(free, baseline, error)
+        spread, prior, start = now, Prior.believing(free, baseline, error), groups
         evidence = free.with_run_spread(spread)
         del sure  # what was made of the last sums goes before it is made of new ones
 
@@ -167,19 +167,31 @@ def _how_wrong(
 def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
     """The search once more, some names barred."""
     search = replace(sure.search, barred=sure.search.barred | names)
-    return _sure(search, session, baseline, sure.doubted)
+    return _sure(search, session, baseline, sure.doubted, [item.group for item in sure.found.named])
 
 
 def _sure(
-    search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()
+    search: Search,
+    session: SessionContext,
+    baseline: Baseline,
+    doubted: tuple[Reservation, ...] = (),
+    start: Sequence[Group] = (),
 ) -> Settled:
     """The effects that the search named, without those that are needless, that a rival beats, or that no arm has.
 
     What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
     So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
+
+    Args:
+        search: The session's candidates.
+        session: The runs.
+        baseline: The tuned model.
+        doubted: Why names were not believed so far.
+        start: Effects to begin with: those that stood beside another belief about friction and the URDF.
     """
     beaten, checked = 0, False
-    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
+    held, joints = search.settings, baseline.nominal.joint_names
+    found = search.run(start)
     most = held.most_doubted * len(joints)
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
@@ -188,7 +200,7 @@ def _sure(
         if needless is not None and len(search.barred) < most:
             lost = {groups[needless].key}
             search = replace(search, barred=search.barred | lost, redundant=search.redundant | lost)
-            found = search.run(found.named)
+            found = search.run(groups, found.named)
             continue
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= held.least_probability]
@@ -199,19 +211,20 @@ def _sure(
         if refused and len(doubted) <= most:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
-            found = search.run(found.named)
+            found = search.run(groups, found.named)
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            standing = found.named if checked else search.standing(found.named, set(range(len(joints))))
+            standing = found.named if checked else search.standing(groups)
             if len(standing) == len(groups):
                 return Settled(search, found, estimates, fine, doubted)
-            found, checked = search.run(standing), True  # what was named later explained what another had
+            # What was named later explained what another had.
+            found, checked = search.run([item.group for item in standing], standing), True
             continue
         if not refused and beaten < most:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)
-            other = replace(search, barred=search.barred | lost).run(found.named)
+            other = replace(search, barred=search.barred | lost).run(groups, found.named)
             if len(other.named) > len(kept):
                 search, found = replace(search, barred=search.barred | lost), other
                 continue

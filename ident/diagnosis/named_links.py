@@ -22,6 +22,7 @@ from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import VerdictSettings
 from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
@@ -53,11 +54,17 @@ def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline,
         found = _with_bodies(replace(sure, search=alone), bodies, session, baseline, verdict.wrong_link_trust)
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.named[k], found.estimates[k]) for k in added}, session))
-        refused |= {k for k in added if found.estimates[k].class_probability < held.least_probability}
+        refused |= {k for k in added if not _leads(found.estimates[k], held)}
         if not refused:
             return found
         wrong -= {found.estimates[k].group.joint for k in refused}
     return sure
+
+
+def _leads(one: Estimate, held: SelectionSettings) -> bool:
+    """Whether a body is likely enough for a name, and none of its class much likelier than itself."""
+    outranked = one.probability * held.class_odds < max(one.shares.values())
+    return one.class_probability >= held.least_probability and not outranked
 
 
 def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -> Search:

@@ -13,7 +13,7 @@ from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.agreement import measure_agreement
-from ident.diagnosis.selection.gates import Named
+from ident.diagnosis.selection.gates import Named, first_of_each_joint
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -57,8 +57,8 @@ def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
 def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: SessionContext) -> dict[int, str]:
     """Which of some names can't be believed, and why.
 
-    All whose parameters no arm has; else, of those that may be zero, the one of least evidence: two that say nearly the
-    same leave each other open, and one alone may be sure.
+    All whose parameters no arm has; else, of those that may be zero, at each joint the one of least evidence: two that
+    say nearly the same leave each other open, and one alone may be sure.
 
     Args:
         candidates: Names with their parameters, by number.
@@ -74,14 +74,15 @@ def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: 
             open_ones[k] = reason
     if outside or not open_ones:
         return outside
-    weakest = min(open_ones, key=lambda k: candidates[k][0].gates.evidence)
-    return {weakest: open_ones[weakest]}
+    weakest = sorted(open_ones, key=lambda k: candidates[k][0].gates.evidence)
+    kept = first_of_each_joint([(k, candidates[k][0].shown) for k in weakest])
+    return {k: open_ones[k] for k in kept}
 
 
 def find_uneven(
     search: Search, groups: Sequence[Group], asked: Sequence[int], hidden: Collection[int] = ()
 ) -> dict[int, str]:
-    """The name whose size differs most from run to run, if one's does by much, and beyond chance.
+    """At each joint the name whose size differs most from run to run, if one's does by much, and beyond chance.
 
     Args:
         search: The search that gave the names.
@@ -94,15 +95,13 @@ def find_uneven(
     constant = [k for k in asked if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
     found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
     uneven = {k: one for k, one in found.items() if one.spread > held.most_uneven and one.p_value < held.uneven_chance}
-    if not uneven:
-        return {}
-    worst = max(uneven, key=lambda k: uneven[k].spread)
-    one = uneven[worst]
-    reason = (
-        f"its size differs between runs by {100 * one.spread:.0f} %, from {one.least:.2g} to {one.most:.2g} of what "
+    worst = sorted(uneven, key=lambda k: -uneven[k].spread)
+    kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
+    return {
+        k: f"its size differs between runs by {100 * one.spread:.0f} %, from {one.least:.2g} to {one.most:.2g} of what "
         "it is over all: a constant of the arm is the same in each"
-    )
-    return {worst: reason}
+        for k, one in ((k, uneven[k]) for k in kept)
+    }
 
 
 def doubt_links(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:

@@ -213,7 +213,7 @@ class Candidates:
         found = []
         for score, group in short:
             item = judged(score, group, self.is_absorbed(tuned, fixed, group))
-            if group.prior is not None and not (item.absorbed or item.gates.passed):
+            if group.effect.inertia_like and not (item.absorbed or item.gates.passed):
                 # Tuned inertias make up for it on other runs, too; that they would have to go so far is what speaks.
                 item = judged(score, group, True)
             found.append(item)

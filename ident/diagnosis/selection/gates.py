@@ -19,13 +19,17 @@ same joint.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +95,19 @@ class Named:
         once = self.group.effect.event
         fall = (self.before.misfit - self.after.misfit).sum(axis=0) if once else self.after.fall_from(self.before)
         return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
+
+
+def first_of_each_joint(items: Iterable[tuple[T, Collection[int]]]) -> list[T]:
+    """Those of some items, given with the joints where they act, that share no joint with an earlier one that is kept.
+
+    What goes at one joint says nothing of another: so all joints are looked after in one round.
+    """
+    taken, kept = set[int](), list[T]()
+    for item, joints in items:
+        if taken.isdisjoint(joints):
+            taken.update(joints)
+            kept.append(item)
+    return kept
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,23 +9,24 @@ from ident.arrays import Array
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.selection.candidates import Candidates
-from ident.diagnosis.selection.gates import Named, SearchResults
+from ident.diagnosis.selection.gates import Named, SearchResults, first_of_each_joint
 
 
 @dataclass(frozen=True, eq=False)
 class Search(Candidates):
     """Searches one session's candidates: forward steps, swaps, and points of grids that other runs know, too."""
 
-    def run(self, start: Sequence[Named] = ()) -> SearchResults:
+    def run(self, start: Sequence[Group] = (), known: Sequence[Named] = ()) -> SearchResults:
         """Forward steps until nothing passes.
 
         Args:
-            start: Names to begin with, as far as they still pass without those of them that are barred by now.
+            start: Effects to begin with, as far as they pass and are not barred by now.
+            known: Names among them that this search has tested; near one that is barred they are tested again.
         """
         gram = self.evidence.gram()
-        gone = [item.group for item in start if item.group.key in self.barred]
-        kept = [item for item in start if item.group.key not in self.barred]
-        named = self.standing(kept, self._joints(*gone))
+        gone = [group for group in start if group.key in self.barred]
+        kept = [group for group in start if group.key not in self.barred]
+        named = self.standing(kept, known, self._joints(*gone))
         ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
         refused = None
         while len(named) < self.settings.most_effects * self.evidence.layout.n:
@@ -41,28 +42,31 @@ class Search(Candidates):
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
-    def standing(self, start: Sequence[Named], changed: set[int]) -> list[Named]:
-        """Names at their best points beside each other, without those that no longer pass, the weakest going first.
+    def standing(
+        self, start: Sequence[Group], known: Sequence[Named] = (), changed: set[int] | None = None
+    ) -> list[Named]:
+        """Effects at their best points beside each other, without those that do not pass, the weakest going first.
 
         Args:
-            start: The names.
-            changed: Joints where another name went: what acts elsewhere need not be tested again.
+            start: The effects.
+            known: Names among them that have been tested; all are if None are given.
+            changed: Joints where another name went: of known ones only those that act there are tested again.
         """
-        named, gram = list(start), self.evidence.gram()
-        while named and changed:
-            groups = self._polish(gram, [item.group for item in named], changed)
-            moved = (new for new, item in zip(groups, named, strict=True) if new is not item.group)
-            changed = changed | self._joints(*moved)
+        named, gram = {item.group: item for item in known}, self.evidence.gram()
+        groups = list(start)
+        near = set(range(self.evidence.layout.n)) if changed is None or not known else set(changed)
+        while groups and near:
+            polished = self._polish(gram, groups, near)
+            near |= self._joints(*(new for new, old in zip(polished, groups, strict=True) if new is not old))
+            groups = polished
             for k, group in enumerate(groups):
-                if changed & self._joints(group):
-                    named[k] = self.judged_beside(gram, groups, k)
-            failed = [item for item in named if not item.gates.passed]
-            if not failed:
-                break
-            weakest = min(failed, key=lambda item: item.gates.evidence)
-            named = [item for item in named if item is not weakest]
-            changed = self._joints(weakest.group)
-        return named
+                if group not in named or near & self._joints(group):
+                    named[group] = self.judged_beside(gram, groups, k)
+            failed = [group for group in groups if not named[group].gates.passed]
+            weakest = sorted(failed, key=lambda group: named[group].gates.evidence)
+            gone = first_of_each_joint([(group, self._joints(group)) for group in weakest])
+            groups, near = [group for group in groups if group not in gone], self._joints(*gone)
+        return [named[group] for group in groups]
 
     def _joints(self, *groups: Group) -> set[int]:
         """Where some effects act."""

@@ -13,13 +13,14 @@ from ident import InputError
 from ident import diagnose as diagnose_files
 from ident.diagnosis.alternate import _or_doubted
 from ident.diagnosis.diagnose import diagnose
+from ident.diagnosis.named_links import _leads
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.gates import Gates, Named, SearchResults
+from ident.diagnosis.selection.gates import Gates, Named, SearchResults, first_of_each_joint
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import load_friction_on_2, record
+from tests.ident.diagnosis.planted import analyse, load_friction_on_2, record, search_of, spring_on_3
 
 CLEAR = Gates(
     p_value=0.001,
@@ -155,3 +156,25 @@ def test_what_is_no_settings_is_told() -> None:
     """Law: another object in their place is the caller's mistake, in one line."""
     with pytest.raises(InputError, match="settings"):
         diagnose_files("nowhere", "tm5-900", settings={"family_error": 0.1})  # type: ignore[arg-type]
+
+
+def test_what_goes_at_one_joint_waits_for_none_at_another() -> None:
+    """Of items at a joint the first is kept; what acts on the whole arm shares a joint with every other."""
+    assert first_of_each_joint([("a", [0]), ("b", [0]), ("c", [1]), ("arm", [0, 1, 2]), ("d", [2])]) == ["a", "c", "d"]
+
+
+def test_a_search_ends_in_the_same_names_wherever_it_begins(short_arm: ArmModel) -> None:
+    """What does not stand goes from the start, what stands is found without it."""
+    analysis = analyse(short_arm, spring_on_3)
+    search = search_of(analysis)
+    wrong = [one for one in analysis.evidence.layout.groups if one.effect.id == "stribeck_friction" and one.joint == 0]
+    names = [{item.group.key for item in search.run(start).named} for start in ((), wrong[:1])]
+    assert names[0] == names[1] == {("spring_torque", 2, None)}
+
+
+@pytest.mark.parametrize(("odds", "leads"), [(2.0, True), (0.2, True), (0.05, False)])
+def test_a_body_that_another_of_its_class_outranks_by_far_has_no_name(odds: float, leads: bool) -> None:
+    """A class that is likely because of another cause is no name for the link."""
+    shares = {"link_inertial_error": 0.75 / (1.0 + 1.0 / odds), "torque_offset": 0.75 / (1.0 + odds)}
+    one = SimpleNamespace(probability=shares["link_inertial_error"], shares=shares, class_probability=0.75)
+    assert _leads(cast(Any, one), USUAL_SELECTION) is leads
