@@ -184,4 +184,4 @@ def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert "plan --help" in capsys.readouterr().err
+    assert "plan solve --help" in capsys.readouterr().err
