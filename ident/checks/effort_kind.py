@@ -88,7 +88,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
 
 
 def tell_gravity(fit: GravityFit) -> str:
-    """The figures of a fit in words, with 95 % of the error."""
+    """The parameters of a fit in words, with 95 % of the error."""
     return f"follows gravity at {fit.gravity:.2f} ± {2.0 * fit.gravity_error:.2f} and inertia at {fit.inertia:.2f}"
 
 
@@ -99,7 +99,7 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
         if states is None or not states.alive[joint]:
             return "unknown", "no run is long enough, or the effort doesn't change"
         fit = fit_gravity(states, joint)
-        scale, error, _ = fit_scale(states, joint)  # what `check_scales` tells
+        scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
         shown = replace(fit, gravity=scale, gravity_error=error)
         told = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
         told += f"; friction is {fit.friction:.0%} of the effort's spread"

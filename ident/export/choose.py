@@ -8,7 +8,7 @@ stretch without feedback any model drifts away, and nothing is learnt of it.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
 of one of them, and at each joint the losses and laws of one. Where replays ask for it a joint has the friction of one
-and the inertia about its axis of another (`friction/inertia`): slow motion tells next to nothing of that, and with one
+and the inertia about its axis of another (`friction/inertia`): slow motion shows next to nothing of that, and with one
 that came out as zero a light link flies off. None is fitted to the recordings that decide: what they would make of one
 is partly chance, and comes out better than it is. Of all these the one is written whose errors are least, as shares of
 the least of the first two's, by the upper end of what stretches and windows leave open; one that is larger than both

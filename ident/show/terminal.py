@@ -278,7 +278,7 @@ def describe_spread(record: Mapping[str, Any]) -> str:
     """How much friction differs from run to run of one set, or is taken to where each has a single run."""
     parts = [f"{joint} {percent(share)}" for joint, share in record["friction_run_spread"].items()]
     if parts and record["before"]["runs"] + record["after"]["runs"] <= 2:
-        return "how much friction differs from run to run is assumed, for single runs don't tell: record three a side"
+        return "how much friction differs from run to run is assumed, for single runs can't say: record three a side"
     return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
 
 

@@ -132,7 +132,7 @@ def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: Ar
 
 
 def test_without_time_the_rate_is_told_by_the_velocity(run: Recording, tmp_path: Path) -> None:
-    """Arrays of an archive: the model tells which is which; a velocity beside its acceleration is no position."""
+    """Arrays of an archive: the model shows which is which; a velocity beside its acceleration is no position."""
     tables = (run.position, speed := np.gradient(run.position, run.time, axis=0), np.gradient(speed, run.time, axis=0))
     np.savez(tmp_path / "run.npz", *tables, run.effort)  # type: ignore[arg-type]
     found = new(tmp_path / "run.npz", "tm5-900")

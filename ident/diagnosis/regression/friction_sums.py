@@ -133,7 +133,7 @@ class FrictionSums:
         inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
         return np.asarray(sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole))
 
-    def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "s s"]]:
+    def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
         """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they follow, and how surely.
 
         Stretches in which the joint hardly moves are left out.
@@ -143,7 +143,7 @@ class FrictionSums:
             misfit: Mean square of what the model leaves of a whitened row.
 
         Returns:
-            What takes a model's weights of a row to the levels; their covariance by noise.
+            What takes a model's weights of a row to the levels; their covariance by noise, stretch by stretch.
         """
         level, whole = self.level[joint], self._wholes[joint]
         information = level[:, None] * whole[:, :, self.columns] * level
@@ -151,7 +151,4 @@ class FrictionSums:
         moved = np.linalg.eigvalsh(information)[:, 0] > 1e-9
         inverse = np.linalg.inv(information[moved])
         found = inverse @ (level[:, None] * whole[moved])
-        spread = np.zeros((2 * len(found), 2 * len(found)))
-        for k, each in enumerate(inverse):
-            spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = misfit * each
-        return found.reshape(-1, whole.shape[2]), spread
+        return found.reshape(-1, whole.shape[2]), misfit * inverse

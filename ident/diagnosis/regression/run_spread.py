@@ -64,14 +64,12 @@ def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Arr
 
 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
-    held = evidence.settings
-    follow, covariance = evidence.friction.levels(joint, evidence.misfit(joint, weights))
+    settings = evidence.settings
+    follow, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
-        return held.usual_spread
-    stretches = np.arange(len(levels))
-    noise = covariance.reshape(len(levels), 2, len(levels), 2)[stretches, :, stretches]
-    return float(max(np.geomspace(*SPREADS), key=lambda spread: _likelihood(levels, noise, spread, held)))
+        return settings.usual_spread
+    return float(max(np.geomspace(*SPREADS), key=lambda spread: _likelihood(levels, noise, spread, settings)))
 
 
 def _likelihood(

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
@@ -38,7 +39,7 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
     """
     joint = variants[0].joint
     weights = residual_weights(evidence, model)
-    seen, spread = evidence.friction.levels(joint, evidence.misfit(joint, weights))
+    seen, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = seen @ weights[evidence.layout.local[joint]]
     laws = []
     for group in variants:
@@ -46,7 +47,7 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
         after[group.columns, np.arange(len(group.columns))] = 1.0
         after[model.inside] = -model.slopes[:, group.columns]
         laws.append(seen @ after[evidence.layout.local[joint]])  # what the model leaves of each column
-    return chance_of_curve(levels, spread, laws, rng, evidence.settings.wandering)
+    return chance_of_curve(levels, block_diag(*noise), laws, rng, evidence.settings.wandering)
 
 
 def chance_of_curve(

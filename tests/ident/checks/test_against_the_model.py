@@ -140,7 +140,7 @@ def test_columns_under_another_joints_name_are_found(
 def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     joint: int, factor: float, session: Session, arm: ArmModel
 ) -> None:
-    """Law: the scale that is told follows the planted factor to 1e-9, wherever it is; the interval is of its size."""
+    """Law: the reported scale follows the planted factor to 1e-9, wherever it is; the interval is of its size."""
     gains = np.where(np.arange(6) == joint, factor, 1.0)
     report = found(changed(session, "effort", lambda effort: effort * gains), arm)
     assert session.joints[joint] in report.issues[0].joints

@@ -230,7 +230,7 @@ def test_a_class_has_the_sum_of_its_names(short_arm: ArmModel) -> None:
 
 
 def test_intervals_hold_what_laws_may_differ() -> None:
-    """Law: no interval is narrower than an arm's own law may be off, but of figures that are counted, not measured."""
+    """Law: no interval is narrower than an arm's own law may be off, but of parameters that are counted."""
     sharp = Interval(2.0, 1.99, 2.01)
     doubt = find_effect("torque_ripple").doubt
     wide = widened(sharp, doubt.of("amplitude_Nm", 2.0))

@@ -45,7 +45,7 @@ def test_a_load_has_a_height_only_where_it_is_tilted(session: SessionContext) ->
 
 @pytest.mark.parametrize(("spread", "open_end"), [(0.05, ""), (2.0, "low")])
 def test_no_link_weighs_less_than_nothing(session: SessionContext, spread: float, open_end: str) -> None:
-    """Law: where less than nothing is as likely, a link's mass stays open, and what to do is told by its moment."""
+    """Law: where less than nothing is as likely, a link's mass stays open, and what to do is stated by its moment."""
     effect, own = find_effect("link_inertial_error"), session.runs[0].arm.inertial_parameters[20]
     shift, error = 0.2 * effect.prior_scale(session, 2, Variant()), spread * own * np.array([1.0, 0.01, 0.01, 0.01])
     figures = effect.parameters(session, 2, Variant(), np.append(-0.5 * own, shift[1:]), np.diag(error**2))

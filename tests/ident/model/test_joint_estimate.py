@@ -291,7 +291,7 @@ def test_friction_that_never_wandered_is_known_nearly_as_well_as_if_that_were_kn
 
 
 def test_independent_changes_are_no_wandering() -> None:
-    """Over many runs chance is told as such: what is added to the mean's variance is a small share of one run's."""
+    """Over many runs chance is seen as such: what is added to the mean's variance is a small share of one run's."""
     rng = np.random.default_rng(6)
     few, many = (
         np.mean([wandering(_effects(rng, runs, 0.0, 0.02)[0])[0].mean() for _ in range(20)]) for runs in (10, 40)

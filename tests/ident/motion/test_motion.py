@@ -191,7 +191,7 @@ def test_lowpass_has_no_phase() -> None:
 
 
 def test_lowpass_is_one_linear_map_for_torque_and_columns() -> None:
-    """Filtering is linear: filtered columns times figures = filtered product, on every shape, to 1e-12."""
+    """Filtering is linear: filtered columns times parameters = filtered product, on every shape, to 1e-12."""
     arm = two_joint_arm()
     motion = made_motions(arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq), [1], duration=4.0)[0]
     regressor = arm.regressor(motion.q, motion.dq, motion.ddq)

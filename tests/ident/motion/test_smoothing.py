@@ -267,7 +267,7 @@ def test_bias_where_a_joint_stops(interval: float, corner: float) -> None:
 
 
 def test_errors_are_as_large_as_told() -> None:
-    """On white-jerk motion the true state lies within the told deviations: mean square of error / std is 1 ± 0.2."""
+    """On white-jerk motion the true state lies within the stated deviations: mean square of error / std is 1 ± 0.2."""
     interval, samples, rng = 0.01, 4000, np.random.default_rng(3)
     levels = NoiseLevels(np.array([200.0]), np.array([4e-8]))
     x = _white_jerk(rng, interval, samples, 200.0)

@@ -183,7 +183,7 @@ def test_pairs_of_an_srdf_are_left_out_and_named(tmp_path: Path) -> None:
 
 
 def test_points_inside_are_told_from_points_outside(tmp_path: Path) -> None:
-    """The solid angle tells the inside of a closed surface, wherever the point is."""
+    """The solid angle shows the inside of a closed surface, wherever the point is."""
     (tmp_path / "cube.obj").write_text(CUBE)
     solid, middle = read_mesh(tmp_path / "cube.obj", np.ones(3), False)
     assert middle == pytest.approx([0.5] * 3)
