@@ -8,11 +8,10 @@ import numpy as np
 
 from ident.checks import inspect_sessions
 from ident.checks.report import as_mounted
+from ident.command_options import ComparisonOptions
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
-from ident.options import ComparisonOptions
 from ident.results import Provenance, stamp_sessions
-from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, load_robot
 
 
@@ -22,7 +21,7 @@ def compare(before: Sources, after: Sources, robot: Robot | None = None, **optio
     Args:
         before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
-        options: Fields of `ident.options.ComparisonOptions`: `cutoff`, `seed`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.ComparisonOptions`: `cutoff`, `seed`, `topic`, `session_file`.
 
     Raises:
         InputError: Recordings or robot can't be used.
@@ -35,6 +34,6 @@ def compare(before: Sources, after: Sources, robot: Robot | None = None, **optio
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
     used = None if np.isnan(found.cutoff) else found.cutoff
     settings = {"cutoff_hz": used, "seed": chosen.seed, "robot": arm.name, "sessions_before": len(earlier)}
-    settings["arm_sha256"] = content_of(arm.keeping(found.joints))
+    settings["arm_sha256"] = arm.keeping(found.joints).content
     stamps = stamp_sessions((*earlier, *later))
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

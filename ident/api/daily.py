@@ -10,13 +10,13 @@ from typing import Any
 
 from ident.api.fitting import load_model
 from ident.checks.inspection import inspect_sessions
+from ident.command_options import RangesOptions, WatchOptions
 from ident.errors import RecordingError
 from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
 from ident.monitor.watch import Watch, look
-from ident.options import RangesOptions, WatchOptions
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
@@ -103,7 +103,7 @@ def watch(
         store: Folder of the results: Parquet tables, diagnoses, `index.html` for all arms and a page for each.
         robot: URDF path or name; None takes the one named in session.toml.
         progress: Called with how many of the new sessions are done, and of how many.
-        options: Fields of `ident.options.WatchOptions`: `model`, `diagnosed`, `level`, `settle`, `workers` …
+        options: Fields of `ident.command_options.WatchOptions`: `model`, `diagnosed`, `level`, `settle`, `workers` …
 
     Raises:
         InputError: No session there, or a store that armgap did not begin.
@@ -129,7 +129,7 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
     Args:
         sessions: One for each day, as folders or files of runs.
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`.
+        options: Fields of `ident.command_options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings, robot or model can't be used.

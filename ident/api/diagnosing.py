@@ -10,6 +10,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ident.api.fitting import load_model
+from ident.command_options import DiagnoseOptions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
@@ -20,10 +21,8 @@ from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.options import DiagnoseOptions
 from ident.recordings.recording import Session
 from ident.results import Provenance
-from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, inspect_sources
 
 Catalogue = str | Path | Sequence[Effect]
@@ -45,7 +44,7 @@ def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Dia
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.options.DiagnoseOptions`: `model`, `catalogue`, `cutoff`, `seed`, `accept`,
+        options: Fields of `ident.command_options.DiagnoseOptions`: `model`, `catalogue`, `cutoff`, `seed`, `accept`,
             `settings`, `topic`, `session_file`.
 
     Raises:
@@ -78,7 +77,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
         "diagnosis": settings.to_dict(),
         "accepted": list(options.accept),
         "gravity_mps2": None if analysis is None else analysis.baseline.nominal.model.gravity.linear.tolist(),
-        "arm_sha256": content_of(arm.keeping(diagnosis.joints)),
+        "arm_sha256": arm.keeping(diagnosis.joints).content,
     }
     origin = Provenance("ident diagnose", settings=chosen, sessions=read.ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)

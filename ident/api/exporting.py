@@ -9,12 +9,12 @@ from typing import Any
 
 from ident.api.diagnosing import gather_effects
 from ident.api.fitting import Model, load_model
+from ident.command_options import ExportOptions, PatchOptions, VerifyOptions
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
-from ident.options import ExportOptions, PatchOptions, VerifyOptions
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
@@ -72,7 +72,7 @@ def patch(
         diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`.
         robot: The robot that was diagnosed.
         out: Folder of the patch.
-        options: Fields of `ident.options.PatchOptions`: `on`, `catalogue`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.PatchOptions`: `on`, `catalogue`, `topic`, `session_file`.
 
     Raises:
         InputError: The diagnosis names nothing or is of another robot, or the folder holds something else.
@@ -108,7 +108,7 @@ def export(model: Model, out: str | Path, **options: Any) -> Written:
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        options: Fields of `ident.options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`.
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
@@ -132,7 +132,7 @@ def verify(model: Model, sessions: Sources, limits: str | Path, **options: Any) 
         model: A fitted model or its folder.
         sessions: The recordings.
         limits: A TOML file of limits.
-        options: Fields of `ident.options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident.command_options import FilterOptions
 from ident.errors import ModelError
 from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
-from ident.options import FilterOptions
 from ident.progress import step
 from ident.results import Provenance, Result
 from ident.sessions import Opened, Robot, Sources, open_sessions
@@ -38,7 +38,7 @@ def fit_hybrid(
         options: What is fitted.
         checkpoint: Folder in which the net's training may stop and go on.
         named: JSON of a diagnosis whose laws of joints are to be part of the model.
-        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings, robot or diagnosis can't be used.
@@ -69,7 +69,7 @@ def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None,
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         model: The model, or its folder.
         name: Of the model in reports; that of its folder or robot if None.
-        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings or model can't be used.
@@ -140,7 +140,7 @@ def view(
         robot: URDF path, name or arm; that of the model or of session.toml if None.
         model: Model whose rungs are compared, or its folder; measured curves only if None.
         rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it is closed.
-        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings, robot or model can't be used, or there is no screen.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ident.checks.report import Inspection
-from ident.options import ReadOptions
+from ident.command_options import ReadOptions
 from ident.results import Provenance
 from ident.sessions import Given, Robot, Sources, inspect_sources
 
@@ -16,7 +16,7 @@ def inspect(source: Sources, robot: Robot | None = None, **options: Any) -> Insp
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.options.ReadOptions`: `topic`, `session_file`.
+        options: Fields of `ident.command_options.ReadOptions`: `topic`, `session_file`.
 
     Raises:
         InputError: Recordings or robot can't be read.

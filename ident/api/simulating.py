@@ -16,6 +16,7 @@ from ident.benchmark.summary import BlindReport
 from ident.closed_loop.loop import Exciter, KindsExciter, close_gap
 from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.result import Closing, close_simulated, keep
+from ident.command_options import CloseOptions, SimulateOptions
 from ident.diagnosis.regression.baseline import fit_baseline
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.diagnosis.regression.runs import build_session
@@ -23,7 +24,6 @@ from ident.diagnosis.result import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.options import CloseOptions, SimulateOptions
 from ident.outputs import begin_folder
 from ident.progress import stage, step
 from ident.recordings.load import load_session
@@ -82,8 +82,8 @@ def close(
         out: Folder for `close.json` and, for each arm, its last diagnosis and patch.
         exciter: Who chooses the motions, where it is not the kinds of `ident.trajectories`; for a given recorder.
         say: Called with each line that says what happens.
-        options: Fields of `ident.options.CloseOptions`: `recorder` (a command, or an object with `record(motions)`; of
-            simulated arms none), `arms`, `seed`, `rounds`, `effects`, `compared`.
+        options: Fields of `ident.command_options.CloseOptions`: `recorder` (a command, or an object with
+            `record(motions)`; of simulated arms none), `arms`, `seed`, `rounds`, `effects`, `compared`.
 
     Raises:
         InputError: A robot, recordings or numbers that can't be used.

@@ -29,6 +29,7 @@ from ident.benchmark.examining import ExamineTask, examine, write_result
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
+from ident.command_options import CheckOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.regression.decimation import moved_inertia
 from ident.errors import InputError
@@ -38,7 +39,6 @@ from ident.files import atomic_write, write_record
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band
-from ident.options import CheckOptions
 from ident.recordings.recording import Session
 from ident.results import Provenance
 from ident.robot.arm import ArmModel

@@ -23,7 +23,6 @@ from ident.checks.filtered_run import EFFORT_KIND as LIMIT
 from ident.checks.report import JointEffort, TelemetryReport, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.robot.traits import rated_torque
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def _is_current(session: Session, joint: int) -> bool:
 def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Effort far beyond what a joint can give, or than its load asks for, is in another unit."""
     load = arm.gravity(np.concatenate([run.position for run in session.runs]))
-    rated = np.maximum(rated_torque(arm), 3.0 * np.abs(load).max(axis=0))
+    rated = np.maximum(arm.rated_torque, 3.0 * np.abs(load).max(axis=0))
     seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
     factor = seen / np.maximum(rated, 1e-9)
     beyond, worst = factor > LIMIT.most_rated, int(np.argmax(factor))

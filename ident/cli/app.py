@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ident import options as given
+from ident import command_options as given
 from ident.cli.shared import READS, Html, JsonFile, Model, Robot, Sessions, Writes, app, command, console, hand_over
 from ident.errors import InputError
 from ident.outputs import SESSION_KIND, absolute, check_outputs

@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 
 from ident.cli.shared import READS, JsonFile, Robot, Sessions, Writes, command, console, hand_over
+from ident.command_options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
 from ident.errors import InputError, visible
 from ident.files import write_record
-from ident.options import CheckOptions, CloseOptions, SimulateOptions, WatchOptions
 from ident.outputs import SESSION_KIND
 from ident.progress import stage, step
 from ident.results import Result

@@ -39,7 +39,6 @@ from ident.model.residual_net import PRESETS, ResidualNet, fit_residual_net
 from ident.motion.motion import Motion, prepare
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.robot.traits import rated_torque
 from ident.simulation.hardware import Hardware
 from ident.simulation.record import no_progress
 from ident.simulation.simulate import SimulationOptions
@@ -84,7 +83,7 @@ def compare_models(
 
 def randomised_middle(arm: ArmModel) -> LawModel:
     """The middle of wide ranges: of all feed-forwards the one with the least mean square error over them."""
-    rated = rated_torque(arm)
+    rated = arm.rated_torque
     speed = np.where((arm.velocity_limit > 0.0) & (arm.velocity_limit < 50.0), arm.velocity_limit, 3.0)
     middle = 0.5 * FRICTION_SHARE * rated
     losses = Losses(

@@ -20,8 +20,8 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval
-from ident.effects.typical_sizes import ADDED_BODY as LIMIT
-from ident.effects.typical_sizes import arm_mass, arm_reach, rated_torque, sampled_states
+from ident.effects.session_context import ADDED_BODY as LIMIT
+from ident.effects.session_context import arm_mass, arm_reach, rated_torque, sampled_states
 from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
 

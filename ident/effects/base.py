@@ -17,7 +17,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.effect_info import AsChange, Doubt, Expression, Interval, Range, Typical, read_row
 from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, grid_interval, linear_interval
-from ident.effects.typical_sizes import (
+from ident.effects.session_context import (
     RunContext,
     SessionContext,
     Variant,
@@ -57,7 +57,7 @@ class Effect(ABC):
     by_run: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""  # one line for reports: what happens and where to look
-    # What recordings must hold to show it, by name with the least amount: see `typical_sizes.lacking`.
+    # What recordings must hold to show it, by name with the least amount: see `session_context.lacking`.
     needs: ClassVar[Mapping[str, float]] = {}
     # Family of the motion without which it can't be seen, one of `effect_info.SHOWINGS`.
     shown_by: ClassVar[str] = "wide"

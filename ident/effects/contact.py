@@ -16,8 +16,8 @@ from scipy.ndimage import uniform_filter1d
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
-from ident.effects.typical_sizes import CONTACT as LIMIT
-from ident.effects.typical_sizes import arm_reach, rated_torque
+from ident.effects.session_context import CONTACT as LIMIT
+from ident.effects.session_context import arm_reach, rated_torque
 from ident.laws.acting import point_mass
 from ident.robot.arm import ArmModel
 

@@ -12,8 +12,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Interval, Range, SessionContext, StatesEffect, Variant
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
-from ident.effects.typical_sizes import FRICTION as LIMIT
-from ident.effects.typical_sizes import (
+from ident.effects.session_context import FRICTION as LIMIT
+from ident.effects.session_context import (
     LARGEST_TORQUE_SHARE,
     coulomb_level,
     friction_level,

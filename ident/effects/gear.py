@@ -27,8 +27,8 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
-from ident.effects.typical_sizes import GEAR as LIMIT
-from ident.effects.typical_sizes import high_passed, joined, rated_torque, root_mean_square, sampled_states
+from ident.effects.session_context import GEAR as LIMIT
+from ident.effects.session_context import high_passed, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.elastic import LONGEST_STEP, integrate_twist
 
 _integrate = compiled(error_model="numpy", nogil=True)(integrate_twist)

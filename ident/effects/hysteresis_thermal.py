@@ -11,8 +11,8 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
-from ident.effects.typical_sizes import MEMORY as LIMIT
-from ident.effects.typical_sizes import coulomb_level, friction_level
+from ident.effects.session_context import MEMORY as LIMIT
+from ident.effects.session_context import coulomb_level, friction_level
 from ident.model.linearisation import stop_operator
 
 # Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted by its area.

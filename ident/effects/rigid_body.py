@@ -22,8 +22,8 @@ from ident.effects.added_body import (
 )
 from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
-from ident.effects.typical_sizes import RIGID_BODY as LIMIT
-from ident.effects.typical_sizes import arm_mass, arm_reach
+from ident.effects.session_context import RIGID_BODY as LIMIT
+from ident.effects.session_context import arm_mass, arm_reach
 from ident.robot.arm import ArmModel
 
 NOWHERE: Places = MappingProxyType({})

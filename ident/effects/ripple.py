@@ -21,8 +21,8 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_figures
-from ident.effects.typical_sizes import RIPPLE as LIMIT
-from ident.effects.typical_sizes import travel, typical_load, wave
+from ident.effects.session_context import RIPPLE as LIMIT
+from ident.effects.session_context import travel, typical_load, wave
 
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))

@@ -12,8 +12,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
-from ident.effects.typical_sizes import SENSING as LIMIT
-from ident.effects.typical_sizes import is_near, joined, rated_torque, root_mean_square, sampled_states
+from ident.effects.session_context import SENSING as LIMIT
+from ident.effects.session_context import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
 

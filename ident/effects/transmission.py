@@ -18,7 +18,7 @@ from ident.effects.intervals import (
     linear_interval,
     phase_interval,
 )
-from ident.effects.typical_sizes import (
+from ident.effects.session_context import (
     LARGEST_TORQUE_SHARE,
     coulomb_level,
     friction_level,
@@ -29,7 +29,7 @@ from ident.effects.typical_sizes import (
     travel,
     usual_speed,
 )
-from ident.effects.typical_sizes import TRANSMISSION as LIMIT
+from ident.effects.session_context import TRANSMISSION as LIMIT
 
 STRAIGHT, BENT, PERIODIC = range(3)
 # Parameters of a spring with two rests a turn.

@@ -220,7 +220,7 @@ def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[
 
 
 # Files of `ident.laws` in their order.
-PARTS = ("motion", "joint_laws", "elastic", "acting")
+PARTS = ("motion", "friction_laws", "elastic", "acting")
 
 
 def describe_arm(arm: ArmModel) -> Arm:

@@ -28,7 +28,6 @@ from ident.model.inertia import is_consistent
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.results import files_of
 from ident.robot.arm import ArmModel
-from ident.robot.traits import content_of
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
@@ -213,7 +212,7 @@ class Diagnosed:
     has_baseline: bool  # whether the file says how the baseline was tuned
     cutoff: float  # corner of the common filter that it was made with [Hz]
     gravity: tuple[float, ...] | None = None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
-    content: str = ""  # digest of the arm that it was made with (`content_of`); "" where the file does not say
+    content: str = ""  # digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
     runs: frozenset[str] = frozenset()  # first digits of the hashes of the files that it was made from
 
     @classmethod
@@ -296,7 +295,7 @@ class Diagnosed:
             remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
             raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
         kept = arm.keeping(self.joints)
-        if self.content and self.content != content_of(kept):
+        if self.content and self.content != kept.content:
             what = f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
             raise InputError(self.path, what, "give the --robot that it was made with, or diagnose with this one")
         return kept if self.gravity is None else kept.with_gravity(np.array(self.gravity))

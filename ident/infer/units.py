@@ -14,7 +14,7 @@ from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
 from ident.infer.columns import follow, words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
-from ident.recordings.session_toml import TIME_UNITS
+from ident.recordings.units import ANGLE_UNITS, TIME_UNITS
 from ident.robot.arm import ArmModel
 from ident.settings import read_group
 
@@ -36,9 +36,8 @@ def time_unit(signals: Signals) -> Unit:
     named = [unit for unit in TIME_UNITS if unit != "s" and unit in words_of(signals.clock)]
     fitting = [unit for unit, factor in TIME_UNITS.items() if LIMIT.fastest_s <= step * factor <= LIMIT.slowest_s]
     unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
-    factor = TIME_UNITS[unit]
-    seen = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
-    return unit, factor, Reason("time_unit", unit, seen)
+    seen = f"the median step is {step:.6g}, so {1.0 / max(step * TIME_UNITS[unit], 1e-300):.4g} Hz"
+    return unit, TIME_UNITS[unit], Reason("time_unit", unit, seen)
 
 
 def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
@@ -64,7 +63,7 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
         seen = f"{signals.joints[j]} goes to {far[j]:.4g}; {limit}"
         if far[j] > math.degrees(FARTHEST_RAD) and not np.any(signals.tables["position"] % 1.0):
             return COUNTS, math.tau / COUNTS, Reason("counts_per_turn", f"{COUNTS}", f"{seen}; whole numbers: counts")
-        return "deg", math.radians(1.0), Reason("angle_unit", "deg", seen)
+        return "deg", ANGLE_UNITS["deg"], Reason("angle_unit", "deg", seen)
     return "rad", 1.0, Reason("angle_unit", "rad", seen)
 
 
@@ -95,10 +94,9 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
     steps, speed = np.gradient(signals.tables["position"], axis=0), signals.tables["velocity"]
     power = (steps**2).sum(axis=0)
     slope = (speed * steps).sum(axis=0)[power > 0] / power[power > 0]
-    rate = float(np.median(slope)) if len(slope) else 0.0
+    rate = round(float(np.median(slope)), 1) if len(slope) else 0.0
     if not LIMIT.fastest_s <= 1.0 / max(rate, 1e-9) <= LIMIT.slowest_s:
         return None, None
-    rate = round(rate, 1)
     return rate, Reason("sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample")
 
 

@@ -2,7 +2,6 @@
 
 A law of one joint's speed, load and angle is one function of the states and its shape, named as its effect: the
 diagnosis, the fit, the planners' slopes and symbols and the written module all evaluate it. The text of `motion`,
-`joint_laws`, `elastic` and `acting` is the first part of every written module, so that they know NumPy and each other
-alone. Arrays are (T, n): T samples of one run, n joints, base to tip; SI units
-throughout. Torques are what the motor must deliver, seen at the joint.
+`friction_laws`, `elastic` and `acting` is the first part of every written module: they know NumPy and each other alone.
+Arrays are (T, n): T samples of one run, n joints, base to tip; SI units. Torques are the motor's, seen at the joint.
 """

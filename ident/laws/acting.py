@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.laws.carried import COLUMNS, Columns
 from ident.laws.elastic import backlash, elasticity
-from ident.laws.joint_laws import JointStates, coupling, hysteresis, ripple, spring, thermal
+from ident.laws.friction_laws import JointStates, coupling, hysteresis, ripple, spring, thermal
 from ident.laws.motion import Array, MovingArm, rigid_torque, rotation_about
 
 # An effect: its id, its joint's index (-1 for the whole arm), its parameters.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.laws.joint_laws import JointStates
+from ident.laws.friction_laws import JointStates
 from ident.laws.motion import direction
 
 # Torque of a joint for coefficients of one, by its states and what bends the law [N m].

@@ -14,6 +14,7 @@ import numpy as np
 import tomli_w
 
 from ident.arrays import Array, Float
+from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
@@ -24,13 +25,11 @@ from ident.model.named_fit import NamedLaws, identify_named
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
-from ident.options import LUMPED, FitOptions
 from ident.progress import stage
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.robot.lumped import build_lumped_arm
-from ident.robot.traits import are_same
 from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:
@@ -223,7 +222,7 @@ class HybridModel:
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
         """Raises ModelError unless the model was fitted for this robot: the same joints, lengths and inertias."""
-        if not set(self.joint_names) <= set(arm.joint_names) or not are_same(self.robot, arm):
+        if not set(self.joint_names) <= set(arm.joint_names) or not self.robot.is_same(arm):
             what = f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}"
             same = ": lengths or inertias differ" if arm.name == self.robot.name else ""
             raise ModelError(where, what + same, "fit a model for this robot")

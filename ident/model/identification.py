@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.command_options import FitOptions
 from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
 from ident.model.block_sums import FitColumns, sum_blocks
@@ -43,7 +44,6 @@ from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults
 from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
-from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings can't tell apart.

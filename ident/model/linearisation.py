@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
 from ident.errors import RecordingError
-from ident.laws.joint_laws import bent
+from ident.laws.friction_laws import bent
 from ident.laws.motion import direction, follow
 from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale, solve_partly_non_negative
 from ident.model.loss import TRANSITION_GRID, LossParameters, loss_columns

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ident.command_options import FitOptions
 from ident.errors import InputError
 from ident.laws.carried import KINDS, NamedLaw
 from ident.model.identification import Identified, identify
 from ident.motion.motion import Motion
-from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record
 

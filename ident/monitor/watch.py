@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from ident.command_options import WatchOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError, plural
@@ -19,7 +20,6 @@ from ident.monitor.alarms import LEVEL, Alarm, Outlier, Point, find_changes, fin
 from ident.monitor.estimates import UNITS, estimate_session, unit_of
 from ident.monitor.store import DONE, STORE_KIND, FoundSession, Store, as_text, date_of, find_sessions, write_rows
 from ident.motion.motion import prepare
-from ident.options import WatchOptions
 from ident.outputs import begin_folder
 from ident.results import Result
 from ident.sessions import Given, inspect_sources

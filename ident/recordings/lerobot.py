@@ -10,7 +10,6 @@ with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -26,6 +25,7 @@ from ident.recordings.columns import TIME, take_run
 from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
+from ident.recordings.units import ANGLE_UNITS
 from ident.safe_read import read_json
 
 INFO = Path("meta/info.json")
@@ -74,7 +74,7 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
         own = [name for name in columns if name.startswith("observation.state.")] if number == 0 else []
         far = [np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) for name in own]
         if session_file.angle_factor == 1.0 and max(far, default=0.0) > MOST_RADIANS:
-            session_file = replace(session_file, angle_factor=math.radians(1.0))
+            session_file = replace(session_file, angle_factor=ANGLE_UNITS["deg"])
             what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
             notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)
         settings = session_file if session_file.columns else _usual_names(columns, session_file)

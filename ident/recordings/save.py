@@ -56,8 +56,7 @@ def fill_session(session: Session, folder: Path) -> None:
     for run in session.runs:
         write_recording(run, folder / f"{run.name}.parquet")
     settings: dict[str, Any] = dict(session.metadata)
-    gravity = session.gravity and list(session.gravity)
-    own = {"robot": session.robot, "effort_kind": session.effort_kind, "gravity_mps2": gravity}
+    own = {"robot": session.robot, "effort_kind": session.effort_kind, "gravity_mps2": session.gravity}
     settings |= {key: value for key, value in own.items() if value is not None}
     if session.payload is not None:
         settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}

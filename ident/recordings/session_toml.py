@@ -12,15 +12,13 @@ from typing import Any
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
+from ident.recordings.units import ANGLE_UNITS, TIME_UNITS
 from ident.safe_read import read_toml
 
 NAME = "session.toml"
-# Seconds in what a file's time may be counted in.
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Beside the drive gains that nobody measured.
 GUESSED = "guessed"
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
-
 
 # By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an `example`.
 KEYS = tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8"))
@@ -58,8 +56,7 @@ class SessionFile:
 
 def find_session_file(path: Path) -> Path | None:
     """The session.toml that belongs to a folder or a single file, if there is one."""
-    folder = path if path.is_dir() else path.parent
-    candidates = [folder / NAME] if path.is_dir() else [path.with_suffix(".toml"), folder / NAME]
+    candidates = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
     return next((candidate for candidate in candidates if candidate.exists() and not candidate.is_dir()), None)
 
 
@@ -85,7 +82,7 @@ def load_session_file(path: Path) -> SessionFile:
     counts = keys.positive("counts_per_turn", "number")
     if counts is not None and "angle_unit" in data:
         raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
-    angles = keys.one_of("angle_unit", ("rad", "deg"), 'write "rad" or "deg"')
+    angles = keys.one_of("angle_unit", tuple(ANGLE_UNITS), 'write "rad" or "deg"')
     times = keys.one_of("time_unit", tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
     kind = keys.one_of("effort_kind", EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     robot = data.get("robot")
@@ -102,7 +99,7 @@ def load_session_file(path: Path) -> SessionFile:
         payload=keys.payload(),
         robot=robot,
         sample_rate_hz=keys.positive("sample_rate_hz", "rate [Hz]"),
-        angle_factor=math.tau / counts if counts else math.radians(1.0) if angles == "deg" else 1.0,
+        angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles or "rad"],
         angle_zero=0.0 if counts is None else counts / 2.0,
         effort_kind=kind,
         time_factor=TIME_UNITS[times or "s"],

@@ -15,7 +15,7 @@ from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError, first_line
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
-from ident.robot.names import find_urdf, split_tip, with_mesh_paths
+from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
 from ident.safe_read import read_text
@@ -104,6 +104,15 @@ class ArmModel:
         return freeze(self.model.effortLimit)
 
     @property
+    def rated_torque(self) -> Float[Array, " n"]:
+        """The torque limits; where the URDF has none, what a joint needs against gravity gives one [N m or N]."""
+        known = (self.effort_limit > 0.0) & (self.effort_limit < 1e5)
+        if known.all():
+            return self.effort_limit
+        gravity = np.abs(self.gravity(np.random.default_rng(0).uniform(-1.5, 1.5, (64, self.n)))).max(axis=0)
+        return np.where(known, self.effort_limit, np.maximum(4.0 * gravity, 0.1 * gravity.max()))
+
+    @property
     def gear_ratios(self) -> Float[Array, " n"] | None:
         """Reduction of each joint from the URDF's transmissions; None where a joint has none."""
         ratios = read_reductions(self.urdf)
@@ -124,14 +133,26 @@ class ArmModel:
     @property
     def links(self) -> tuple[str, ...]:
         """Name of the link that each joint moves."""
-        frames = self.model.frames
-        bodies = [frame for frame in frames if frame.type == pin.FrameType.BODY]
+        bodies = [frame for frame in self.model.frames if frame.type == pin.FrameType.BODY]
         return tuple(next(body.name for body in bodies if body.parentJoint == i) for i in range(1, self.n + 1))
 
     @property
     def digest(self) -> str:
         """SHA-256 of the URDF text: two arms with one digest are the same arm."""
         return hashlib.sha256(self.urdf.encode()).hexdigest()
+
+    @property
+    def content(self) -> str:
+        """SHA-256 of joints, lengths, axes and inertias, to the nine places that numbers through xacro keep."""
+        digest = hashlib.sha256("\0".join(self.joint_names).encode())
+        for part in (self.chain.rotations[:, 0], *self.chain[1:4], self.inertial_parameters):
+            digest.update((np.round(np.asarray(part, dtype=float), 9) + 0.0).tobytes())
+        return digest.hexdigest()
+
+    def is_same(self, other: ArmModel) -> bool:
+        """Whether both are one arm where they have joints in common, whatever they are called."""
+        common = [name for name in self.joint_names if name in other.joint_names]
+        return bool(common) and self.keeping(common).content == other.keeping(common).content
 
     @property
     def neutral(self) -> Float[Array, " n"]:
@@ -293,14 +314,12 @@ class ArmModel:
 
     @cached_property
     def visual_geometry(self) -> pin.GeometryModel:
-        """The shapes by which the arm is shown.
-
-        Raises:
-            RobotError: As `geometry`.
-        """
+        """The shapes by which the arm is shown; raises as `geometry` does."""
         return self._read_geometry("visual", pin.GeometryType.VISUAL)
 
     def _read_geometry(self, tag: str, kind: pin.GeometryType) -> pin.GeometryModel:
+        from ident.robot.meshes import with_mesh_paths  # a model alone needs no shapes
+
         where = str(self.source or self.name)
         text = with_mesh_paths(self.urdf, tag, self.source, where)
         try:

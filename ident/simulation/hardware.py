@@ -13,7 +13,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.robot.traits import rated_torque
 from ident.simulation.laws import (
     Contact,
     Law,
@@ -208,7 +207,7 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     10 N m s/rad viscous with 1 kg m² of rotor, for 43 N m about 2.6 N m, 1.7 N m s/rad and 0.13 kg m².
     Measured on a UR10e of like size: 20 and 2.7 N m dry, 27 and 3.4 N m s/rad viscous.
     """
-    n, scale = arm.n, rated_torque(arm)
+    n, scale = arm.n, arm.rated_torque
     relative, none = scale / 157.0, np.zeros((n, 3))
     own = rng.standard_normal((3, n))
     coulomb = 12.0 * relative**1.15 * np.exp(0.25 * own[0])

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ident.command_options import Options, option
 from ident.errors import InputError, plural
 from ident.files import atomic_folder, write_record
-from ident.options import Options, option
 from ident.outputs import SESSION_KIND, require_own_folder
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import fill_session

@@ -17,7 +17,6 @@ import pinocchio as pin
 from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
-from ident.robot.traits import rated_torque
 from ident.trajectories.reference import ReferenceMotion, chirp, fourier, ramps, ticks, together, via_spline
 
 ATTEMPTS = 60
@@ -240,7 +239,7 @@ class MotionLimits:
         self.upper = np.where(bounded, arm.upper - POSITION_MARGIN, np.pi)
         speed = np.array(arm.velocity_limit)
         self.speed = SPEED_SHARE * np.where((speed > 0.0) & (speed < 50.0), speed, 3.0)
-        self.torque = rated_torque(arm)
+        self.torque = arm.rated_torque
 
     @cached_property
     def centre(self) -> Float[Array, " n"]:

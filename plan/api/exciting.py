@@ -12,12 +12,12 @@ from ident.diagnosis.result import Diagnosis
 from ident.progress import stage
 from ident.results import Provenance
 from ident.sessions import Robot, load_robot
+from plan.command_options import ExciteOptions
 from plan.experiment.design import Designer
 from plan.experiment.feasible import surroundings_of
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 from plan.geometry.tool import hang
-from plan.options import ExciteOptions
 
 
 def excite(

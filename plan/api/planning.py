@@ -10,7 +10,7 @@ from ident.errors import InputError, ModelError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from ident.results import Provenance
-from plan.options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
+from plan.command_options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
 from plan.planners.base import Budget, Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult

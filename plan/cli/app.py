@@ -14,7 +14,7 @@ from ident.cli.shared import JsonFile, Writes, commands_of, console, hand_over, 
 from ident.outputs import check_outputs, remove_own_file
 from ident.process import run_command
 from ident.show.console import progress_line
-from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
+from plan.command_options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
 command = commands_of(app)

@@ -17,12 +17,12 @@ from ident.errors import RobotError
 from ident.progress import step
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
+from plan.command_options import ExciteOptions
 from plan.experiment.distance import PredictedDesign, Predictor
 from plan.experiment.feasible import OPEN, Feasibility
 from plan.experiment.hypotheses import LONGEST_MINUTES, Hypotheses
 from plan.experiment.result import Excitation, minutes_to_odds
 from plan.experiment.run_set import FAMILIES, WIDE_FIGURES, RunSet, duration_of, random_runs
-from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings
 
 # Share of the budget for random starts, and that of these for the family that is known to suit the question.

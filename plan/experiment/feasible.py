@@ -14,10 +14,10 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from ident.trajectories.kinds import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
+from plan.command_options import ExciteOptions
 from plan.geometry.pairs import FLOOR, read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
-from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings, floor_box, load_surroundings
 
 # Distances that a proof tries [m]; the first is kept: an arm under test follows its commands by some millimetres only.

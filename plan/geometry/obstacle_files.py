@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, first_line
-from ident.robot.names import require_mesh
+from ident.robot.meshes import require_mesh
 from ident.safe_read import require_regular, require_unpacked
 from plan.geometry.solids import Solid, hull_points, mesh_triangles
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from plan.options import GENERATIONS
+from plan.command_options import GENERATIONS
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 

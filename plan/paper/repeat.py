@@ -17,10 +17,10 @@ from ident.arrays import Array
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
+from plan.command_options import PaperOptions, SolveOptions, TaskOptions
 from plan.geometry.solids import Box, Solid
 from plan.initial.starts import from_vias
 from plan.initial.trees import find_seeds
-from plan.options import PaperOptions, SolveOptions, TaskOptions
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic

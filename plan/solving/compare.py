@@ -11,7 +11,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.progress import stage
 from ident.results import Result
-from plan.options import CompareOptions, SolveOptions
+from plan.command_options import CompareOptions, SolveOptions
 from plan.planners.base import METHODS, TIME_ONLY, make_planner
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult

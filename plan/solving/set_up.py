@@ -16,13 +16,13 @@ from ident.model.loss import LossParameters
 from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
+from plan.command_options import TaskOptions
 from plan.dynamics.power import METRICS, ChainTorque, Metric, torque_of_model
 from plan.geometry.pairs import read_disabled, why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import from_vias, straight
-from plan.options import TaskOptions
 from plan.planners.base import Budget, Ledger
 from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits

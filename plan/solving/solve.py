@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from plan.command_options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
 from plan.initial.starts import from_seeds
 from plan.initial.trees import Seed, find_seeds
-from plan.options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
 from plan.planners.base import Budget, Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential

@@ -27,10 +27,10 @@ from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
+from plan.command_options import ExciteOptions
 from plan.experiment.design import Designer
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
-from plan.options import ExciteOptions
 
 # Two effects and the joint at which each is planted.
 PAIRS = (

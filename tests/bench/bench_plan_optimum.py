@@ -30,12 +30,12 @@ import numpy as np
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
+from plan.command_options import SolveOptions
 from plan.dynamics.power import ChainTorque, torque_of_model
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
 from plan.initial.starts import from_vias, straight
 from plan.initial.trees import Trees
-from plan.options import SolveOptions
 from plan.paper.toppra import Toppra
 from plan.planners.base import Budget, Ledger
 from plan.planners.evolution import Evolution

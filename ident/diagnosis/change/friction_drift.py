@@ -22,7 +22,7 @@ from ident.diagnosis.change.laws import FrictionChange
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
 from ident.effects.base import SessionContext
-from ident.effects.typical_sizes import friction_level
+from ident.effects.session_context import friction_level
 
 FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, COMMON_GAIN - OF_FRICTION
 # Share of what friction by load explains that a gain explains alone, from which on it is one.

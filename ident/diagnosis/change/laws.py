@@ -11,7 +11,7 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
-from ident.effects.typical_sizes import friction_level, hardly_moves, travel
+from ident.effects.session_context import friction_level, hardly_moves, travel
 
 # Points between which a torque of no known law is a straight line over the joint's angle, without and with direction.
 POINTS_EVEN, POINTS_ODD = 6, 4

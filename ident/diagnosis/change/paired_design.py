@@ -30,7 +30,7 @@ from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.regression.run_spread import estimate_held, estimate_run_spread
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.effects.base import Effect, SessionContext, Variant
-from ident.effects.typical_sizes import rated_torque
+from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel

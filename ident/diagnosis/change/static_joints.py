@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.regression.dwells import find_holds, find_turns
-from ident.effects.typical_sizes import LEAST_TRAVEL
+from ident.effects.session_context import LEAST_TRAVEL
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 

@@ -25,7 +25,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
-from ident.effects.typical_sizes import coulomb_level
+from ident.effects.session_context import coulomb_level
 from ident.motion.motion import Motion
 
 # Share of a hold that is kept at the least when its ends, which filter and smoother blur, are cut off.

@@ -21,7 +21,7 @@ from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import PLACE
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
-from ident.effects.typical_sizes import friction_level, rated_torque
+from ident.effects.session_context import friction_level, rated_torque
 from ident.laws.acting import point_mass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload

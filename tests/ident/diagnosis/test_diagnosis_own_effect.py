@@ -26,7 +26,7 @@ MAGNET = '''
 import numpy as np
 from ident.effects.base import Effect
 from ident.effects.effect_info import Typical
-from ident.effects.typical_sizes import coefficient_interval, coulomb_level
+from ident.effects.session_context import coefficient_interval, coulomb_level
 
 
 class Magnet(Effect):

@@ -13,7 +13,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
 from ident.diagnosis.gap.gap_map import Place, map_gap
 from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, spread_of_runs, spreads
-from ident.diagnosis.gap.places import Harm, NamedPlace, measure_harm, rank_places
+from ident.diagnosis.gap.place_ranking import Harm, NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP, USUAL_REPLAY

@@ -14,7 +14,7 @@ from ident.arrays import Array
 from ident.effects.base import Effect, RunContext, SessionContext, StatesEffect, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.effects.effect_info import TABLE, read_row
-from ident.effects.typical_sizes import friction_level, rated_torque
+from ident.effects.session_context import friction_level, rated_torque
 from ident.errors import InputError
 from tests.fuzz.samples import CATALOGUE as MAGNET
 

@@ -13,8 +13,8 @@ from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 from ident.arrays import Array
 from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
+from ident.effects.session_context import joint_range, travel
 from ident.effects.transmission import BENT
-from ident.effects.typical_sizes import joint_range, travel
 from ident.robot.arm import ArmModel
 
 Torque = Callable[[RunContext], Array]

@@ -18,7 +18,6 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
-from ident.robot.traits import content_of
 from ident.sessions import open_sessions
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.made_up import made_session
@@ -39,7 +38,7 @@ def other(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_patch_of_another_arm_of_the_same_name_is_refused(arm: ArmModel, other: Path, tmp_path: Path) -> None:
     path = write_diagnosis(tmp_path / "d.json", arm, "payload")
     record = json.loads(path.read_text())
-    record["provenance"] = {"settings": {"arm_sha256": content_of(arm)}, "sessions": [{"runs": ["0123456789ab"]}]}
+    record["provenance"] = {"settings": {"arm_sha256": arm.content}, "sessions": [{"runs": ["0123456789ab"]}]}
     path.write_text(json.dumps(record))
     assert Diagnosed.load(path).runs == {"0123456789ab"}
     write_patch(Diagnosed.load(path), arm, tmp_path / "patch")

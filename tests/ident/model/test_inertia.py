@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 
 from ident.arrays import Array, Float
+from ident.command_options import FitOptions
 from ident.model.identification import Identified, identify
 from ident.model.inertia import (
     Mode,
@@ -23,7 +24,6 @@ from ident.model.inertia import (
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
-from ident.options import FitOptions
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, random_states, sliding_arm

@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from scipy.special import stdtrit
 
 from ident.arrays import Array
+from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
 from ident.model.identification import Identified, describe, identify
@@ -23,7 +24,6 @@ from ident.model.inertia import base_parameters, is_consistent, parameter_scale,
 from ident.model.loss import NAMES
 from ident.model.run_effects import USUAL_SPREAD, RunEffect, share_variance, wandering
 from ident.motion.motion import Motion
-from ident.options import FitOptions
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
 

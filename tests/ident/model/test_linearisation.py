@@ -13,6 +13,7 @@ import pytest
 from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
+from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.laws.motion import direction
 from ident.model.identification import identify
@@ -27,7 +28,6 @@ from ident.model.linearisation import (
 )
 from ident.model.loss import LossParameters, loss_columns
 from ident.motion.motion import Motion, prepare
-from ident.options import FitOptions
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture, Split

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from ident.errors import InputError
 from plan.api.planning import OpenedTask, open_task
 from plan.cli.app import app, main
-from plan.options import CompareOptions, SolveOptions, TaskOptions
+from plan.command_options import CompareOptions, SolveOptions, TaskOptions
 from plan.problem.task_file import load_task
 from tests.schemas import check_file
 

@@ -14,13 +14,13 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import MotionLimits, plan_motions
 from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
+from plan.command_options import ExciteOptions
 from plan.experiment.design import LEAST_RUNS, Designer
 from plan.experiment.distance import Predictor
 from plan.experiment.feasible import Feasibility, surroundings_of
 from plan.experiment.hypotheses import AllGains, AllMasses, ask
 from plan.experiment.result import minutes_to_odds, odds_of
 from plan.experiment.run_set import FAMILIES, RunSet
-from plan.options import ExciteOptions
 
 PAIRS = (
     ("stribeck_friction,presliding_hysteresis", 9),

@@ -12,7 +12,7 @@ from ident.model.loss import LossParameters
 from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
-from plan.options import TaskOptions
+from plan.command_options import TaskOptions
 from plan.planners.sequential import Sequential
 from plan.problem.problem import Limits
 from plan.problem.result import certify, find_extrapolation

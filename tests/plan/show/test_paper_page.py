@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from plan.options import PaperOptions, SolveOptions
+from plan.command_options import PaperOptions, SolveOptions
 from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper, write_page
 from plan.solving.compare import Comparison
 from plan.solving.solve import solve

@@ -11,11 +11,11 @@ import pytest
 
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
+from plan.command_options import CompareOptions, SolveOptions
 from plan.dynamics.power import power_integral, section_nodes
 from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
-from plan.options import CompareOptions, SolveOptions
 from plan.planners.base import Candidate
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential

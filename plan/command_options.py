@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ident.options import option
+from ident.command_options import option
 
 DEFAULT_METHOD = "sqp"
 # What a search may spend unless it is told: trajectories evaluated and processor time [s]; the brute force search more.
