@@ -16,7 +16,7 @@ from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance

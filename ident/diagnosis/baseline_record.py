@@ -17,7 +17,7 @@ from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_PARAMETERS
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection, project, solve_signed
-from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.refine import Refined
 from ident.model.inertia import lift_base, parameter_scale
 

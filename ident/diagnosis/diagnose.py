@@ -29,7 +29,7 @@ from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate, measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import one_link_is_wrong

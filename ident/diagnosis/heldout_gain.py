@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.robot.arm import ArmModel
 
 # Units of a joint that turns, longest first, and those of one that slides.

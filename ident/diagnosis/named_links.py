@@ -19,7 +19,7 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, estimate_effects, measure_inflation, weigh_rivals
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings

@@ -14,7 +14,7 @@ from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.agreement import measure_agreement
 from ident.diagnosis.selection.gates import Named, first_of_each_joint
-from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink

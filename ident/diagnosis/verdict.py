@@ -14,7 +14,7 @@ from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.selection.gates import Named, SearchResults
-from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.tolerance import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 

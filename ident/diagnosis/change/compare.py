@@ -28,7 +28,7 @@ from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings

@@ -22,7 +22,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import residual_weights
-from ident.diagnosis.selection.intervals import lifted
+from ident.diagnosis.selection.name_probability import lifted
 from ident.effects.catalogue import CATALOGUE
 
 # Effects whose size is known by how large a torque is read: bodies.

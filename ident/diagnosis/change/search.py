@@ -36,7 +36,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.regression.run_spread import squares_left
-from ident.diagnosis.selection.intervals import Estimate, solve_effects
+from ident.diagnosis.selection.name_probability import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.sign_flips import block_scores

@@ -27,7 +27,7 @@ from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
-from ident.diagnosis.selection.intervals import measure_inflation
+from ident.diagnosis.selection.name_probability import measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext

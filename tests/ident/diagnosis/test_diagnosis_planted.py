@@ -13,7 +13,7 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.verdict import believed
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.recordings.recording import Payload, TelemetryIssue

@@ -15,7 +15,7 @@ from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
+from ident.diagnosis.selection.name_probability import is_certain, solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search

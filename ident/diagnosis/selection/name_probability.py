@@ -1,4 +1,4 @@
-"""Parameters of named effects with intervals that respect autocorrelation, rival names, and probabilities."""
+"""Probabilities of named effects against their rivals, and their parameters with intervals for correlated noise."""
 
 from __future__ import annotations
 
