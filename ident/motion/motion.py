@@ -135,8 +135,8 @@ class Motion:
         """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
 
         At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood, as the
-        smoother smears where it begins and ends. Before a joint has travelled some way its friction depends on what was
-        before the run.
+        smoother smears where it begins and ends. Until a joint has travelled some way its friction depends on what was
+        before the run, and behind a turn or stop, until its gears' contacts slide, on where it stood.
         """
         reach = self.blurred
         heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
@@ -150,7 +150,10 @@ class Motion:
             settled[-shift:] &= shift > reach
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q)
-        return np.asarray(settled & (travelled > self.settings.forgetting_travel))
+        turned = np.diff(heading, axis=0, prepend=heading[:1]).astype(bool) * np.arange(len(q))[:, None]
+        slid = np.abs(q - np.take_along_axis(q, np.maximum.accumulate(turned), axis=0))
+        known = (travelled > self.settings.forgetting_travel) & (slid > self.settings.presliding_travel)
+        return np.asarray(settled & known)
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:

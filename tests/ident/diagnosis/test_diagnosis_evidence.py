@@ -269,24 +269,31 @@ def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
         assert beta[[c for c in group.effect.nonnegative if c < len(beta)]].min() >= 0.0
 
 
+def moved(q: np.ndarray) -> Motion:
+    """One joint at 100 Hz on a known way."""
+    dq = np.gradient(q, 0.01)
+    states = [freeze(one[:, None]) for one in (q, dq, np.zeros_like(q), q)]
+    time, std = np.arange(len(q)) / 100.0, np.full((3, 1), 1e-6)
+    return Motion("one", ("a",), freeze(time), *states, Lowpass.design(100.0), freeze(std))
+
+
 def test_reversals_do_not_count() -> None:
     """Law: of a swing sin 2πt/4 s no sample counts within 0.08 s of a reversal, and every one beyond 0.2 s does."""
     time = np.arange(800) / 100.0
-    q = np.sin(2 * np.pi * time / 4.0)[:, None]
-    dq, ddq = np.gradient(q, 0.01, axis=0), np.zeros_like(q)
-    motion = Motion(
-        "swing",
-        ("a",),
-        freeze(time),
-        freeze(q),
-        freeze(dq),
-        freeze(ddq),
-        freeze(q),
-        Lowpass.design(100.0),
-        freeze(np.full((3, 1), 1e-6)),
-    )
+    motion = moved(np.sin(2 * np.pi * time / 4.0))
     coarse = time[motion.coarse]
     distance = np.abs((coarse - 1.0 + 1.0) % 2.0 - 1.0)  # to the reversals at 1, 3, 5, 7 s
     inner = (coarse > 0.5) & (coarse < 7.5)
     assert not motion.settled[distance < 0.08].any()
     assert motion.settled[(distance > 0.2) & inner].all()
+
+
+@pytest.mark.parametrize("creep", [0.004, 0.02])
+def test_a_joint_counts_once_it_slides(creep: float) -> None:
+    """Law: behind a turn no sample counts on the first 2 mrad, however long they take; further on all do."""
+    time = np.arange(1200) / 100.0
+    back = np.where(time < 4.0, 0.0, creep * np.minimum(time - 4.0, 3.0) + 0.3 * np.maximum(time - 7.0, 0.0))
+    motion = moved(0.3 * np.minimum(time, 4.0) - back)
+    coarse, gone = time[motion.coarse], back[motion.coarse]
+    behind = (coarse > 4.3) & (coarse < 11.0)
+    assert np.array_equal(motion.settled[behind, 0], gone[behind] > 0.002)
