@@ -46,8 +46,6 @@ def test_seeds_and_minutes_beyond_reason_are_refused(corpus: Path) -> None:
 @pytest.mark.slow
 def test_hostile_values_are_refused_or_taken(corpus: Path) -> None:
     """Law: exit 0, 2 or 3, one line, no traceback, nothing of the user's touched."""
-    chosen = [
-        one for one in trials(corpus) if zlib.crc32(f"{one.command} {one.option} {one.value}".encode()) % ONE_IN == 0
-    ]
+    chosen = [t for t in trials(corpus) if zlib.crc32(f"{t.command} {t.option} {t.value}".encode()) % ONE_IN == 0]
     outcomes = {f"{one.command} --{one.option}={one.value[:20]!r}": attempt(one) for one in chosen}
     assert {name: found for name, found in outcomes.items() if found[0] not in GOOD} == {}

@@ -106,13 +106,14 @@ def watch(
         options: Fields of `ident.command_options.WatchOptions`: `model`, `diagnosed`, `level`, `settle`, `workers` …
 
     Raises:
-        InputError: No session there, or a store that armgap did not begin.
+        InputError: No session there, a robot or model that can't be used, or a store that armgap did not begin.
     """
     chosen = WatchOptions.of("watch", {"robot": robot, **options})
-    # Other processes may stand in another folder.
-    if robot is not None and Path(robot).is_file():
-        robot = str(Path(robot).resolve())
-    model = None if chosen.model is None else str(Path(chosen.model).resolve())
+    if robot is not None and load_robot(robot, ()) and Path(robot).is_file():
+        robot = str(Path(robot).resolve())  # other processes may stand in another folder
+    model = chosen.model and str(Path(chosen.model).resolve())
+    if model is not None:
+        load_model(model)
     chosen = replace(chosen, robot=robot, model=model)
     found = look(Path(folder), Path(store), chosen, progress)
     own = {"diagnosed": chosen.diagnosed, "level": chosen.level}

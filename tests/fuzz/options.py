@@ -135,7 +135,7 @@ def _good(parameter: Any, corpus: Path) -> str | None:
         "out": "out",
         "store": "store",
     }
-    quick = {"runs": "1", "duration": "1", "rrd": "view.rrd", "cases": "1", "out": "out", "once": None}
+    quick = {"runs": "1", "duration": "1", "rrd": "view.rrd", "cases": "1", "out": "out", "every": "0.001"}
     if parameter.required:
         return wanted.get(parameter.name, str(corpus / "run.csv"))
     return quick.get(parameter.name)
