@@ -122,9 +122,8 @@ def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
         look(tmp_path / "cell", tmp_path / "mine")
     with pytest.raises(InputError, match="holds no session"):
         look(tmp_path / "mine", tmp_path / "store")
-    for wrong in ({"robot": "nobody"}, {"model": tmp_path / "mine"}):
-        with pytest.raises(InputError, match=r"nobody|mine"):
-            watch(tmp_path / "cell", tmp_path / "store", **wrong)
+    with pytest.raises(InputError, match="not a model folder"):
+        watch(tmp_path / "cell", tmp_path / "store", ROBOT, model=tmp_path / "mine")
 
 
 DATES = {
