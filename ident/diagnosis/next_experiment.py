@@ -12,15 +12,9 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
 
 # Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
-NOT_OF_MOTION = (
-    "gear ratio",
-    "no other joint",
-    "no torque depends",
-    "too noisy",
-    "noise hides",
-    "noise of",
-    "tolerance",
-)
+NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "noisy", "noise hides", "noise of", "tolerance")
+# Words of reasons that more of any motion mends, whatever motion shows the effect, and what tells to record more.
+SHORT, MORE = "the session lasts", "more"
 # After a change of set-up any motion over wide poses will do [min].
 SETUP_MINUTES = 4.0
 
@@ -72,15 +66,16 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: st
 
 
 def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
-    """The kind of motion that shows the most effects, and the joint that lacks it most."""
+    """The kind of motion that shows the most effects, and the joint that lacks it most; after too little, more."""
     shown_by = {effect.id: effect.shown_by for effect in known}
+    shown_by |= {one["effect"]: MORE for one in entries if SHORT in one["reason"]}
     families = {one["effect"]: shown_by[one["effect"]] for one in entries if one["effect"] in shown_by}
     if not families:
         return None
     family = Counter(families.values()).most_common(1)[0][0]
     effects = [effect for effect, own in families.items() if own == family]
     joints = Counter(joint for one in entries if one["effect"] in effects for joint in one["joints"])
-    return _advise(effects, family, joints.most_common(1)[0][0], robot)
+    return _advise([] if family == MORE else effects, family, joints.most_common(1)[0][0], robot)
 
 
 def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:

@@ -98,8 +98,8 @@ def find_uneven(
     worst = sorted(uneven, key=lambda k: -uneven[k].spread)
     kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
     return {
-        k: f"its size differs between runs by {100 * one.spread:.0f} %, from {one.least:.2g} to {one.most:.2g} of what "
-        "it is over all: a constant of the arm is the same in each"
+        k: f"its size differs between parts of the recordings by {100 * one.spread:.0f} %, from {one.least:.2g} to "
+        f"{one.most:.2g} of what it is over all: a constant of the arm is the same in each"
         for k, one in ((k, uneven[k]) for k in kept)
     }
 

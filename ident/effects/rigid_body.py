@@ -204,7 +204,7 @@ class LinkInertialError(Effect):
         change = f"mass is off by {mass.words('kg')}"
         if moment is not None and (mass.open or mass.low <= 0.0 <= mass.high):
             change = f"moment about the joint's axis is off by {moment.words('kg m')}"
-        return f"correct the link behind {where} in the URDF: its {change}; `ident patch` writes it"
+        return f"correct the link behind {where}: beside what tuning changes, its {change}; `ident patch` writes both"
 
     def tells_law(self, variant: Variant) -> bool:
         return bool(variant.shape)

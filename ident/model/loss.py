@@ -70,7 +70,7 @@ class LossResults:
     def summary(self) -> str:
         """A table in text: one row a joint and parameter."""
         limits = self.conf_int()
-        lines = [f"{'joint':<19} {'figure':<13} {'value':>9}  {'95 % interval':<22}unit"]
+        lines = [f"{'joint':<19} {'parameter':<13} {'value':>9}  {'95 % interval':<22}unit"]
         for j, joint in enumerate(self.joints):
             for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
                 value = getattr(self.params, name)[j]

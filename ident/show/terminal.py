@@ -127,7 +127,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
 def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
     """A joint's gap in one line."""
     joint, one = gap
-    left = f"; a function of {one['unexplained']} leaves {one['ceiling_rms_Nm']:.3f}" if one["unexplained"] else ""
+    follows = TABLES["follows"][one["unexplained"]] if one["unexplained"] else ""
+    left = f"; but for what follows {follows} it were {one['ceiling_rms_Nm']:.3f}" if follows else ""
     return f"{joint}: {one['rms_Nm']:.3f} N m against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 
@@ -198,8 +199,8 @@ def gap_curves(analysis: Analysis) -> list[list[Curve]]:
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 
-def headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence."""
+def headline(record: Mapping[str, Any]) -> tuple[str, str]:
+    """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
     from ident.diagnosis.change.friction_drift import FRICTION
 
@@ -216,8 +217,8 @@ def headline(record: Mapping[str, Any]) -> str:
     more = len(record["changes"]) - 3
     changes = join_words(named) + (f", and {more} more" if more > 0 else "")
     unseen = record["verdict"] == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"])
-    words = str(TABLES["changes"]["friction_unseen" if unseen else record["verdict"]])
-    return words.format(changes=changes, colon=f": {changes}" if changes else "")
+    words, order = TABLES["changes"]["friction_unseen" if unseen else record["verdict"]]
+    return words.format(changes=changes, colon=f": {changes}" if changes else ""), "" if changes else order
 
 
 def places_of(change: Mapping[str, Any]) -> str:
@@ -233,8 +234,10 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
         console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
     print_serious(console, record["telemetry"])
-    console.print(styled((record["verdict"], "bold"), f": {headline(record)}"), soft_wrap=True)
+    words, order = headline(record)
+    console.print(styled((record["verdict"], "bold"), f": {words}"), soft_wrap=True)
     lines = [f"{describe_change(change)}\n    do: {change['action']}" for change in record["changes"]]
+    lines += [f"do: {order}"] * bool(order)
     lines += [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
@@ -296,14 +299,8 @@ def describe_used(record: Mapping[str, Any]) -> list[str]:
 def draw_comparison(record: Mapping[str, Any]) -> Figure:
     """Error of the common model in the later set, without and with the changes."""
     heldout = record["heldout"]
-    names: Sequence[str] = list(heldout["rms_before_Nm"]) or list(record["joints"])
-
-    def bars(key: str) -> list[float | None]:
-        return [heldout[key].get(name) for name in names]
-
-    rows = {
-        "without the changes": (TUNED, bars("rms_before_Nm")),
-        "with them": (NAMED, bars("rms_after_Nm")),
-        "noise": (NOISE, bars("noise_Nm")),
-    }
-    return draw_bars(list(names), rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")
+    names: list[str] = list(heldout["rms_before_Nm"]) or list(record["joints"])
+    bars = [("without the changes", TUNED, "rms_before_Nm"), ("with them", NAMED, "rms_after_Nm")]
+    bars = [*bars[: 2 if record["changes"] else 1], ("noise", NOISE, "noise_Nm")]
+    rows = {words: (colour, [heldout[key].get(name) for name in names]) for words, colour, key in bars}
+    return draw_bars(names, rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")

@@ -168,9 +168,11 @@ def outlook_section(record: Mapping[str, Any]) -> Section | None:
 
 def render_comparison_report(record: Mapping[str, Any]) -> str:
     """The page as text: one sentence, then each change with what to do about it."""
+    words, order = headline(record)
     values = {
         "record": record,
-        "headline": headline(record),
+        "headline": words,
+        "order": order,
         "OF_THE_ARM": OF_THE_ARM,
         "places_of": places_of,
         "spread": describe_spread(record),

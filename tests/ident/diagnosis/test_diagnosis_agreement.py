@@ -90,7 +90,7 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
     found = measure_agreement(other, [group], 0)
     assert found.p_value < 1e-6
     assert found.spread > 0.5
-    assert "differs between runs" in find_uneven(other, [group], [0])[0]
+    assert "differs between parts of the recordings" in find_uneven(other, [group], [0])[0]
 
 
 def test_what_acts_beyond_a_bound_may_differ(short_arm: ArmModel) -> None:

@@ -163,6 +163,8 @@ def test_a_motion_can_be_asked_for_it(catalogue: tuple[Effect, ...], diagnosis: 
     found = next_experiment([], unseen, catalogue)
     assert found is not None
     assert "two slow steady speeds" in found["motion"]
+    short = [{"effect": "thermal_friction", "joints": ["joint_1"], "reason": "the session lasts 9 s only"}]
+    assert str((next_experiment([], short) or {})["motion"]).startswith("Record more: all joints fast over wide poses")
     with pytest.raises(InputError, match="no effect 'magnet'"):
         ask(short_arm, "magnet", None, diagnosis)
 

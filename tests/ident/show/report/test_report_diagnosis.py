@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from ident.diagnosis.regression.discrepancy import BLOCKS
 from ident.show.report import ReportInput, write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
 from ident.show.report.page import confusion_section
@@ -129,10 +130,12 @@ def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
     assert "(ident fit)" in text
 
 
-def test_brackets_are_no_markup_on_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_terminal_shows_brackets_and_what_a_gap_follows(capsys: pytest.CaptureFixture[str]) -> None:
     doubt = {"effect": "", "joints": [], "reason": "knee 0.6 rad/s [open]"}
-    print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": {}, "reservations": [doubt]})
-    assert "[open]" in capsys.readouterr().out
+    gap = {kind: {**RECORD["gap"]["joint_2"], "unexplained": kind} for kind in BLOCKS}
+    print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]})
+    told = capsys.readouterr().out
+    assert ("[open]" in told, told.count("of noise; but for what follows ")) == (True, len(BLOCKS))
 
 
 def test_doubts_tell_figures_by_words_and_units() -> None:
