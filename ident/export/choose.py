@@ -4,16 +4,15 @@ Torque: RMS of measured less predicted log, both through the run's own filter, w
 work that this difference does in a stretch of time; that of whole runs, of which there are few, is next to nothing by
 chance in one file or another. Replay: the arm starts from a measured state, gets the logged torque for
 a quarter of a second, and is compared with the measured state at the end, joints that stood still aside; from a longer
-stretch without feedback any model drifts away, and nothing is learnt of it.
+stretch without feedback any model drifts away, and nothing is learnt of it. A position that is missed by more than the
+way that the joint went is not foretold at all: how far beyond it is says nothing, and one replay that flies off would
+make the mean of all.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
-of one of them, and at each joint the losses and laws of one. Where replays ask for it a joint has the friction of one
-and the inertia about its axis of another (`friction/inertia`): slow motion shows next to nothing of that, and with one
-that came out as zero a light link flies off. None is fitted to the recordings that decide: what they would make of one
-is partly chance, and comes out better than it is. Of all these the one is written whose errors are least, as shares of
-the least of the first two's, by the upper end of what stretches and windows leave open; one that is larger than both
-counts several times as much, so that it is taken only where a joint's torque, energy and replay ask for different
-things.
+of one of them, and at each joint the losses and laws of the one that does best there with these bodies. None is fitted
+to the recordings that decide: what they would make of one is partly chance, and comes out better than it is. Of all
+these the one is written whose errors are least, as shares of the least of the first two's: a gain counts as far as
+stretches and windows make sure of it, a loss as far as they let expect one, and several times as much.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from ident.arrays import Array, Bool, Float
-from ident.export.bodies import inertia_about_axes
 from ident.export.identified import IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedModel, WrittenFile, log_error
 from ident.laws.motion import Losses
@@ -40,14 +39,12 @@ MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "positi
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
 # One file is worse than another beyond this logarithm of the ratio of their errors: less are the simulators' own steps.
 WORTH = 0.005
-# How sure a candidate has to be better to be taken.
+# How sure a gain has to be to count.
 LEVEL = 0.975
-# What an error that is larger than the least of others' counts more, by its logarithm.
-WORSE = 4.0
+# What a loss that is to be expected counts against a gain that is sure, both as logarithms of errors' ratios.
+WORSE = 5.0
 # Stretches of a run whose work is compared [s].
 STRETCH = 2.0
-# Passes over the joints, each of which may change its candidate for what the others have done to it.
-PASSES = 3
 SAID = {
     "given": "the URDF as it is",
     "before": "the URDF's bodies with tuned losses",
@@ -95,9 +92,11 @@ class Gap:
         return np.array(found)
 
     def cost(self, others: Sequence[Gap]) -> Float[Array, " n"]:
-        """What each joint's errors cost against the least of others': those that are larger, several times as much."""
-        ratios = self.over(others, LEVEL)
-        return np.sum(ratios + WORSE * np.maximum(ratios, 0.0), axis=0)
+        """What each joint's errors cost against the least of others': losses to be expected less sure gains."""
+        found, sure = self.over(others), self.over(others, LEVEL)
+        error = np.maximum((sure - found) / norm.ppf(LEVEL), 1e-12)
+        loss = error * norm.pdf(found / error) + found * norm.cdf(found / error)
+        return np.sum(WORSE * loss + np.minimum(sure, 0.0), axis=0)
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         named = (*MEASURES.items(), ("velocity", "velocity_rms_rad_s"))
@@ -105,8 +104,8 @@ class Gap:
         return {**errors, "windows": int(np.isfinite(self.squares["position"][:, 0]).sum())}
 
 
-def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = None) -> Gap:
-    """All distances of a loaded file from recordings; only of the replay where those of torque and energy are known."""
+def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
+    """All distances of a loaded file from recordings."""
     each = max(1, MOST_WINDOWS // len(runs))
     rolled = [_roll_run(model, motion, each) for motion in runs]
     moved = np.concatenate([one for _, one in rolled])
@@ -114,8 +113,6 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = 
     replay = replay * moved * len(moved) / np.maximum(moved.sum(axis=0), 1)
     replay = replay if replay.size else np.full((2, 1, runs[0].n), np.nan)
     replayed = dict(zip(("position", "velocity"), replay, strict=True))
-    if known is not None:
-        return replace(known, squares={**known.squares, **replayed})
     counts, squares, works = np.zeros(runs[0].n), [], []
     for motion in runs:
         left = log_error(model, motion)
@@ -131,7 +128,10 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion], known: Gap | None = 
 
 
 def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Array, "2 w n"], Bool[Array, "w n"]]:
-    """Misses of position and velocity at the ends of evenly spread windows, and which joints move in each."""
+    """Misses of position, up to the joint's way, and velocity at the ends of evenly spread windows; which joints move.
+
+    A window's way is the path of the joint in it.
+    """
     states = motion.q, motion.dq, motion.ddq, motion.interval
     length = max(2, round(WINDOW / motion.interval))
     starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
@@ -142,7 +142,10 @@ def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Arr
     drive = model.undo_log(np.array(motion.tau), motion.interval)[rows]
     state, twists, missing = np.stack([motion.q, motion.dq]), model.deflections(*states), model.missing(*states)
     ends = model.roll_out(state[:, starts], twists[starts, :2], drive, -missing[rows], motion.interval)
-    return ends - state[:, starts + length], (np.abs(motion.dq[rows]) > motion.rest_speed).any(axis=1)
+    speed = np.abs(motion.dq[rows])
+    way, missed = speed[:, 1:].sum(axis=1) * motion.interval, ends - state[:, starts + length]
+    missed[0] = np.clip(missed[0], -way, way)
+    return missed, (speed > motion.rest_speed).any(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +172,7 @@ class Chosen:
         """What a user should know of the choice."""
         lines = []
         if self.name != "after":
-            own = [name for name, when in zip(names, self.joints, strict=True) if not when.startswith("after")]
+            own = [name for name, when in zip(names, self.joints, strict=True) if when != "after"]
             words = SAID[self.bodies] + (f"; losses without effects at {', '.join(own)}" if own else "")
             lines.append(f"{FILE_OF[form]}: on these runs the best of its candidates has {words}")
         for name, (measure, ratio) in self.worse.items():
@@ -182,70 +185,26 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
 
     It may not be worse than what the candidates that are not `after` would hold.
     """
-    search = _Search(form, dict(options), runs, folder)
+    n, found = runs[0].n, dict[tuple[str, tuple[str, ...]], Gap]()
+
+    def measure(bodies: str, joints: tuple[str, ...]) -> Gap:
+        if (bodies, joints) not in found:
+            file = WrittenFile.write(form, folder, mix(options, bodies, joints))
+            found[bodies, joints] = measure_gap(file.load(runs[0].payload), runs)
+        return found[bodies, joints]
+
+    own = {name: measure(name, (name,) * n) for name in options}
+    others = [gap for name, gap in own.items() if name != "after"]
     for bodies in options:
+        order = [bodies, *(name for name in options if name != bodies)]  # of the same errors its own are taken
         if bodies != "given":  # its bodies are those of `before`
-            search.improve(bodies)
-    bodies, joints = min(search.found, key=lambda key: search.cost(*key))
-    gap = search.measure(bodies, joints, whole=True)
-    most = zip(options["after"].nominal.joint_names, gap.over(search.others).T, strict=True)
+            costs = np.array([measure(bodies, (name,) * n).cost(others) for name in order])
+            measure(bodies, tuple(order[k] for k in costs.argmin(axis=0)))
+    bodies, joints = min(found, key=lambda key: found[key].cost(others).sum())
+    gap = found[bodies, joints]
+    most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}
-    gaps = {name: search.found[name, (name,) * runs[0].n] for name in options if name != "after"} | {"after": gap}
-    return Chosen(search.stated(bodies, joints), bodies, joints, gaps, worse)
-
-
-class _Search:
-    """Candidates of a format with what is known of them, for `choose`."""
-
-    def __init__(self, form: str, options: dict[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> None:
-        self.form, self.options, self.runs, self.folder, self.n = form, options, runs, folder, runs[0].n
-        self.found: dict[tuple[str, tuple[str, ...]], Gap] = {}
-        poses = np.concatenate([motion.q[:: max(1, len(motion.q) // MOST_WINDOWS)] for motion in runs])
-        self.of_bodies = {
-            name: np.median(inertia_about_axes(one.whole, poses), axis=0) for name, one in options.items()
-        }
-        self.inertias = {name: own + options[name].losses.motor_inertia for name, own in self.of_bodies.items()}
-        self.others = [self.measure(name, (name,) * self.n) for name in options if name != "after"]
-
-    def stated(self, bodies: str, joints: Sequence[str]) -> IdentifiedArm:
-        """What a file of some bodies holds, with friction and laws, and if named inertia, of one at each joint."""
-        mixed = mix(self.options, bodies, [name.partition("/")[0] for name in joints])
-        rotors = np.array(mixed.losses.motor_inertia)
-        for j, name in enumerate(one.partition("/")[2] for one in joints):
-            if name:  # what the bodies lack
-                rotors[j] = max(self.inertias[name][j] - self.of_bodies[bodies][j], 0.0)
-        return replace(mixed, losses=replace(mixed.losses, motor_inertia=rotors))
-
-    def measure(self, bodies: str, joints: tuple[str, ...], whole: bool = False) -> Gap:
-        """Errors of a mixture: a joint's log hangs on the bodies and its own losses and laws alone."""
-        if (bodies, joints) not in self.found or whole:
-            known = None
-            if len(set(joints)) > 1 and not whole and "/" not in "".join(joints):
-                each = [self.found[bodies, (name,) * self.n] for name in joints]
-                parts = ((key, [g.squares[key][:, j] for j, g in enumerate(each)]) for key in list(LEAST)[:2])
-                known = replace(each[0], squares={key: np.stack(part, axis=1) for key, part in parts})
-            file = WrittenFile.write(self.form, self.folder, self.stated(bodies, joints))
-            self.found[bodies, joints] = measure_gap(file.load(self.runs[0].payload), self.runs, known)
-        return self.found[bodies, joints]
-
-    def cost(self, bodies: str, joints: tuple[str, ...]) -> float:
-        """What a mixture's errors cost."""
-        return float(self.measure(bodies, joints).cost(self.others).sum())
-
-    def improve(self, bodies: str) -> None:
-        """Looks for each joint's best losses and laws with some bodies."""
-        order = [bodies, *(name for name in self.options if name != bodies)]  # of the same errors its own are taken
-        each = np.array([self.measure(bodies, (name,) * self.n).cost(self.others) for name in order])
-        joints = tuple(order[k] for k in each.argmin(axis=0))
-        for _ in range(PASSES):
-            before = joints
-            worse = self.measure(bodies, joints).over(self.others) > WORTH
-            for j in np.flatnonzero(worse.any(axis=0)):
-                pairs = [f"{name}/{other}" for name in order for other in order] if worse[-1, j] else []
-                trials = [(*joints[:j], name, *joints[j + 1 :]) for name in [joints[j], *order, *pairs]]
-                joints = min(trials, key=lambda one: self.cost(bodies, one))
-            if joints == before:
-                break
+    return Chosen(mix(options, bodies, joints), bodies, joints, own | {"after": gap}, worse)
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:

@@ -221,7 +221,7 @@ PAYLOAD_RADIUS = 0.01
 def write_urdf(identified: IdentifiedArm) -> str:
     """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
     arm, losses, links = identified.nominal, identified.losses, identified.links.total
-    text = arm.source.read_text(encoding="utf-8") if arm.source is not None else arm.urdf
+    text = arm.source.read_text(encoding="utf-8") if arm.source and arm.source.is_file() else arm.urdf
     root = ET.fromstring(text, parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     bodies = {link.get("name"): link for link in root.findall("link")}

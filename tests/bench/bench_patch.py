@@ -47,14 +47,10 @@ from tests.ident.conftest import load_sapienza, ur10e_settings
 REAL = Path(os.environ.get("IDENT_REAL_DATA", "../shared/real"))
 PIECES, SEED, KNOWN, RUNS = 6, 5, 9, 21
 SIMULATED = {
-    "payload, Stribeck": ("payload:arm:0.6", "stribeck_friction:joint_1:4"),
-    "delay, spring, asymmetric": (
-        "torque_delay:arm:0.008",
-        "spring_torque:joint_3:10",
-        "asymmetric_friction:joint_2:4",
-    ),
-    "load friction, gain": ("load_dependent_friction:joint_2:0.1", "torque_gain_error:joint_3:0.08"),
-    "curved friction": ("nonlinear_viscous_friction:joint_1:3",),
+    "payload, Stribeck": "payload:arm:0.6 stribeck_friction:joint_1:4",
+    "delay, spring, asymmetric": "torque_delay:arm:0.008 spring_torque:joint_3:10 asymmetric_friction:joint_2:4",
+    "load friction, gain": "load_dependent_friction:joint_2:0.1 torque_gain_error:joint_3:0.08",
+    "curved friction": "nonlinear_viscous_friction:joint_1:3",
 }
 Arm = tuple[ArmModel, Session]
 
@@ -78,12 +74,11 @@ def real(folder: str, robot: str = "robot.urdf", pattern: str = "*.parquet", set
 
 
 def panda() -> Arm:
-    runs = tuple(in_pieces(load_sapienza(REAL).runs[0]))
-    return ArmModel.load("panda"), Session("panda", runs, common_clock=False)
+    return ArmModel.load("panda"), Session("panda", tuple(in_pieces(load_sapienza(REAL).runs[0])), common_clock=False)
 
 
-def simulated(effects: Sequence[str]) -> Arm:
-    session = simulate(SimulationOptions(effects=tuple(effects), seed=SEED, runs=RUNS, duration=6.0)).session
+def simulated(effects: str) -> Arm:
+    session = simulate(SimulationOptions(effects=tuple(effects.split()), seed=SEED, runs=RUNS, duration=6.0)).session
     return ArmModel.load("tm5-900"), session
 
 

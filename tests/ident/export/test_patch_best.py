@@ -17,7 +17,7 @@ from ident.api.exporting import patch
 from ident.arrays import Array
 from ident.cli.app import app
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.choose import Gap, _Search, choose, measure_gap
+from ident.export.choose import WINDOW, Gap, choose, measure_gap
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import WrittenFile
 from ident.export.mjcf import write_mjcf, write_urdf
@@ -39,13 +39,13 @@ def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ident.export.choose.MOST_WINDOWS", 6)
 
 
-def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: Any = slice(None), rotor: float = 0.2) -> IdentifiedArm:
-    """Links that are heavier by a share, dry friction of one joint or of all, rotor inertia."""
+def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: Any = slice(None)) -> IdentifiedArm:
+    """Links that are heavier by a share, dry friction of one joint or of all."""
     arm = ArmModel.load("tm5-900")
     level = np.full(6, 4.0)
     level[joint] = coulomb
     links = heavier * arm.inertial_parameters.reshape(6, 10)
-    losses = replace(LOSSES, coulomb=level, motor_inertia=np.full(6, rotor))
+    losses = replace(LOSSES, coulomb=level, motor_inertia=np.full(6, 0.2))
     return IdentifiedArm(arm, losses, Links(links, 0.0 * links, 0.0))
 
 
@@ -68,15 +68,6 @@ def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Ide
     for gap in found.gaps.values():
         assert np.all(found.gaps["after"].error("torque") <= 1.01 * gap.error("torque") + 1e-6)
     assert bool(found.in_words(form, arm.joint_names)) == (found.name != "after" or bool(found.worse))
-
-
-def test_a_joint_may_have_the_friction_of_one_and_the_inertia_of_another(tmp_path: Path) -> None:
-    """Law: the rotor makes up for what the bodies lack about the joint's axis."""
-    options = {"before": stated(rotor=0.0), "tuned": stated(6.0, heavier=0.3)}
-    search = _Search("urdf", options, made_motions(stated().nominal, healthy(stated().nominal), [3], 4.0), tmp_path)
-    found = search.stated("before", ("before/tuned",) * 6).losses
-    np.testing.assert_allclose(found.motor_inertia, 0.2 + 0.3 * search.of_bodies["before"])
-    np.testing.assert_array_equal(found.coulomb, 4.0)
 
 
 def test_meshes_are_kept_as_hulls() -> None:
@@ -113,13 +104,20 @@ def test_an_error_is_worse_by_its_ratio_and_by_what_stretches_leave_open_in_a_ch
 
 
 def test_a_replay_judges_joints_that_move_and_knows_an_arm_that_is_lost(tmp_path: Path) -> None:
-    """Law: standing still is no error; light links don't swing up by friction's steps; one that is lost is off."""
+    """Law: standing still is no error; light links don't swing up by friction's steps; one that is lost misses its way.
+
+    So much and no more, however far it flies: it is a few of its windows that are lost.
+    """
     arm, light = stated().nominal, replace(stated(), losses=replace(LOSSES, motor_inertia=np.zeros(6)))
     (motion,) = made_motions(arm, healthy(arm), [3], duration=4.0)
     still, file = replace(motion, dq=motion.dq * (np.arange(6) != 2)), WrittenFile.write("urdf", tmp_path, light)
-    for run, least, most in ((motion, 0.0, 1.0), (replace(motion, tau=1e6 + 0.0 * motion.tau), 6.0, 10.0)):
-        error = measure_gap(file.load(), [run]).error("position")
-        assert np.all((error > least) & (error < most))
+    fast = WINDOW * np.sqrt(np.mean(motion.dq**2, axis=0))
+    near, *lost = (
+        measure_gap(file.load(), [replace(motion, tau=motion.tau + push)]).error("position") for push in (0.0, 1e4, 1e6)
+    )
+    assert np.all((near > 0.0) & (near < lost[0]))
+    assert np.all((lost[0] > 0.5 * fast) & (lost[0] < 2.0 * fast))
+    np.testing.assert_allclose(*lost, rtol=1e-6)
     assert measure_gap(file.load(), [still]).error("position")[2] == 0.0
 
 
@@ -263,4 +261,4 @@ def test_of_a_few_stretches_little_is_sure() -> None:
     assert cost(64) < 0.0 < cost(8) < cost(4) < cost(2)
     one, better = (Gap(dict.fromkeys(names, x), np.ones(6)) for x in (even[:1], 0.1 * even[:1]))
     assert np.all(better.cost([one]) > one.cost([one]))
-    assert np.all(one.cost([one]) == 0.0)
+    np.testing.assert_allclose(one.cost([one]), 0.0, atol=1e-9)

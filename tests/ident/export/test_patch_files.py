@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,11 @@ def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **cha
 
 @pytest.mark.parametrize("taken_kg", [-1.0, -1.48])
 def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: float) -> None:
-    """Less than the last link's own mass is left, then less than its and the hand's: the arm that is read back is the
+    """Less than the last link's own mass is left, then less than its and the hand's: what is read back was meant,
 
-    one that was meant, and no link weighs less than nothing.
+    and no link weighs less than nothing; also where the URDF that the arm was read from is gone.
     """
-    arm = ArmModel.load("panda")
+    arm = replace(ArmModel.load("panda"), source=Path("gone.urdf"))
     last = arm.inertial_parameters.reshape(-1, 10)[-1]
     changes = np.zeros((arm.n, 10))
     changes[-1] = last * (taken_kg / last[0])
