@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ident.arrays import in_a_line
 from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
-from ident.checks.report import TOLD_BY_A_FIT, as_mounted, check_accepted, overrule
+from ident.checks.report import REPORTED_BY_A_FIT, as_mounted, check_accepted, overrule
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import USUAL_MOTION, MotionSettings
@@ -110,7 +110,7 @@ def inspect_sources(
     accept: Sequence[str] = (),
     settings: TelemetrySettings = USUAL_TELEMETRY,
     in_parts: bool = False,
-    told: Sequence[str] = (),
+    reported: Sequence[str] = (),
 ) -> Inspected:
     """Reads sessions and checks their telemetry, without refusing any.
 
@@ -124,7 +124,7 @@ def inspect_sources(
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
-    weaken = partial(overrule, accept=check_accepted(accept), told=told)
+    weaken = partial(overrule, accept=check_accepted(accept), reported=reported)
     ledger, most = StampLedger(), PART_SAMPLES if in_parts else sys.maxsize
     coming = ledger.passing(given.parts(most))
     parts: list[Session] = []
@@ -209,7 +209,7 @@ def open_sessions(
         given, model = Given(sessions, robot.robot), robot
     else:
         given, model = Given(paths, robot, topic, session_file), None
-    found = inspect_sources(given, accept, in_parts=model is None, told=TOLD_BY_A_FIT)
+    found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT)
     reports: list[TelemetryReport] = []
     groups: list[_Group] = []
     coming = _prepare(found.reports, reports, groups, learning, partial(prepare_each, cutoff=cutoff, settings=motion))

@@ -8,7 +8,7 @@ from pathlib import Path
 from ident.command_options import option
 
 DEFAULT_METHOD = "sqp"
-# What a search may spend unless it is told: trajectories evaluated and processor time [s]; the brute force search more.
+# What a search may spend unless it is given: trajectories evaluated and processor time [s]; brute force more.
 USUAL_BUDGET, BRUTE_BUDGET = (200_000, 120.0), (20_000_000, 3600.0)
 # Generations of the genetic algorithm: in `plan solve`, and where the paper's experiments are repeated.
 GENERATIONS, PAPER_GENERATIONS = 200, 2000

@@ -66,9 +66,9 @@ def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:
     script = axe.replace("</script>", "<\\/script>")
     judged.write_text(text.replace("</body>", f"<script>{script}</script>{RUN}</body>"), encoding="utf-8")
     wish = ["--blink-settings=preferredColorScheme=0"] if dark else []
-    told = re.search(r'<pre id="axe">(.*?)</pre>', _shown(judged, folder, wish), re.DOTALL)
-    assert told is not None, "axe-core did not finish"
-    return [f"{rule}: {'; '.join(nodes)}" for rule, nodes in json.loads(html.unescape(told[1]))]
+    seen = re.search(r'<pre id="axe">(.*?)</pre>', _shown(judged, folder, wish), re.DOTALL)
+    assert seen is not None, "axe-core did not finish"
+    return [f"{rule}: {'; '.join(nodes)}" for rule, nodes in json.loads(html.unescape(seen[1]))]
 
 
 def _shown(page: Path, folder: Path, wishes: list[str]) -> str:

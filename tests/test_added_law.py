@@ -84,7 +84,7 @@ print(json.dumps(told))
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What a copy of the package says that has the file and the row."""
     place = tmp_path_factory.mktemp("package")
     (place / "ident").mkdir()
@@ -107,20 +107,20 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def test_it_is_diagnosed_and_reported_and_a_motion_is_known_for_it(told: dict[str, Any]) -> None:
+def test_it_is_diagnosed_and_reported_and_a_motion_is_known_for_it(seen: dict[str, Any]) -> None:
     """Law: named at its joint, alone; it stands in the page, and its row's motion is what `plan excite` asks for."""
-    assert told["last"] == "magnet"
-    assert told["names"] == [["magnet", "joint_3"]]
-    assert told["report"]
-    assert told["motion"] == "slow"
+    assert seen["last"] == "magnet"
+    assert seen["names"] == [["magnet", "joint_3"]]
+    assert seen["report"]
+    assert seen["motion"] == "slow"
 
 
 @pytest.mark.parametrize("place", ["fit", "module", "plan"])
-def test_its_torque_is_the_same_everywhere(place: str, told: dict[str, Any]) -> None:
+def test_its_torque_is_the_same_everywhere(place: str, seen: dict[str, Any]) -> None:
     """Law: model, written module, and planner give 2 sin 3q within what the recordings leave open."""
-    assert told[place] == pytest.approx(2.0 * np.sin(3.0 * np.array(told["q"])), abs=0.1)
+    assert seen[place] == pytest.approx(2.0 * np.sin(3.0 * np.array(seen["q"])), abs=0.1)
 
 
-def test_its_slope_is_its_torques(told: dict[str, Any]) -> None:
+def test_its_slope_is_its_torques(seen: dict[str, Any]) -> None:
     """Law: planners differentiate it by the angle."""
-    assert told["slope"] == pytest.approx(6.0 * np.cos(3.0 * np.array(told["q"])), abs=0.3)
+    assert seen["slope"] == pytest.approx(6.0 * np.cos(3.0 * np.array(seen["q"])), abs=0.3)

@@ -77,9 +77,9 @@ def test_the_core_holds_nothing_that_an_extra_holds_and_all_holds_every_extra() 
 @pytest.mark.parametrize("package", ["torch", "rerun.blueprint"])
 def test_a_missing_extra_is_one_line_with_what_to_install(package: str) -> None:
     error = ModuleNotFoundError(f"No module named {package!r}", name=package)
-    told = str(missing_extra(error))
-    assert f"armgap[{EXTRA_OF[package.partition('.')[0]]}]" in told
-    assert "\n" not in told
+    seen = str(missing_extra(error))
+    assert f"armgap[{EXTRA_OF[package.partition('.')[0]]}]" in seen
+    assert "\n" not in seen
 
 
 def test_another_missing_module_is_our_own_fault() -> None:

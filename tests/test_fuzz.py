@@ -76,9 +76,9 @@ def test_what_is_no_plain_file_is_told(name: str, other: str, corpus: Path, tmp_
     kind = kind_of(name, folder)
     kind.path.unlink()
     OTHERS[other](kind.path)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         kind.read(kind.path)
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(caught.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("name", NAMES)

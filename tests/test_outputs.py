@@ -177,15 +177,15 @@ def test_results_name_robot_joints_and_sessions(name: str, at: Place) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(commands()) - set(ELSEWHERE) - PAGES))
 def test_nothing_is_said_to_be_written_that_was_not(name: str, at: Place) -> None:
-    """Law: what is told to be written is there; a command that was given no place to write to tells of none."""
+    """Law: what is said to be written is there; a command that was given no place to write to tells of none."""
     arguments = lines(at)[name]
     before = set(at.out.rglob("*"))
-    told = re.sub(r"\s+", " ", run(name, *arguments).output)
-    places = re.findall(r"(?:written to|wrote) (\S+?)[:;,]?(?= |$)", told)
+    seen = re.sub(r"\s+", " ", run(name, *arguments).output)
+    places = re.findall(r"(?:written to|wrote) (\S+?)[:;,]?(?= |$)", seen)
     assert [place for place in places if not Path(place).exists()] == []
     made = set(at.out.rglob("*")) - before
     if not any(option in arguments for option in ("--out", "--store")) and name != "ident new":
         assert (places, made) == ([], set())
-        assert not re.search(r"\b(?:written|wrote|saved)\b", told.replace("nothing written", ""))
+        assert not re.search(r"\b(?:written|wrote|saved)\b", seen.replace("nothing written", ""))
     else:
         assert made

@@ -162,11 +162,11 @@ def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path
     os.mkfifo(path.with_name("pipe"))
     pipe = "pipe" if path.suffix == ".urdf" else f"../elsewhere/{SECRET}"
     path.with_name("shape.obj").write_text(f"mtllib {pipe}\n{corners}")
-    with guard.watching(), pytest.raises(InputError) as told:
+    with guard.watching(), pytest.raises(InputError) as caught:
         load_surroundings(path, 6) if path.suffix == ".toml" else arm_shapes(ArmModel.load(path))
     assert guard.done == []
     assert str(secret) not in guard.read
-    assert "mine" not in str(told.value)
+    assert "mine" not in str(caught.value)
 
 
 CALL = 'subprocess.run([sys.executable, "-c", "import joblib, struct"]).returncode'

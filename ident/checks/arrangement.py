@@ -154,8 +154,8 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
         for what, order in (("the effort", best.torques), ("the position", best.positions))
     ]
     worst = max(moved, key=lambda j: here.left[j] / best.left[j])
-    told = "; ".join(filter(None, parts))
-    return [issue_of("swapped", session, moved, worst, best=1.0 - best.left, here=1.0 - here.left, parts=told)]
+    reported = "; ".join(filter(None, parts))
+    return [issue_of("swapped", session, moved, worst, best=1.0 - best.left, here=1.0 - here.left, parts=reported)]
 
 
 STATE_NAMES = ("q", "dq", "ddq", "tau", "gravity", "inertial")

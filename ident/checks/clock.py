@@ -43,7 +43,7 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             fatal.note(run, f"{np.mean(steps <= 0):.0%} of the time steps are zero or negative")
             runs.append(kept)
     issues = dropped.issues("late") + restarted.issues("restarts") + fatal.issues("falls")
-    return session.replace(runs=runs, common_clock=session.common_clock and not restarted.told), issues
+    return session.replace(runs=runs, common_clock=session.common_clock and not restarted.reported), issues
 
 
 def drop_late_rows(run: Recording) -> tuple[Recording, int]:
@@ -110,7 +110,7 @@ def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
 
 def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Tells uneven sampling; where only the stamps are uneven and not the sampling, evens them out."""
-    told, mended, runs = Findings(session), Findings(session), list[Recording]()
+    reported, mended, runs = Findings(session), Findings(session), list[Recording]()
     worst: dict[str, float] = {}
     for run in session.runs:
         steps = np.diff(run.time)
@@ -118,12 +118,12 @@ def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         if high - low > LIMIT.jitter * middle:
             what = f"intervals of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} ms, median {middle * 1e3:.1f} ms"
             even, worst[run.name] = even_clock(run), float(steps.max())
-            (told if even is None else mended).note(run, what)
+            (reported if even is None else mended).note(run, what)
             run = run if even is None else run.replace(time=even)
         runs.append(run)
-    for one in (told, mended):
-        one.told.sort(key=lambda seen: worst[seen[0]], reverse=True)
-    return session.replace(runs=runs), told.issues("jitter") + mended.issues("evened")
+    for one in (reported, mended):
+        one.reported.sort(key=lambda seen: worst[seen[0]], reverse=True)
+    return session.replace(runs=runs), reported.issues("jitter") + mended.issues("evened")
 
 
 def even_clock(run: Recording) -> Float[Array, " T"] | None:

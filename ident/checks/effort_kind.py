@@ -68,10 +68,10 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     if states is not None:  # the joints on which gravity changes enough to be looked for
         fits = {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
         known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
-    told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
+    reported = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
     if forced and known and all(fit.gravity > LIMIT.present for fit in known.values()):
         worst = [*known].index(max(known, key=lambda j: known[j].gravity))
-        return session, [issue_of("gravity_is_there", session, known, told=told[worst])]
+        return session, [issue_of("gravity_is_there", session, known, reported=reported[worst])]
     # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
     lacks = states is not None and bool(known) and all(fit.lacks_gravity for fit in known.values())
     if lacks and states is not None:
@@ -81,7 +81,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
         return session, []
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
-    seen = f" ({'; '.join(told)})" if told else ""
+    seen = f" ({'; '.join(reported)})" if reported else ""
     issue = issue_of("gravity_lacks", session, session.joints, reason=reason, seen=seen)
     return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
 
@@ -100,21 +100,21 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
         fit = fit_gravity(states, joint)
         scale, error, _ = fit_scale(states, joint)  # what `check_scales` reports
         shown = replace(fit, gravity=scale, gravity_error=error)
-        told = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
-        told += f"; friction is {fit.friction:.0%} of the effort's spread"
+        reported = tell_gravity(shown) if states.heavy[joint] else "gravity hardly changes here"
+        reported += f"; friction is {fit.friction:.0%} of the effort's spread"
         for issue in (one for one in issues if name in one.joints):
             if issue.issue == "effort_gravity_compensated" and issue.severity != "fatal":
-                return "gravity_compensated", f"{told}, gravity added"
+                return "gravity_compensated", f"{reported}, gravity added"
             if issue.issue == "effort_is_model":
                 return "commanded" if "equals its command" in issue.evidence else "model_output", issue.evidence
             if issue.issue == "effort_not_torque":
                 faint = states.heavy[joint] and fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
                 return "motor_current" if faint else "external_torque", issue.evidence
         if _is_current(session, joint):
-            return "motor_current", f"the current times a constant gain; {told}"
+            return "motor_current", f"the current times a constant gain; {reported}"
         if not states.moving[joint]:
             return "unknown", "it hardly moves"
-        return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", told
+        return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", reported
 
     return tuple(JointEffort(name, *judge(joint, name)) for joint, name in enumerate(session.joints))
 
@@ -215,5 +215,5 @@ def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
         return []
     found.sort(key=lambda one: -abs(np.log(max(one[1], 1e-9))))
     words = "{} reads {:.2f} ± {:.2f} of the model's gravity torque"
-    told = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
-    return [issue_of("scale", session, [j for j, _, _ in found], told=told)]
+    reported = "; ".join(words.format(session.joints[j], scale, 2.0 * error) for j, scale, error in found)
+    return [issue_of("scale", session, [j for j, _, _ in found], reported=reported)]

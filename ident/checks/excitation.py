@@ -148,8 +148,8 @@ class Amount:
         share, (up, down) = self._independence.shown()
         moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
         part = "a fifth of the recording" if self._runs == 1 else "one recording"
-        told = f"without {part}, {{:.2g}} % of its acceleration does not follow from its angle: one sinusoid, or nearly"
-        found = [(int(j), told.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
+        text = f"without {part}, {{:.2g}} % of its acceleration does not follow from its angle: one sinusoid, or nearly"
+        found = [(int(j), text.format(100 * share[j])) for j in np.flatnonzero(one_sinusoid)]
         once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
         found += [(int(j), f"it moves {up[j]} times up and {down[j]} times down") for j in once]
         if not found:
@@ -157,7 +157,7 @@ class Amount:
         columns = [j for j, _ in found]
         others = f"; likewise {', '.join(joints_at(first, columns[1:]))}" if columns[1:] else ""
         severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
-        return [issue_of("dependent", first, columns, columns[0], severity, told=found[0][1], others=others)]
+        return [issue_of("dependent", first, columns, columns[0], severity, reported=found[0][1], others=others)]
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:

@@ -118,6 +118,6 @@ def compare_velocities(session: Session) -> Velocities | None:
     derived = np.concatenate([motion.dq for motion in motions])
     measured = np.concatenate([motion.dq_measured for motion in motions if motion.dq_measured is not None])
     xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
-    # A wrong time base scales the derivative, so moving is told by either of the two.
+    # A wrong time base scales the derivative, so moving is determined by either of the two.
     moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > LIMIT.moving_rad_s
     return Velocities(moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300)))

@@ -73,7 +73,7 @@ def inspect_sessions(
 ) -> tuple[TelemetryReport, ...]:
     """Checks sessions that are to be used together, mends what can be mended safely, and compares them with the robot.
 
-    What they lack together is told with the first.
+    What they lack together is reported with the first.
 
     Raises:
         RecordingError: No joint of the robot is recorded.

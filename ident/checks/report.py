@@ -170,8 +170,8 @@ def issue_of(
         seen = {name: one[worst] if isinstance(one, np.ndarray) else one for name, one in seen.items()}
         seen["joint"] = session.joints[worst]
     evidence, remedy = (row[part].format(**seen) for part in ("evidence", "remedy"))
-    told = f"{session.name}: {evidence}"
-    return TelemetryIssue(row["issue"], joints_at(session, columns), severity or row["severity"], told, remedy)
+    reported = f"{session.name}: {evidence}"
+    return TelemetryIssue(row["issue"], joints_at(session, columns), severity or row["severity"], reported, remedy)
 
 
 def joints_at(session: Session, columns: Iterable[Any]) -> tuple[str, ...]:
@@ -194,35 +194,35 @@ class Findings:
     def __init__(self, session: Session) -> None:
         self.session = session
         self.runs: list[Recording] = []
-        self.told: list[tuple[str, str]] = []
+        self.reported: list[tuple[str, str]] = []
         self.columns: set[int] = set()
 
     def note(self, run: Recording, what: str, columns: Iterable[int] = ()) -> None:
         """Something seen in a run, at some joints."""
-        self.told.append((run.name, what))
+        self.reported.append((run.name, what))
         self.columns.update(int(column) for column in columns)
 
     def issues(self, key: str, severity: Severity | None = None, **seen: Any) -> list[TelemetryIssue]:
         """All that was seen as one issue, in the words of `issues.toml`; none if nothing was.
 
-        The first run's is told, and in how many more there is something.
+        The first run's is reported, and in how many more there is something.
         """
-        if not self.told:
+        if not self.reported:
             return []
-        run, what = self.told[0]
-        others = len({name for name, _ in self.told}) - 1
+        run, what = self.reported[0]
+        others = len({name for name, _ in self.reported}) - 1
         also = f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
         named = self.session.replace(name=run)
-        return [issue_of(key, named, sorted(self.columns), severity=severity, told=what + also, **seen)]
+        return [issue_of(key, named, sorted(self.columns), severity=severity, reported=what + also, **seen)]
 
     def left(self) -> Session:
         """The session of the runs that are left; as it was where nothing was seen."""
-        return self.session.replace(runs=self.runs) if self.told else self.session
+        return self.session.replace(runs=self.runs) if self.reported else self.session
 
 
 # A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples are made so. It is
 # told where something is fitted; a diagnosis still refuses it.
-TOLD_BY_A_FIT = ("effort_is_model",)
+REPORTED_BY_A_FIT = ("effort_is_model",)
 
 
 def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
@@ -237,11 +237,11 @@ def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(accept))
 
 
-def overrule(report: TelemetryReport, accept: Sequence[str], told: Sequence[str] = ()) -> TelemetryReport:
-    """A report whose refusals are warnings where the user accepts them, or where they are told by what comes next."""
+def overrule(report: TelemetryReport, accept: Sequence[str], reported: Sequence[str] = ()) -> TelemetryReport:
+    """A report whose refusals are warnings where the user accepts them, or where what comes next reports them."""
 
     def weaken(issue: TelemetryIssue) -> TelemetryIssue:
-        if issue.severity != "fatal" or issue.issue not in (*accept, *told):
+        if issue.severity != "fatal" or issue.issue not in (*accept, *reported):
             return issue
         said = f"accepted by --accept {issue.issue}" if issue.issue in accept else "told, not refused, in a fit"
         return replace(issue, severity="warning", remedy=f"{said}; otherwise {issue.remedy}")

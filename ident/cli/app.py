@@ -129,7 +129,7 @@ def diagnose(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
+    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be determined."""
     from ident.api.diagnosing import examine, examine_until
     from ident.api.fitting import evaluate as score
 

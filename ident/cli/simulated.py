@@ -39,7 +39,7 @@ def servo(
     robot: Robot = None,
     cutoff: Annotated[float | None, typer.Option(help="Corner of the filter for all signals [Hz].")] = None,
 ) -> Result:
-    """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be told."""
+    """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be determined."""
     from ident.api.daily import servo as find
 
     return find(sessions, robot, cutoff=cutoff)

@@ -194,8 +194,8 @@ class _Look:
     def is_impossible(self, one: _Typical) -> bool:
         """Whether no arm has it as large as it must be."""
         effect, asked, beta = one.group.effect, self._asked(one.group), one.multiple * one.beta
-        figures = effect.parameters(asked, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta))))
-        return impossible(effect, asked, one.group.joint, figures) is not None
+        estimates = effect.parameters(asked, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta))))
+        return impossible(effect, asked, one.group.joint, estimates) is not None
 
     def bound_by(self, group: Group) -> str:
         """What hides an effect most."""

@@ -4,7 +4,7 @@ A mass m at c has the first moment m c and second moments that grow with c². Co
 known beforehand: a link's own density, a tool a reach off the flange. A body a distance d beside that lacks second
 moments of about m d², for which the tuned inertias of every link would have to make up. So each body is also laid out
 about a place that a first look found for it, where what a straight line lacks is of second order in the error of c.
-Links near an upright base are left as they are: there a mass shows by its moments alone, and where it is can't be told.
+Links near an upright base are left as they are: there a mass shows by its moments alone, where it is stays open.
 
 Source: Atkeson, An and Hollerbach 1986 (inertial parameters of a load, in which the torque is linear); Nocedal and
 Wright 2006, chapter 10 (Gauss–Newton).

@@ -182,24 +182,24 @@ class Effect(ABC):
         """
         return None
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """What reported parameters can be on this arm, by name; parameters that may be anything are left out."""
         return {
             name: Range(_sized(low, session, joint), _sized(high, session, joint), reason)
             for name, (low, high, reason) in self.bounds.items()
         }
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         """What a person at the cell can do about it: one sentence without a full stop.
 
         Args:
             where: The joint's name, or those of the joints where an effect of the whole arm shows.
-            figures: The reported parameters.
+            estimates: The reported parameters.
         """
         if self.sentence:
-            return self.sentence.format(where=where, **figures)
-        told = ", ".join(f"{name} {figure.value:.3g}" for name, figure in figures.items())
-        return f"add {self.id.replace('_', ' ')} of {where} to the model ({told}): `ident patch` writes it"
+            return self.sentence.format(where=where, **estimates)
+        stated = ", ".join(f"{name} {one.value:.3g}" for name, one in estimates.items())
+        return f"add {self.id.replace('_', ' ')} of {where} to the model ({stated}): `ident patch` writes it"
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         """Further points of the grid that have some of the columns of this one, and which of them."""
@@ -225,7 +225,7 @@ class Effect(ABC):
         """
         return {}
 
-    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
+    def expressed(self, form: str, parameters: Mapping[str, float]) -> Expression | None:
         """How a format (`urdf`, `mjcf`) expresses it with these parameters; None where it is friction to the format."""
         return self.formats.get(form)
 
@@ -236,8 +236,8 @@ class Effect(ABC):
             true: The answer's parameters; names of joints among them have none.
             starts: Session time at which each run starts [s].
         """
-        figures = {name: float(value) for name, value in true.items() if not isinstance(value, str)}
-        kept = {name: value for name, value in figures.items() if name not in self.incomparable}
+        values = {name: float(value) for name, value in true.items() if not isinstance(value, str)}
+        kept = {name: value for name, value in values.items() if name not in self.incomparable}
         return {name: -value if name in self.opposite else value for name, value in kept.items()}
 
 
@@ -311,22 +311,22 @@ class StatesEffect(Effect):
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
         """The point of the grid, and the coefficients that were found there, or those that the parameters tell."""
-        told = coefficients or [reported[name] for name in self.figures or self.defining]
-        return {**self.states.usual, **shape, **{f"coefficient_{k}": float(value) for k, value in enumerate(told)}}
+        stated = coefficients or [reported[name] for name in self.figures or self.defining]
+        return {**self.states.usual, **shape, **{f"coefficient_{k}": float(value) for k, value in enumerate(stated)}}
 
 
-def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
+def undefined(effect: Effect, estimates: Mapping[str, Interval]) -> str | None:
     """Why nobody can say that there is an effect of such parameters: all that define it may be zero; or None."""
-    names = [name for name in effect.defining if name in figures]
-    if names and all(figures[name].low <= 0.0 <= figures[name].high for name in names):
+    names = [name for name in effect.defining if name in estimates]
+    if names and all(estimates[name].low <= 0.0 <= estimates[name].high for name in names):
         return f"the 95 % interval of {' and '.join(names)} holds zero"
     return None
 
 
-def impossible(effect: Effect, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> str | None:
+def impossible(effect: Effect, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> str | None:
     """Why no arm has an effect of such parameters, or None: a 95 % interval that lies beyond a bound as a whole."""
-    for name, allowed in effect.physical(session, joint, figures).items():
-        found, value = figures[name], figures[name].value
+    for name, allowed in effect.physical(session, joint, estimates).items():
+        found, value = estimates[name], estimates[name].value
         # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does not drive).
         slack = KNOWN_WITHIN if allowed.low in (0.0, -allowed.high) else 1.0
         possible = found.high >= slack * allowed.low and found.low <= slack * allowed.high

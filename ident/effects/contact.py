@@ -85,12 +85,12 @@ class ExternalContact(Effect):
             "link": exactly(variant.shape["link"]),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         return {"force_N": Range(0.0, _largest_force(session), "the arm would have stopped")}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        start, end = figures["start_s"].value, figures["end_s"].value
-        force, link = figures["force_N"].words("N"), round(figures["link"].value)
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        start, end = estimates["start_s"].value, estimates["end_s"].value
+        force, link = estimates["force_N"].words("N"), round(estimates["link"].value)
         what = f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"
         return f"find what pushed {what}, from {start:.1f} to {end:.1f} s, and record in free space"
 

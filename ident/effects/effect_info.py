@@ -114,7 +114,7 @@ class Interval:
         low = self.low if self.open in ("low", "both") else low
         return replace(self, low=low, high=self.high if self.open in ("high", "both") else high)
 
-    def told(self, unit: str, scale: float = 1.0) -> str:
+    def reported(self, unit: str, scale: float = 1.0) -> str:
         """The value alone, as a person reads it: of a named state."""
         return f"{_three_digits(scale * self.value)} {unit}"
 
@@ -129,7 +129,7 @@ class Interval:
         scale = UNIT_SCALE.get(unit, 1.0)
         if not unit:
             return str(round(self.value))
-        return self.told(unit, scale) if how.startswith("=") else self.words(unit, scale, how.startswith("|"))
+        return self.reported(unit, scale) if how.startswith("=") else self.words(unit, scale, how.startswith("|"))
 
     def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
         """The estimate with its interval as a person reads it; of an open one the end that is known.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Interval, Range, SessionContext, StatesEffect, Variant
-from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
+from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_parameters
 from ident.effects.session_context import FRICTION as LIMIT
 from ident.effects.session_context import (
     LARGEST_TORQUE_SHARE,
@@ -100,15 +100,15 @@ class PositionDependentFriction(StatesEffect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        return wave_figures(variant.inner["order"], coefficients, covariance)
+        return wave_parameters(variant.inner["order"], coefficients, covariance)
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """Passive: where it takes friction away, no less than none may be left; at angles that were not seen, anything.
 
         Coulomb friction is what there is on the mean of the way: the wave's own mean on that way is in it.
         """
-        turned = figures["order"].value * joined(session, "q", joint)
-        wave = np.cos(turned - figures["phase_rad"].value)
+        turned = estimates["order"].value * joined(session, "q", joint)
+        wave = np.cos(turned - estimates["phase_rad"].value)
         most = coulomb_level(session, joint) / max(float(wave.mean() - wave.min()), 1e-9)
         return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
 
@@ -148,12 +148,12 @@ class AsymmetricFriction(StatesEffect):
         found = super().parameters(session, joint, variant, coefficients, covariance)
         return {**found, "difference_Nm": difference, "at_speed_rad_s": exactly(speed)}
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """Passive in both directions, from slow motion up to the joint's top speed."""
         coulomb, viscous = friction_level(session, joint)
         reason = "friction of one direction would drive the joint"
         slow, fast = 0.1 * top_speed(session, joint), top_speed(session, joint)
-        difference, slope = (figures[name].value for name in self.defining)
+        difference, slope = (estimates[name].value for name in self.defining)
         least = min(coulomb + viscous * v - 0.5 * abs(difference + slope * v) for v in (slow, fast))
         limits = zip(self.defining, (2.0 * coulomb, 2.0 * viscous), strict=True)
         return {} if least >= 0.0 else {name: Range(-most, most, reason) for name, most in limits}
@@ -213,14 +213,14 @@ class NonlinearViscousFriction(StatesEffect):
             "at_speed_rad_s": exactly(speed),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         fastest = max(top_speed(session, joint), LIMIT.least_top_speed)
-        exponent = figures["exponent"].value
+        exponent = estimates["exponent"].value
         # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
         at = exponent ** (1.0 / (1.0 - exponent))  # where u^e lies farthest from u
         bend = abs(at**exponent - at)
         most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * bend)
-        return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
+        return {"coefficient": Range(0.0, most, "its bend takes more than the motor can give")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)

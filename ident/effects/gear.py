@@ -107,10 +107,10 @@ class JointElasticity(Effect):
             "damping_Nms_rad": Interval(damping, damping / LIMIT.damping_doubt, damping * LIMIT.damping_doubt),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """A joint that winds up by radians would fold; one whose interval holds zero compliance is as good as rigid."""
         least, stiffest = _bounds(session, joint)
-        most = stiffest if figures["stiffness_Nm_rad"].high < stiffest else 0.0
+        most = stiffest if estimates["stiffness_Nm_rad"].high < stiffest else 0.0
         return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

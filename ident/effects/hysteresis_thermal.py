@@ -88,8 +88,8 @@ class ThermalFriction(Effect):
             found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], LIMIT.time_constants)
         return found
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        change, constant = figures["viscous_change"].words("%", 100.0), figures.get("time_constant_s")
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        change, constant = estimates["viscous_change"].words("%", 100.0), estimates.get("time_constant_s")
         minutes = max(2.0 * constant.value / 60.0, 1.0) if constant else 0.0
         how_long = f"for {minutes:.0f} minutes" if constant else "until its temperature is steady"
         warm = f"warm {where} up {how_long} before precise work, or compensate"
@@ -129,8 +129,8 @@ class PreslidingHysteresis(Effect):
         """
         sizes = list(variant.shape.values())
         stretches = [range(k, k + width) for width in LIMIT.stops_side_by_side for k in range(len(sizes) - width + 1)]
-        told = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
-        return [(_of_ranges([sizes[k] for k in some]), some) for some in told]
+        stated = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
+        return [(_of_ranges([sizes[k] for k in some]), some) for some in stated]
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the parameters of one law hang on all of its build-up."""

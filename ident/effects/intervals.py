@@ -70,7 +70,7 @@ def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array
     return replace(found, low=max(0.0, found.low))
 
 
-def wave_figures(
+def wave_parameters(
     order: float, coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]
 ) -> dict[str, Interval]:
     """What is reported of a wave: its amplitude, its order and its phase."""
@@ -119,8 +119,8 @@ def drawn_interval(
     # The same draws every time: a parameter is reported the same when it is reported again.
     normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
     drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    told = np.array([function(one) for one in np.maximum(drawn, 0.0)])
-    value, (low, high) = function(coefficients), np.quantile(told, (0.025, 0.975))
+    reported = np.array([function(one) for one in np.maximum(drawn, 0.0)])
+    value, (low, high) = function(coefficients), np.quantile(reported, (0.025, 0.975))
     return Interval(value, min(value, float(low)), max(value, float(high)))
 
 

@@ -101,7 +101,7 @@ class UnknownPayload(Effect):
             }
         return {"mass_kg": mass, **centres, "moment_about_axis_kgm": moment}
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """An arm carries no more than it weighs, and no tool's centre is farther out than half the arm's reach."""
         arm = session.runs[0].arm
         own, far = arm_mass(arm), LARGEST_TOOL_SHARE * arm_reach(arm)
@@ -111,11 +111,11 @@ class UnknownPayload(Effect):
             **{f"com_{axis}_m": centre for axis in "xyz"},
         }
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        if figures["mass_kg"].open:
-            moment = figures["moment_about_axis_kgm"].words("kg m")
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        if estimates["mass_kg"].open:
+            moment = estimates["moment_about_axis_kgm"].words("kg m")
             return f"weigh the tool: a load of {moment} about the last axis is not in the model; give it as [payload]"
-        mass = figures["mass_kg"].words("kg")
+        mass = estimates["mass_kg"].words("kg")
         return f"weigh the tool: {mass} are not in the model; give them as [payload] of session.toml"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
@@ -188,9 +188,9 @@ class LinkInertialError(Effect):
         about = moment_about_axis(arm, joint, change, coefficients, covariance)
         return {**found, "moment_about_axis_kgm": about}
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """A link weighs something, no more than the whole arm, and its centre lies within the arm's reach."""
-        arm, mass = session.runs[0].arm, figures["mass_change_kg"]
+        arm, mass = session.runs[0].arm, estimates["mass_change_kg"]
         own, whole = float(arm.inertial_parameters[10 * joint]), arm_mass(arm)
         moment = (own + abs(mass.value)) * arm_reach(arm)
         centre = Range(-moment, moment, "the link's centre would lie beyond the arm's reach")
@@ -199,8 +199,8 @@ class LinkInertialError(Effect):
             return found
         return {"mass_change_kg": Range(-own, whole, "the link's mass would be negative"), **found}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        mass, moment = figures["mass_change_kg"], figures.get("moment_about_axis_kgm")
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        mass, moment = estimates["mass_change_kg"], estimates.get("moment_about_axis_kgm")
         change = f"mass is off by {mass.words('kg')}"
         if moment is not None and (mass.open or mass.low <= 0.0 <= mass.high):
             change = f"moment about the joint's axis is off by {moment.words('kg m')}"

@@ -20,7 +20,7 @@ from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.intervals import exactly, wave_figures
+from ident.effects.intervals import exactly, wave_parameters
 from ident.effects.session_context import RIPPLE as LIMIT
 from ident.effects.session_context import travel, typical_load, wave
 
@@ -89,11 +89,11 @@ class TorqueRipple(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         load = variant.shape["loaded"] * variant.shape["load_Nm"]
-        return {**wave_figures(variant.inner["order"], coefficients, covariance), "at_load_Nm": exactly(load)}
+        return {**wave_parameters(variant.inner["order"], coefficients, covariance), "at_load_Nm": exactly(load)}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude, load = figures["amplitude_Nm"].words("N m"), figures["at_load_Nm"]
-        under = f" under {load.told('N m')} of load" if load.value else ""
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        amplitude, load = estimates["amplitude_Nm"].words("N m"), estimates["at_load_Nm"]
+        under = f" under {load.reported('N m')} of load" if load.value else ""
         return f"compensate ± {amplitude} of tooth ripple at {where}{under}; have its gear looked at if that has risen"
 
     def law_figures(

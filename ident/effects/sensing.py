@@ -69,7 +69,7 @@ class TorqueOffset(Effect):
             "drift_Nm_s": coefficient_interval(1, coefficients, covariance, 1 / variant.shape["half_s"]),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         most = LIMIT.largest_offset * rated_torque(session, joint)
         lasts = float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
         reason = "a sensor so far off is broken"
@@ -120,7 +120,7 @@ class TorqueSaturation(Effect):
             "at_peak_Nm": exactly(max(peak, knee)),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         peak = _peak(session, joint)
         return {"limit_Nm": Range(0.0, (1.0 + LIMIT.knee_share) * peak, "no reading came near it")}
 

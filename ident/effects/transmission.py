@@ -90,12 +90,12 @@ class JointCoupling(Effect):
             "at_speed_rad_s": exactly(speed),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        other = round(figures["other_joint"].value) - 1
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+        other = round(estimates["other_joint"].value) - 1
         most, speed = LARGEST_TORQUE_SHARE * rated_torque(session, joint), max(top_speed(session, other), 1e-6)
         pull = max(float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs)
-        reason = "the other joint's motion takes more than the motor can spare"
-        drags = figures["inertia_kgm2"].value == 0.0  # friction of a sum or difference: passive
+        reason = "the other joint's motion takes more than the motor can give"
+        drags = estimates["inertia_kgm2"].value == 0.0  # friction of a sum or difference: passive
         return {
             "coulomb_Nm": Range(0.0 if drags else -most, most, reason),
             "viscous_Nms_rad": Range(-most / speed, most / speed, reason),
@@ -118,10 +118,10 @@ class JointCoupling(Effect):
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
         """Friction of both joints' sum or difference is reported at the other joint's speed."""
-        figures = super().compared(true, starts)
-        if "viscous_Nms_rad" in figures:
-            figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)
-        return figures
+        parameters = super().compared(true, starts)
+        if "viscous_Nms_rad" in parameters:
+            parameters["viscous_Nms_rad"] *= parameters.get("ratio", 1.0)
+        return parameters
 
 
 def _other(variant: Variant) -> int:
@@ -198,7 +198,7 @@ class SpringTorque(Effect):
             "rest_rad": Interval(value + turns, low + turns, high + turns),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """A spring pulls towards its rest, which lies where the joint can go or, with preload, half a turn beyond.
 
         A balancer may pull, from one end of the motion to the other, from all that the motor can hold to as much the
@@ -229,14 +229,14 @@ class SpringTorque(Effect):
             values[1:2] = coefficients[2:]
         else:
             values[: len(coefficients)] = coefficients
-        figures = dict(zip(names, map(float, values), strict=True))
-        return {"centre_rad": shape.get("centre_rad", reported["rest_rad"]), **figures}
+        parameters = dict(zip(names, map(float, values), strict=True))
+        return {"centre_rad": shape.get("centre_rad", reported["rest_rad"]), **parameters}
 
-    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
-        if form == "mjcf" and any(figures[name] for name in WAVE):
+    def expressed(self, form: str, parameters: Mapping[str, float]) -> Expression | None:
+        if form == "mjcf" and any(parameters[name] for name in WAVE):
             why = "a joint's spring is a cubic, this one has two rests a turn; add the module's torque"
             return Expression("no", why)
-        return super().expressed(form, figures)
+        return super().expressed(form, parameters)
 
 
 def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:

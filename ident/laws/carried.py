@@ -134,12 +134,12 @@ class NamedLaw:
     def describe(self, joints: Sequence[str]) -> str:
         """In words, with coefficients and intervals."""
         units = self.kind.units
-        told = ", ".join(
+        reported = ", ".join(
             f"{value:.3g} [{low:.3g}, {high:.3g}] {units[min(k, len(units) - 1)]}"
             for k, (value, low, high) in enumerate(self.figures)
         )
         shape = ", ".join(f"{name} {value:.3g}" for name, value in self.shape.items())
-        return f"{joints[self.joint]}: {self.kind.words} ({self.effect}{', ' if shape else ''}{shape}): {told}"
+        return f"{joints[self.joint]}: {self.kind.words} ({self.effect}{', ' if shape else ''}{shape}): {reported}"
 
 
 def states_of(

@@ -294,17 +294,17 @@ def describe(found: Identified) -> list[str]:
     lines = [condition, f"the URDF's inertias are off by about {100 * found.urdf_share:.1f} % of each link's scale"]
     if found.estimate.runs > 1:
         joints = zip(found.loss.joints, 100 * found.spread, strict=True)
-        told = ", ".join(f"{name} {viscous:.1f} / {coulomb:.1f}" for name, (viscous, coulomb) in joints)
-        lines.append(f"friction changes from run to run by (viscous / Coulomb, %): {told}")
+        reported = ", ".join(f"{name} {viscous:.1f} / {coulomb:.1f}" for name, (viscous, coulomb) in joints)
+        lines.append(f"friction changes from run to run by (viscous / Coulomb, %): {reported}")
     else:
         lines.append(
             f"of one run nothing is known of repeats: the intervals take friction to change by the usual "
             f"{100 * USUAL_SPREAD:.0f} % from run to run"
         )
     if found.tied:
-        told = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
+        pairs = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
         more = len(found.tied) - MOST_TIED
-        lines.append(f"can't be told apart by these motions: {told}" + (f", and {more} more pairs" if more > 0 else ""))
+        lines.append(f"not distinguished by these motions: {pairs}" + (f", and {more} more pairs" if more > 0 else ""))
     lines += [law.describe(found.loss.joints) for law in found.named]
     if found.through_reversals:
         lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")

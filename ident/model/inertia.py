@@ -109,7 +109,7 @@ def lift_base(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array,
 
 
 def free_of(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
-    """Information on the base parameters once the loss figures are free."""
+    """Information on the base parameters once the loss parameters are free."""
     cross, own = information[:rank, rank:], information[rank:, rank:]
     return information[:rank, :rank] - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
 

@@ -336,7 +336,7 @@ def _some_has_friction(found: JointEstimate, joints: int) -> bool:
 
 
 def lossless_parameters(found: JointEstimate, frictionless: Bool[Array, " n"]) -> Int[Array, " z"]:
-    """Positions of the losses of joints without friction, joint by joint, that are zero as far as can be told."""
+    """Positions of the losses of joints without friction, joint by joint, that are zero as far as can be determined."""
     zero: list[int] = []
     for joint in np.flatnonzero(frictionless):
         index = found.index(int(joint))

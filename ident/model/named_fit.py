@@ -63,8 +63,8 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
         else:
             reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
             law = record.get("baseline", {}).get(joint, {}).get("laws", {}).get(effect, {"shape": {}})
-            told = {name: float(value) for name, value in law["shape"].items()}
-            shape = {**KINDS[effect].usual, **reported, **told}
+            stated = {name: float(value) for name, value in law["shape"].items()}
+            shape = {**KINDS[effect].usual, **reported, **stated}
             laws.append(NamedLaw(effect, arm.joint_names.index(joint), shape))
     return NamedLaws(tuple(laws), tuple(left_out))
 

@@ -73,7 +73,7 @@ def shrink_net(
         moving: Where each joint moves.
         travel: Displacement of each joint from sample to sample [rad].
         witness: Number of the run, or stretch of one, that a sample lies in: what doubt is counted over.
-        run: Number of the run, over which energies are told; the same if None.
+        run: Number of the run, over which energies are reported; the same if None.
     """
 
     def squares(weight: Array | float) -> Float[Array, "g n"]:

@@ -1,4 +1,4 @@
-"""ResidualNet: a network for what the rigid arm and the loss figures leave.
+"""ResidualNet: a network for what the rigid arm and the loss parameters leave.
 
     τ_DNN = DNN(q, dq, ddq)
 

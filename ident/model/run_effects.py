@@ -15,7 +15,7 @@ u_g ~ N(0, Λ): relative changes of friction that no function of the state remov
 (see `shared_variance`) from how much of each change the data tell; the weights V⁻¹ = (σ² I + X D Λ Dᵀ Xᵀ)⁻¹ of a run
 need only its sums, by Woodbury's identity.
 
-Source: Laird and Ware 1982 (random effects); MacKay 1992 (variances by the number of well-told changes).
+Source: Laird and Ware 1982 (random effects); MacKay 1992 (variances by the number of well-determined changes).
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ def share_variance(
     gained = np.array([[lgamma(0.5 * (nu + d)) for nu in FREEDOMS] for d in dof.tolist()])
     gained = np.repeat(gained, len(SCALES), axis=1)
     left = np.log(0.5 * (NU * SQUARED + squares[..., None]))  # (w, v, k)
-    told = (len(dof) * log + gained.sum(axis=0)) - np.einsum("wvk,vk->wk", left, 0.5 * (NU + dof[:, None]))
-    told = told - np.broadcast_to(surprise, len(told))[:, None]
-    likely = np.exp(told - told.max())
+    reported = (len(dof) * log + gained.sum(axis=0)) - np.einsum("wvk,vk->wk", left, 0.5 * (NU + dof[:, None]))
+    reported = reported - np.broadcast_to(surprise, len(reported))[:, None]
+    likely = np.exp(reported - reported.max())
     return SharedVariance(likely / likely.sum())
 
 
@@ -188,12 +188,12 @@ def fit_run_effects(
             covariance = _posterior(inner, spread)
             change = (covariance @ score[..., None])[..., 0]
             left = np.diagonal(covariance, axis1=-2, axis2=-1).sum(axis=1)
-            told = runs - np.divide(left, spread**2, out=np.full_like(left, runs), where=spread > 0.0)
-            told = np.maximum(told, 0.0) * (runs - 1) / runs  # the mean over the runs is no change
+            reported = runs - np.divide(left, spread**2, out=np.full_like(left, runs), where=spread > 0.0)
+            reported = np.maximum(reported, 0.0) * (runs - 1) / runs  # the mean over the runs is no change
             squares = (change**2).sum(axis=1).reshape(1, -1)
-            shared = share_variance(squares, told.ravel())
-            spread = np.sqrt(shared.moderate(squares, told.ravel())).reshape(spread.shape)
-            dof = told + shared.freedom
+            shared = share_variance(squares, reported.ravel())
+            spread = np.sqrt(shared.moderate(squares, reported.ravel())).reshape(spread.shape)
+            dof = reported + shared.freedom
     covariance = _posterior(inner, spread)
     change = (covariance @ score[..., None])[..., 0]
     return [
@@ -235,13 +235,13 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
     squares, dof, surprise = np.zeros((len(WALKS), *shape)), np.zeros(shape), SURPRISE.copy()
     for j, effect in enumerate(effects):
         for e, (change, known) in enumerate(zip(effect.change.T, effect.known.T, strict=True)):
-            told = known >= LEAST_KNOWN
-            runs = int(told.sum())
+            reported = known >= LEAST_KNOWN
+            runs = int(reported.sum())
             if runs >= LEAST_WALK:
-                # A change that is told by half shows half of its variance.
+                # A change that is determined by half shows half of its variance.
                 k = np.arange(1, runs)
                 waves = np.sqrt(2.0 / runs) * np.cos(np.pi * np.outer(k, np.arange(runs) + 0.5) / runs)
-                power = np.maximum((waves @ (change[told] / np.sqrt(known[told]))) ** 2, TINY)
+                power = np.maximum((waves @ (change[reported] / np.sqrt(known[reported]))) ** 2, TINY)
                 gain = 0.25 / np.sin(0.5 * np.pi * k / runs) ** 2  # power of a walk of step variance one
                 spread = 1.0 + WALKS[:, None] / runs * gain
                 squares[:, j, e] = np.sum(power / spread, axis=1)

@@ -157,7 +157,7 @@ class Motion:
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:
-        """Speed below which a joint can't be told from one at rest [rad/s]."""
+        """Speed below which a joint can't be distinguished from one at rest [rad/s]."""
         return np.maximum(self.settings.rest_deviations * self.std[1], self.settings.rest_speed)
 
     @property

@@ -26,7 +26,7 @@ from ident.motion.filter import USUAL_MOTION, MotionSettings
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
 FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD = 3.0, 30.0
-# A joint that moves less than this is at rest: its noise levels can't be told and its derivatives are zero [rad].
+# A joint that moves less than this is at rest: its noise levels can't be determined and its derivatives are zero [rad].
 LEAST_TRAVEL = 1e-6
 # No encoder of an arm is better than this [rad]; keeps noise-free data from making the covariances singular.
 LEAST_NOISE = 1e-9

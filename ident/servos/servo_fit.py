@@ -4,8 +4,8 @@
     u(t − d) − q = (J/K) q'' + (D/K) q' + (F/K) s + o + g(q)/K
 
 Inertia over gain, lag, half the dead band, offset of the zero, and droop under load stand linear in what is measured;
-the delay is searched on a grid. As everywhere, a figure is told only if leaving it out costs on stretches that the fit
-never saw, more than chance would among all figures and joints.
+the delay is searched on a grid. As everywhere, a parameter is reported only if leaving it out costs on stretches that
+the fit never saw, more than chance would among all parameters and joints.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
     return tuple(found)
 
 
-# What is told, by figure: its unit, its words, and the reason where it is not.
+# What is reported, by figure: its unit, its words, and the reason where it is not.
 TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 FIGURES: dict[str, dict[str, str]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
@@ -112,10 +112,10 @@ class ServoFigure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ServoJoint:
-    """What is told of one joint."""
+    """What is reported of one joint."""
 
     joint: str  # its name
-    figures: tuple[ServoFigure, ...]  # what is told
+    figures: tuple[ServoFigure, ...]  # what is reported
     untold: dict[str, str]  # figures that are not, with the reason and what would help
     rms_before: float  # following error on stretches left out: as it is, and less what the figures say [rad]
     rms_after: float
@@ -226,7 +226,7 @@ def _no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | 
 
 
 def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[ServoFigure], dict[str, str]]:
-    """Figures that are linear in the columns, and those that are not told.
+    """Figures that are linear in the columns, and those that are not reported.
 
     An interval spans those at all delays that are not surely worse: what the delay leaves open, the figures leave open.
     """
@@ -292,16 +292,16 @@ class ServoArm(Result):
     """All joints of a position-only arm."""
 
     robot: str  # its name, or of the session where nobody knows it
-    joints: tuple[ServoJoint, ...]  # what is told of each
+    joints: tuple[ServoJoint, ...]  # what is reported of each
 
     def to_dict(self) -> dict[str, Any]:
         joints = {}
         for one in self.joints:
-            told = {name: {"value": value, "low": low, "high": high} for name, value, low, high in one.figures}
+            reported = {name: {"value": value, "low": low, "high": high} for name, value, low, high in one.figures}
             errors = {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after}
             joints[one.joint] = {
-                "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in told.items()},
-                "class": {"dead_band_rad": list(SAME_AS_DEAD_BAND)} if "dead_band_rad" in told else {},
+                "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in reported.items()},
+                "class": {"dead_band_rad": list(SAME_AS_DEAD_BAND)} if "dead_band_rad" in reported else {},
                 "not_told": dict(one.untold),
                 "heldout": None if np.isnan(one.rms_before) else errors,
             }
@@ -314,10 +314,10 @@ class ServoArm(Result):
         for one in self.joints:
             known = f"{1e3 * one.rms_after:.2f} mrad of it are not explained"
             error = f"follows within {1e3 * one.rms_before:.1f} mrad; {known}"
-            lines.append(f"{one.joint}: {'nothing can be told' if np.isnan(one.rms_before) else error}")
+            lines.append(f"{one.joint}: {'nothing can be reported' if np.isnan(one.rms_before) else error}")
             for name, *ends in (figure for figure in one.figures if "words" in FIGURES[figure.name]):
                 lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in ends)))
             if any(figure.name == "dead_band_rad" for figure in one.figures):
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
-            lines += [f"  not told: {name}: {reason}" for name, reason in one.untold.items()]
+            lines += [f"  not reported: {name}: {reason}" for name, reason in one.untold.items()]
         return "\n".join(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-# Okabe and Ito's colours: told apart by colour-blind eyes, and of different grey on paper.
+# Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
 # Of a gap: left by the tuned model, left after the named effects, left by a flexible function without them, noise.
 TUNED, NAMED, FLEXIBLE, NOISE = "#d55e00", "#009e73", "#0072b2", "#9a9a9a"

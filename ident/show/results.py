@@ -114,14 +114,14 @@ def print_fit(console: Console, result: FitResults) -> None:
 
 
 def draw_fit(result: FitResults) -> Figure:
-    """Loss figures: rotor inertia, viscous and Coulomb friction of each joint."""
+    """Loss parameters: rotor inertia, viscous and Coulomb friction of each joint."""
     loss = result.model.loss
     rows = {
         "rotor inertia [kg m²]": (MEASURED, list(loss.motor_inertia)),
         "viscous [N m s/rad]": (TUNED, list(loss.viscous)),
         "Coulomb [N m]": (NOISE, list(loss.coulomb)),
     }
-    return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
+    return draw_bars(list(result.model.joint_names), rows, "loss parameters", result.model.robot.name)
 
 
 def print_inspection(console: Console, result: Inspection) -> None:

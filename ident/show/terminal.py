@@ -258,7 +258,7 @@ def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def describe_change(change: Mapping[str, Any]) -> str:
     """One change's record in one line: where, what, how large, how sure, how much it explains."""
     rivals, heldout = [effect_name(name) for name in change["class"][1:]], change["heldout"]
-    open_between = f"; can't be told from {join_words(rivals)}" if rivals else ""
+    open_between = f"; can't be distinguished from {join_words(rivals)}" if rivals else ""
     after = heldout["rms_after_Nm"]
     parts = [f"{name} {fixed(before)} → {fixed(after[name])} N m" for name, before in heldout["rms_before_Nm"].items()]
     where = "" if change["effect"] in OF_THE_ARM else f"{places_of(change)}: "

@@ -168,9 +168,9 @@ class Predictor:
                 found.append(TrueModel(effect, f"not seen: {reason}"))
                 continue
             variants = next(points)[2]
-            columns, told = tuple(next(places) for _ in variants), (reported or {}).get(effect.id, {})
-            at = choose_variant(effect, variants, told)
-            beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), told)
+            columns, stated = tuple(next(places) for _ in variants), (reported or {}).get(effect.id, {})
+            at = choose_variant(effect, variants, stated)
+            beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), stated)
             found.append(TrueModel(effect, source, beta, columns, at))
         return PredictedDesign(*_take_out(gram, layout.rank, layout.tuned, self.baseline.prior), tuple(found))
 

@@ -107,7 +107,7 @@ class Excitation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         (proposed, by_chance), (needed, needed_by_chance) = self.smallest, self.minutes
-        told = self.distances if self.testable is None else self.testable
+        reported = self.distances if self.testable is None else self.testable
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -116,7 +116,7 @@ class Excitation(Result):
             "separates": list(self.effects),
             "joint": self.joint,
             "set_up": self.set_up,
-            "told_by_motion": [" against ".join(pair) for pair in told],
+            "told_by_motion": [" against ".join(pair) for pair in reported],
             "motion": {
                 "family": self.run_set.family,
                 "figures": dict(self.run_set.figures),

@@ -152,7 +152,7 @@ class ArmShapes:
 
     @property
     def issue(self) -> TelemetryIssue | None:
-        """What is to be told of the links without a shape; None where all have one."""
+        """What is to be reported of the links without a shape; None where all have one."""
         if not self.bare:
             return None
         evidence = f"no <collision> of {', '.join(self.bare)}: {WORDS[self.stand_in or 'visual']} stand in"

@@ -194,7 +194,7 @@ class PlanningProblem:
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
         cost = splines.total if self.objective == "time" else power_integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
-        spare, shortfall = self.scene.sweep(splines, self.margins)
+        clearance, shortfall = self.scene.sweep(splines, self.margins)
         over = np.maximum(splines.highest - limits.upper, limits.lower - splines.lowest).max(axis=1) + INSIDE
         rates = _excess(splines.top_speed / (SHARE * limits.speed))
         if limits.acceleration is not None:  # exact: a cubic's acceleration is linear
@@ -206,11 +206,11 @@ class PlanningProblem:
             rates = rates + [self.rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)]
         return BatchEvaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
-            collision=shortfall / 0.02 + np.maximum(-spare, 0.0) / 0.05,
+            collision=shortfall / 0.02 + np.maximum(-clearance, 0.0) / 0.05,
             speed=rates,
             torque=_excess(peak / (SHARE * limits.torque)),
             position=np.maximum(over, 0.0),
-            gap=spare + limits.clearance,
+            gap=clearance + limits.clearance,
             peak=peak,
         )
 

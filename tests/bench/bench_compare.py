@@ -36,7 +36,7 @@ KINDS = ("payload", "friction_change", "torque_gain_error", "torque_offset", "li
 FACTORS = 0.7, 2.5
 # Friction after a service: so many times what it was.
 SERVICE = 0.6, 1.6
-# What each kind is told by: the figure of the answer and the change's own.
+# What each kind is determined by: the figure of the answer and the change's own.
 FIGURES = {
     "payload": "mass_kg",
     "torque_gain_error": "gain",
@@ -48,7 +48,7 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Pair:
-    """What was drawn and what was told."""
+    """What was drawn and what was reported."""
 
     kind: str
     world: str
@@ -56,18 +56,18 @@ class Pair:
     size: float
     same_motions: bool
     verdict: str
-    told: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[tuple[str, str], ...]], ...]
+    shown: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[tuple[str, str], ...]], ...]
     interval: tuple[float, float, float] | None
     seconds: float
     doubted: tuple[str, ...]
 
     @property
     def named(self) -> bool:
-        return bool(self.told) and all(self._right(*one) for one in self.told)
+        return bool(self.shown) and all(self._right(*one) for one in self.shown)
 
     @property
     def seen(self) -> bool:
-        return any(self._right(*one) for one in self.told)
+        return any(self._right(*one) for one in self.shown)
 
     @property
     def sized(self) -> bool:
@@ -75,12 +75,12 @@ class Pair:
 
     @property
     def strict(self) -> bool:
-        return len(self.told) == 1 and self.told[0][0] == self.kind and self.joint in ("", *self.told[0][2])
+        return len(self.shown) == 1 and self.shown[0][0] == self.kind and self.joint in ("", *self.shown[0][2])
 
     @property
     def alone(self) -> bool:
         """Whether the answer leaves neither another effect nor another place open."""
-        return self.strict and len(self.told[0][1]) <= 1 and not self.told[0][3]
+        return self.strict and len(self.shown[0][1]) <= 1 and not self.shown[0][3]
 
     def _right(
         self, effect: str, near: tuple[str, ...], joints: tuple[str, ...], elsewhere: tuple[tuple[str, str], ...]
@@ -115,12 +115,12 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
     started = time.process_time()
     try:
         found = compare(before.session, after.session, arm)
-    except InputError as error:  # a joint that hardly moves, say: refused with a reason, so nothing is told
+    except InputError as error:  # a joint that hardly moves, say: refused with a reason, so nothing is reported
         spent = time.process_time() - started
         own = "" if kind in ("payload", "nothing") else arm.joint_names[joint]
         return Pair(kind, world.name, own, truth, same, f"refused ({error})", (), None, spent, ())
     spent = time.process_time() - started
-    told = tuple((one.effect, one.estimate.rivals, one.joints, one.elsewhere) for one in found.changes)
+    shown = tuple((one.effect, one.estimate.rivals, one.joints, one.elsewhere) for one in found.changes)
     own = "" if kind in ("payload", "nothing") else arm.joint_names[joint]
     interval = None
     for one in found.changes:
@@ -128,7 +128,7 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
             figure = one.estimate.parameters[FIGURES[kind]]
             interval = (figure.value, figure.low, figure.high)
     doubted = tuple(one.effect for one in found.reservations)
-    return Pair(kind, world.name, own, truth, same, found.verdict, told, interval, spent, doubted)
+    return Pair(kind, world.name, own, truth, same, found.verdict, shown, interval, spent, doubted)
 
 
 def _request(kind: str, arm: ArmModel, joint: int, rng: np.random.Generator) -> EffectRequest:
@@ -172,10 +172,10 @@ def main() -> None:
             break
         pair = draw_pair(seed + k, options.runs, options.seconds)
         pairs.append(pair)
-        mark = "ok" if pair.named or (pair.kind == "nothing" and not pair.told) else "--"
+        mark = "ok" if pair.named or (pair.kind == "nothing" and not pair.shown) else "--"
         said = "; ".join(
             f"{effect} {','.join(joints)} or {','.join((*near[1:], *(place for _, place in elsewhere))) or 'nothing'}"
-            for effect, near, joints, elsewhere in pair.told
+            for effect, near, joints, elsewhere in pair.shown
         )
         print(
             f"{mark} {seed + k} {pair.world} {pair.kind} {pair.joint} {pair.size:.3g} -> {pair.verdict}: {said} "
@@ -194,17 +194,17 @@ def summary(pairs: list[Pair]) -> dict[str, Any]:
     for kind in ("nothing", *KINDS):
         own = [pair for pair in pairs if pair.kind == kind]
         if kind == "nothing":
-            found[kind] = {"pairs": len(own), "alarms": sum(bool(pair.told) for pair in own)}
+            found[kind] = {"pairs": len(own), "alarms": sum(bool(pair.shown) for pair in own)}
             continue
-        told = [pair for pair in own if pair.interval is not None]
+        shown = [pair for pair in own if pair.interval is not None]
         found[kind] = {
             "pairs": len(own),
             "named": sum(pair.named for pair in own),
             "strict": sum(pair.strict for pair in own),
             "alone": sum(pair.alone for pair in own),
             "seen": sum(pair.seen for pair in own),
-            "sized": f"{sum(pair.sized for pair in told)} of {len(told)}",
-            "silent": sum(not pair.told for pair in own),
+            "sized": f"{sum(pair.sized for pair in shown)} of {len(shown)}",
+            "silent": sum(not pair.shown for pair in own),
         }
     found["verdicts"] = dict(Counter(pair.verdict.split(" ")[0] for pair in pairs))
     found["seconds"] = round(float(np.mean([pair.seconds for pair in pairs])), 1)

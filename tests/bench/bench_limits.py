@@ -59,10 +59,10 @@ def main() -> None:
     asked = parser.parse_args()
     multiples = [float(one) for one in asked.multiples.split(",")]
     healthy = SimulationOptions(seed=asked.seed, arm_seed=asked.seed, runs=RUNS, duration=DURATION_S)
-    told = [one for one in look(healthy)["detectable"] if one["limit"] is not None and not one["hidden"]]
+    seen = [one for one in look(healthy)["detectable"] if one["limit"] is not None and not one["hidden"]]
     results: list[tuple[float, bool]] = []
     for number, (name, cause) in enumerate(CAUSES.items(), start=1):
-        own = [one for one in told if one["effect"] == name and one["figure"] == cause.parameter]
+        own = [one for one in seen if one["effect"] == name and one["figure"] == cause.parameter]
         if own:
             results += try_effect(own[(number + asked.seed) % len(own)], healthy, number, multiples)
     for multiple in multiples:

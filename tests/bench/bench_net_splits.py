@@ -88,8 +88,8 @@ def main() -> None:
             without, with_net = (_errors(score, k) for k in (score.rungs.index("loss"), -1))
             torque.append(with_net[0] / without[0])
             energy.append(with_net[1] / without[1])
-            told = f"{without[0][-1]:8.3f} → {with_net[0][-1]:.3f} N m {without[1][-1]:8.2f} → {with_net[1][-1]:.2f} J"
-            print(f"{name:<20}{told}", flush=True)
+            seen = f"{without[0][-1]:8.3f} → {with_net[0][-1]:.3f} N m {without[1][-1]:8.2f} → {with_net[1][-1]:.2f} J"
+            print(f"{name:<20}{seen}", flush=True)
     for name, ratios in (("torque", torque), ("energy", energy)):
         total = np.array([one[-1] for one in ratios])
         joints = np.concatenate([one[:-1] for one in ratios])

@@ -133,31 +133,31 @@ def one_arm(seed: int, count: int, narrow: bool) -> list[Row]:
     for result, log, still in zip(results, logs, quiet, strict=True):
         certificate = result.certificate
         assert certificate is not None
-        half = certificate.energy_half_width  # none is told of a motion beyond the model's training
+        half = certificate.energy_half_width  # none is reported of a motion beyond the model's training
         energy, torque = moved(log)
         read, real = torque / arm.effort_limit, np.abs(still.effort).max(axis=0) / arm.effort_limit
         planned = dict(certificate.time_law.energy)["absolute"]
-        told = np.nan if half is None else half
+        shown = np.nan if half is None else half
         assert result.splines is not None
         longer = float(still.time[-1] - still.time[0] - 2.0 * PLAN_REST_S) / float(result.splines.total[0]) - 1.0
-        rows.append(Row(seed, energy, moved(still)[0], planned, told, float(read.max()), float(real.max()), longer))
+        rows.append(Row(seed, energy, moved(still)[0], planned, shown, float(read.max()), float(real.max()), longer))
     return rows
 
 
 def tell(name: str, rows: list[Row]) -> None:
     act, still, planned, half, read, real, longer = np.array([list(asdict(row).values())[1:] for row in rows]).T
-    off, told = act / planned - 1.0, np.isfinite(half)
+    off, shown = act / planned - 1.0, np.isfinite(half)
     inside, really = np.abs(act - planned) <= half, np.abs(still - planned) <= half
     print(
         f"{name}: {len(rows)} plans, energy off by {off.mean():+.2%} mean, {np.abs(off).max():.2%} worst, "
-        f"{(np.abs(off) <= 0.02).sum()} within 2 %, an interval told for {told.sum()}, which holds for {inside.sum()} "
+        f"{(np.abs(off) <= 0.02).sum()} within 2 %, intervals for {shown.sum()}, which hold for {inside.sum()} "
         f"as read and {really.sum()} as is; largest torque {real.max():.1%} of its limit, the drive's end "
         f"{(real > 0.9999).sum()} times; as read {read.max():.1%}, {(read > 1.0).sum()} above; "
         f"executed duration {np.abs(longer).max():.2%} off at most",
         flush=True,
     )
-    if told.any():
-        print(f"{name}: half widths of {np.median((half / planned)[told]):.2%} of the energy (median)", flush=True)
+    if shown.any():
+        print(f"{name}: half widths of {np.median((half / planned)[shown]):.2%} of the energy (median)", flush=True)
 
 
 def main() -> None:

@@ -106,7 +106,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a task: its status, what the checker found broken, processor seconds of planning (as told, and to
+    """What became of a task: its status, what the checker found broken, seconds of planning (as claim, and to
     the first plan, too) and checking; what was asked: joints that move, boxes, whether a tool hangs there, a fold."""
 
     task: int
@@ -117,7 +117,7 @@ class Row:
     broken: tuple[str, ...] = ()
     planned: float = 0.0
     checked: float = 0.0
-    told: float = 0.0
+    claim: float = 0.0
     first: float = float("nan")
     boxes: int = 0
     tool: bool = False
@@ -141,7 +141,7 @@ def one_task(number: int, robot: str, bench: Bench, evaluations: int, folder: Pa
     except Exception as error:  # ours is
         return replace(row, status="crashed", broken=(repr(error),))
     first = next((seconds for _, seconds, cost in result.history if np.isfinite(cost)), float("nan"))
-    row = replace(row, status=result.status, planned=time.process_time() - began, told=result.cpu_seconds, first=first)
+    row = replace(row, status=result.status, planned=time.process_time() - began, claim=result.cpu_seconds, first=first)
     row = replace(row, reason=result.reason)
     if not result.solved:
         return row
@@ -200,9 +200,9 @@ def main() -> None:
 
 def tell(name: str, rows: list[Row]) -> None:
     """What became of some tasks, how many are broken, and their seconds."""
-    planned = [row for row in rows if row.told > 0.0]
+    planned = [row for row in rows if row.claim > 0.0]
     first = np.array([row.first for row in rows if np.isfinite(row.first)])
-    share = np.array([row.told / row.planned for row in planned]) if planned else np.ones(1)
+    share = np.array([row.claim / row.planned for row in planned]) if planned else np.ones(1)
     seconds = f"first plan {np.median(first):.2f} s median, {first.max():.2f} s worst" if len(first) else "no plan"
     broken, cut = sum(bool(row.broken) for row in rows), sum(row.cuts > 0 for row in rows)
     states = dict(Counter(row.status for row in rows))

@@ -231,13 +231,13 @@ def show(rows: list[Row]) -> None:
         held = [r for r in found if r.objective == objective and np.isfinite(r.peer)]
         if held:
             saved, least = [r.saved for r in held], min(held, key=lambda r: r.saved)
-            told = f"{np.median(saved):.1%} median, {least.saved:.1%} least (the bound leaves {least.room:.1%} there)"
-            print(f"{objective}: less than trees and TOPP-RA after the same time by {told}, {len(held)} tasks")
+            seen = f"{np.median(saved):.1%} median, {least.saved:.1%} least (the bound leaves {least.room:.1%} there)"
+            print(f"{objective}: less than trees and TOPP-RA after the same time by {seen}, {len(held)} tasks")
     for joints in sorted({r.joints for r in found}):
         own = [r for r in found if r.joints == joints]
         first, near = (np.array([getattr(r, key) for r in own]) for key in ("first", "near"))
-        told = f"first plan after {np.median(first):.2f} s median, {first.max():.2f} s worst"
-        print(f"{joints} joints: {told}; within 1 % of its end after {np.median(near):.2f} s, {near.max():.2f} s")
+        seen = f"first plan after {np.median(first):.2f} s median, {first.max():.2f} s worst"
+        print(f"{joints} joints: {seen}; within 1 % of its end after {np.median(near):.2f} s, {near.max():.2f} s")
     gains = [r.gain for r in found if r.objective == "time"]
     if gains:
         print(f"retiming gains {np.median(gains):.2%} median, {max(gains):.2%} worst")

@@ -107,8 +107,8 @@ def main() -> None:
         print(f"{name:30} {alarms} false alarms in {years} arm-years ({alarms / years:.3f} a year), {arms} arms")
     for name, course in CHANGES.items():
         weeks, missed, wrong = delays(rng, course, given.arms)
-        told = f"median {np.median(weeks):.0f} weeks, 90 % within {np.quantile(weeks, 0.9):.0f}" if weeks else "never"
-        print(f"{name:30} {told}; {missed} of {given.arms} not within the year; {wrong} other figures named")
+        seen = f"median {np.median(weeks):.0f} weeks, 90 % within {np.quantile(weeks, 0.9):.0f}" if weeks else "never"
+        print(f"{name:30} {seen}; {missed} of {given.arms} not within the year; {wrong} other figures named")
 
 
 if __name__ == "__main__":

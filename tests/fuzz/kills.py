@@ -146,10 +146,10 @@ def _judge(writing: Writing, folder: Path, old: Tree, new: Tree, step: int) -> t
     after = {name: data for name, data in _tree(folder).items() if ".armgap-" not in name}
     if after.pop(USERS, None) != old[USERS]:
         return "bystander", f"step {step}"
-    told = {name for name, tree in (("as before", old), ("new", new)) if {**tree, USERS: b""} == {**after, USERS: b""}}
+    seen = {name for name, tree in (("as before", old), ("new", new)) if {**tree, USERS: b""} == {**after, USERS: b""}}
     # Between two renames the old one waits under another name; the next run puts it back.
     missing = not after and any(".armgap-" in name for name in _tree(folder))
-    if not told and not writing.steps and not missing:
+    if not seen and not writing.steps and not missing:
         return "half", f"step {step}: {sorted(after)}"
     try:
         in_a_child(writing.act, folder)
@@ -158,7 +158,7 @@ def _judge(writing: Writing, folder: Path, old: Tree, new: Tree, step: int) -> t
     found = _tree(folder)
     if found.keys() != new.keys() or (not writing.steps and found != new):
         return "leftovers", f"step {step}: {sorted(found.keys() ^ new.keys())}"
-    return ("new" if "new" in told else "as before"), ""
+    return ("new" if "new" in seen else "as before"), ""
 
 
 def _prepare(writing: Writing, folder: Path) -> None:

@@ -79,8 +79,8 @@ def finite(what: str, *values: Any) -> None:
 def check_report(report: TelemetryReport) -> None:
     """Whatever is fit for use is finite and of this world; nothing told is beyond physics."""
     for issue in report.issues:
-        told = [int(power) for power in UNTOLD.findall(issue.evidence)]
-        must(max(told, default=0) <= LARGEST_TOLD, f"tells {issue.evidence!r}")
+        seen = [int(power) for power in UNTOLD.findall(issue.evidence)]
+        must(max(seen, default=0) <= LARGEST_TOLD, f"tells {issue.evidence!r}")
         must(len(issue.evidence.splitlines()) == 1, f"tells several lines: {issue.evidence!r}")
     if all(issue.issue in TOO_LITTLE for issue in report.fatal):  # of so short a run there is always too little
         check_session(report.session)

@@ -195,10 +195,10 @@ def judge(ended: Ended, folder: Path) -> tuple[str, str]:
 
 def fork_command(name: str, arguments: list[str], begin: Callable[[], None]) -> Ended:
     """Runs `ident` or `plan` in a child whose libraries are loaded already."""
-    with tempfile.TemporaryFile() as told:
+    with tempfile.TemporaryFile() as errors:
         child = os.fork()
         if not child:
-            _be_command(name, arguments, begin, told.fileno())
+            _be_command(name, arguments, begin, errors.fileno())
         end = time.monotonic() + SLOWEST_S
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
@@ -208,17 +208,17 @@ def fork_command(name: str, arguments: list[str], begin: Callable[[], None]) -> 
         if not ended:
             os.kill(child, signal.SIGKILL)
             _, status = os.waitpid(child, 0)
-        told.seek(0)
+        errors.seek(0)
         code = os.WEXITSTATUS(status) if os.WIFEXITED(status) else -os.WTERMSIG(status)
-        return Ended(code, told.read().decode(errors="backslashreplace"))
+        return Ended(code, errors.read().decode(errors="backslashreplace"))
 
 
-def _be_command(name: str, arguments: list[str], begin: Callable[[], None], told: int) -> None:
+def _be_command(name: str, arguments: list[str], begin: Callable[[], None], errors: int) -> None:
     status = 1
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
-        os.dup2(told, 2)
+        os.dup2(errors, 2)
         sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
         sys.argv = [name, *arguments]
         spent = int(time.process_time()) + SLOWEST_CPU_S

@@ -79,7 +79,7 @@ def test_a_diagnosis_keeps_its_verdict_and_its_names(count: int) -> None:
 
 @pytest.mark.parametrize("size", [1e5, 1e130, 1e282])
 def test_garbage_in_the_first_rows_is_cut_out_before_the_rest_is_judged(size: float) -> None:
-    """Law: no figure beyond physics is told, no other fault is made up, nothing warns."""
+    """Law: no figure beyond physics is reported, no other fault is made up, nothing warns."""
     session, rng = sprung_session(), np.random.default_rng(0)
     first = session.runs[0]
     spoilt = {name: np.array(values) for name, values in first.channels().items()}

@@ -91,7 +91,7 @@ def test_a_libfranka_log_is_in_milliseconds(run: Recording, tmp_path: Path) -> N
 
 
 def test_degrees_are_told_by_the_robots_limits(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
-    """Velocity in another unit than position is left out, and that is told."""
+    """Velocity in another unit than position is left out, and that is reported."""
     wide = run.replace(position=run.position * 2.0, velocity=None)
     names = ["t", *(f"q{i}" for i in range(1, 7)), *(f"dq{i}" for i in range(1, 7)), *(f"tau{i}" for i in range(1, 7))]
     values = [wide.time, np.degrees(wide.position), np.gradient(wide.position, wide.time, axis=0), wide.effort]
@@ -162,9 +162,9 @@ def test_channels_in_files_of_their_own_are_told_so(run: Recording, arm: ArmMode
     files = [text_table(session / f"{name}.txt", [], getattr(run, name)) for name in ("position", "effort")]
     with pytest.raises(
         InputError, match=r"columns of numbers: 6; .* of 6 joints are 18; put them side by side"
-    ) as told:
+    ) as caught:
         new(session, arm)
-    assert told.value.where in [str(one) for one in files]
+    assert caught.value.where in [str(one) for one in files]
     assert not (session / "session.toml").exists()
 
 

@@ -49,8 +49,8 @@ def test_a_reader_who_leaves_does_not_end_the_work(tmp_path: Path) -> None:
     process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.readline()
     process.stdout.close()
-    told = process.stderr.read()
-    assert (process.wait(), told) == (0, "begun\n")
+    seen = process.stderr.read()
+    assert (process.wait(), seen) == (0, "begun\n")
     assert out.exists()
 
 

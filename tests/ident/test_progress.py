@@ -21,7 +21,7 @@ from ident.show.console import BETWEEN_LINES, progress_line
 def test_time_left_is_what_an_even_pace_leaves() -> None:
     seconds = iter(range(100))
     heard: list[tuple[str, float, float | None]] = []
-    with listening(lambda *told: heard.append(told), lambda: float(next(seconds))):
+    with listening(lambda *seen: heard.append(seen), lambda: float(next(seconds))):
         stage("first", 0.0, 0.5)
         step(1, 2)
         stage("second", 0.5, 1.0)
@@ -33,7 +33,7 @@ def test_time_left_is_what_an_even_pace_leaves() -> None:
 def test_another_job_begins_its_time_anew() -> None:
     seconds = iter(range(100))
     left: list[float | None] = []
-    with listening(lambda *told: left.append(told[2]), lambda: float(next(seconds))):
+    with listening(lambda *seen: left.append(seen[2]), lambda: float(next(seconds))):
         stage("one", 0.9)
         stage("two", 0.0)
         step(1, 2)

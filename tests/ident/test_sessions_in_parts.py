@@ -68,7 +68,7 @@ def test_parts_are_the_session(folder: Path) -> None:
 
 
 def test_parts_share_joints_and_clock(session: Session, tmp_path: Path) -> None:
-    """Law: a clock that restarts between two parts is told; joints that change between them are refused."""
+    """Law: a clock that restarts between two parts is reported; joints that change between them are refused."""
     runs = list(session.runs)
     runs[4] = replace(runs[4], time=runs[0].time)
     write_session(session.replace(runs=runs), tmp_path / "restarted")
@@ -144,7 +144,7 @@ def resting(run: Recording, joints: tuple[int, ...] = (0, 1, 2)) -> Recording:
 
 @pytest.mark.usefixtures("long_from_2_runs")
 def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: Path) -> None:
-    """Law: a fault that forbids a fit is told in whatever part it shows, and each session's faults are its own."""
+    """Law: a fault that forbids a fit is reported in whatever part it shows, and each session's faults are its own."""
     late = written(session, lambda k, run: flipped(run, (1,)) if k >= 2 else run, tmp_path / "late")
     arm, reports = in_parts([late])
     found = list(reports)
@@ -165,8 +165,8 @@ def test_each_session_is_told_of_its_own_faults_once(session: Session, tmp_path:
     ]
     found = list(in_parts(folders)[1])
     assert [len(report.session.runs) for report in found[:6]] == [2] * 6
-    told = [[issue.issue for issue in report.issues].count("position_wraps") for report in found]
-    assert (sum(told[:3]), sum(told)) == (1, 2)
+    seen = [[issue.issue for issue in report.issues].count("position_wraps") for report in found]
+    assert (sum(seen[:3]), sum(seen)) == (1, 2)
     assert all(np.abs(np.diff(run.position, axis=0)).max() < 1.0 for report in found for run in report.session.runs)
 
 

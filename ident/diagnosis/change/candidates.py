@@ -75,27 +75,27 @@ class ChangeOf(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         gone = self.as_change.taken_off and coefficients[0] < 0.0
-        figures = self.effect.parameters(session, joint, variant, -coefficients if gone else coefficients, covariance)
-        return self._turned(figures) if gone else figures
+        estimates = self.effect.parameters(session, joint, variant, -coefficients if gone else coefficients, covariance)
+        return self._turned(estimates) if gone else estimates
 
-    def _turned(self, figures: Mapping[str, Interval]) -> dict[str, Interval]:
+    def _turned(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
         """The parameters with the sign of what was taken off turned."""
         name = self.as_change.taken_off
-        return {**figures, name: Interval(-figures[name].value, -figures[name].high, -figures[name].low)}
+        return {**estimates, name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low)}
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         if self.as_change.friction and self.id != FrictionChange.id:
             return {}  # bounds by the friction that there was: what came may be more
-        if self.as_change.taken_off and figures[self.as_change.taken_off].value < 0.0:
-            figures = self._turned(figures)
+        if self.as_change.taken_off and estimates[self.as_change.taken_off].value < 0.0:
+            estimates = self._turned(estimates)
         found = {
             # What an effect may be is also what it may lose.
             name: replace(one, low=min(one.low, -one.high)) if np.isfinite(one.high) else one
-            for name, one in self.effect.physical(session, joint, figures).items()
+            for name, one in self.effect.physical(session, joint, estimates).items()
         }
         # What is hardly determined may be as it should: its whole interval must speak against it.
-        outside = {name for name, one in found.items() if figures[name].high < one.low or figures[name].low > one.high}
-        return {name: one for name, one in found.items() if name in outside or not np.isfinite(figures[name].value)}
+        outside = {n for n, one in found.items() if estimates[n].high < one.low or estimates[n].low > one.high}
+        return {name: one for name, one in found.items() if name in outside or not np.isfinite(estimates[name].value)}
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
         return self.effect.parts(variant)
@@ -103,12 +103,12 @@ class ChangeOf(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         return self.effect.prior_scale(session, joint, variant)
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        return describe_change(self.effect, where, figures)
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        return describe_change(self.effect, where, estimates)
 
 
-def describe_change(effect: Effect, where: str, figures: Mapping[str, Interval]) -> str:
+def describe_change(effect: Effect, where: str, estimates: Mapping[str, Interval]) -> str:
     """What a person at the cell can do about a change: one sentence without a full stop."""
     if effect.as_change.sentence:
-        return effect.as_change.sentence.format(where=where, **figures)
-    return f"{effect.action(where, figures)} (after minus before)"
+        return effect.as_change.sentence.format(where=where, **estimates)
+    return f"{effect.action(where, estimates)} (after minus before)"

@@ -167,8 +167,8 @@ def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign) -> Estimat
     scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     asked = group.effect.asked(design.session)
-    figures = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
-    return replace(estimate, parameters=dict(figures), coefficients=beta)
+    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+    return replace(estimate, parameters=dict(estimates), coefficients=beta)
 
 
 def _widened(estimate: Estimate, raw: Estimate, standing: Standing) -> Estimate:

@@ -98,12 +98,12 @@ def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> 
     """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
     arm = session.runs[0].arm
     asked = group.effect.asked(session)
-    figures = group.effect.parameters(asked, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
+    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
     if group.effect.id == UnknownPayload.id:
-        mass = figures[MASS].value
-        moment = abs(mass) * np.array([figures[f"com_{axis}_m"].value for axis in "xyz"])
+        mass = estimates[MASS].value
+        moment = abs(mass) * np.array([estimates[f"com_{axis}_m"].value for axis in "xyz"])
         mass = abs(mass)
     else:
-        mass = figures["mass_change_kg"].value
-        moment = np.array([figures[f"moment_change_{axis}_kgm"].value for axis in "xyz"])
+        mass = estimates["mass_change_kg"].value
+        moment = np.array([estimates[f"moment_change_{axis}_kgm"].value for axis in "xyz"])
     return centre_of(arm, mass, moment)

@@ -52,13 +52,13 @@ class FrictionChange(Effect):
             "friction_change": linear_interval(share, coefficients, covariance),
         }
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        if figures["friction_change"].high < -1.0:
+    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
+        if estimates["friction_change"].high < -1.0:
             return {"friction_change": Range(-1.0, np.inf, "friction would drive the joint")}
         return {}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        share = figures["friction_change"]
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        share = estimates["friction_change"]
         way = "more" if share.value > 0.0 else "less"
         words = share.words("%", 100.0, size=True)
         if share.value > 0.0:
@@ -99,8 +99,8 @@ class UnlistedChange(Effect):
         size = delta_interval(lambda c: np.sqrt(max(c @ power @ c, self.variance_floor)), coefficients, covariance)
         return {"rms_Nm": size}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        size = figures["rms_Nm"].words("N m")
+    def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
+        size = estimates["rms_Nm"].words("N m")
         return f"look at {where}: its torque differs by {size} (rms), by no law that is known here"
 
 

@@ -1,7 +1,7 @@
 """The diagnosis in one sentence, and the gap of every joint.
 
 All words begin with the joint of the largest gap, the first place of the map: the first line, what to do first, and the
-names as they are shown. A torque that is off by a factor elsewhere is told before, as no size is right then.
+names as they are shown. A torque that is off by a factor elsewhere is reported before, as no size is right then.
 """
 
 from __future__ import annotations

@@ -173,18 +173,18 @@ def headline(score: SessionScore) -> str:
 def describe_steps(score: SessionScore) -> str:
     """What each rung that matters does to the energy error of a run and to the torque error."""
     energy, torque = score.energy_mean[:, -1], score.rmse_mean[:, -1]
-    told = [0]
+    shown = [0]
     for k in range(1, len(score.rungs)):
-        if torque[k] <= UNTOLD * torque[told[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[told[-1]]):
-            told.append(k)
+        if torque[k] <= UNTOLD * torque[shown[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[shown[-1]]):
+            shown.append(k)
     joule = [fixed(value, table_places([value])) for value in energy]
     start = joule[0]
-    if len(told) == 1:
+    if len(shown) == 1:
         return f"The energy error of a run is {start} J, and no rung changes that much."
-    first = f"{SUBJECTS.get(score.rungs[told[1]], score.rungs[told[1]])} brings the energy error of a run from {start}"
-    steps = [f"{first[0].upper()}{first[1:]} to {joule[told[1]]} J"]
-    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {joule[k]} J" for k in told[2:]]
-    return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in told)} N m."
+    first = SUBJECTS.get(score.rungs[shown[1]], score.rungs[shown[1]])
+    steps = [f"{first[0].upper()}{first[1:]} brings the energy error of a run from {start} to {joule[shown[1]]} J"]
+    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {joule[k]} J" for k in shown[2:]]
+    return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in shown)} N m."
 
 
 def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
@@ -215,11 +215,11 @@ def reductions(score: SessionScore) -> list[str]:
     energy, torque = np.abs(score.energy_mean[:, -1]), score.rmse_mean[:, -1]
     lines = []
     for k in range(1, len(score.rungs)):
-        told = []
+        reported = []
         for word, before, after in (("energy", *energy[k - 1 : k + 1]), ("torque", *torque[k - 1 : k + 1])):
             share = 1.0 - after / before if before > 0 else 0.0
             sign = MINUS if share >= 0 else "+"
             change = "as before" if not before > 0 else "unchanged" if abs(share) < 0.0005 else ""
-            told.append(f"{word} error {change or sign + percent(abs(share))}")
-        lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(told)}"))
+            reported.append(f"{word} error {change or sign + percent(abs(share))}")
+        lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(reported)}"))
     return lines

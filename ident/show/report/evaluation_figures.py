@@ -254,7 +254,7 @@ WORDS = {
 
 
 def parameters_section(source: ReportInput) -> Section:
-    """Loss figures with their 95 % intervals: one picture each, joints in rows, models side by side; then numbers."""
+    """Loss parameters with their 95 % intervals: one picture each, joints in rows, models side by side."""
     model = source.model
     shown = [name for name in NAMES if any(f.name == name for m in source.models for f in m.figures)]
     values = {
@@ -276,7 +276,7 @@ def parameters_section(source: ReportInput) -> Section:
 
 
 def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
-    """One loss figure of all joints and models: a dot and its 95 % interval."""
+    """One loss parameter of all joints and models: a dot and its 95 % interval."""
     joints = list(max(models, key=lambda model: model.arm.n).joint_names)
     unit = next(figure.unit for model in models for figure in model.figures if figure.name == name)
     longest = max(len(joint) for joint in joints)

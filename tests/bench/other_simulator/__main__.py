@@ -60,8 +60,8 @@ def main() -> None:
                 shutil.rmtree(home / session)
                 continue
             (home / "answers.json").write_text(json.dumps(answers, indent=1), encoding="utf-8")
-            told = answers[session]["effects"]
-            print(arm, session, kind, *((one["effect"], one["visible"]) for one in told), flush=True)
+            seen = answers[session]["effects"]
+            print(arm, session, kind, *((one["effect"], one["visible"]) for one in seen), flush=True)
 
 
 def drawn_kind(draw: float, given: argparse.Namespace, rng: np.random.Generator) -> str:

@@ -116,12 +116,12 @@ def make_rest(text: str, names: list[str], name: str, seed: int, out: Path) -> d
     return {
         "kind": "single" if name else "untouched",
         "control": "",
-        "effects": [told(one, names, shown, wanted) for one in effects],
+        "effects": [seen(one, names, shown, wanted) for one in effects],
         "static_friction_Nm": dict(zip(names, arm.coulomb.tolist(), strict=True)),
     }
 
 
-def told(effect: Effect, names: list[str], shown: np.ndarray, wanted: float) -> dict[str, Any]:
+def seen(effect: Effect, names: list[str], shown: np.ndarray, wanted: float) -> dict[str, Any]:
     """An effect as semi-real answers tell it."""
     at = [name for name, one in zip(names, shown, strict=True) if one >= shown.max() / 3.0]
     felt = [name for name, one in zip(names, shown, strict=True) if one > 1.0]

@@ -145,7 +145,7 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
     child = int(rng.integers(2**32))
     reference = draw_reference(world, low, high, top, rng)
     effects: tuple[Effect, ...] = ()
-    told = []
+    seen = []
     for effect, size in zip(drawn, wanted, strict=True):
         if effect.name == "torque_saturation":
             plain = Simulator(text, world, arm, (), np.random.default_rng(child))
@@ -153,7 +153,7 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
             knee = 0.6 * float(np.abs(log["tau"][:, :, effect.joint]).max())
             effect = replace(effect, figures={"knee": knee})
         grown, shown = scaled(text, world, arm, effect, reference, child, size)
-        effects, told = (*effects, grown), [*told, shown]
+        effects, seen = (*effects, grown), [*seen, shown]
     sim = Simulator(text, world, arm, effects, np.random.default_rng(child))
     log = sim.run(reference, np.random.default_rng(child))
     out.mkdir(parents=True, exist_ok=True)
@@ -170,7 +170,7 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
                 "visible": round(float(shown.max()), 2),
                 "shows_at": names[int(shown.argmax())],
             }
-            for e, shown in zip(effects, told, strict=True)
+            for e, shown in zip(effects, seen, strict=True)
         ],
         "true_loss": {
             "motor_inertia_kgm2": arm.rotor.tolist(),

@@ -135,11 +135,11 @@ def score(recorded: Recorded, found: list[tuple[Array, Array]]) -> tuple[float, 
         rate = 1.0 / float(np.median(np.diff(time)))
         grid = np.arange(time[0] + BORDER_S, time[-1] - BORDER_S, 1.0 / min(rate, 250.0))
         wanted = tau if recorded.truth is None else recorded.truth[k]
-        told, asked, angle = (_at(grid, *one) for one in ((at, predicted), (time, wanted), (time, q)))
+        seen, asked, angle = (_at(grid, *one) for one in ((at, predicted), (time, wanted), (time, q)))
         if recorded.truth is None:
-            told, asked = (lowpass(part, min(rate, 250.0)) for part in (told, asked))
+            seen, asked = (lowpass(part, min(rate, 250.0)) for part in (seen, asked))
         speed = np.gradient(lowpass(angle, min(rate, 250.0), 5.0), grid, axis=0)
-        left.append(told - asked)
+        left.append(seen - asked)
         measured.append(asked)
         moving.append((np.abs(speed) > REST_RAD_S) | (recorded.truth is not None))
     off, torque, counts = np.concatenate(left), np.concatenate(measured), np.concatenate(moving)
@@ -173,9 +173,9 @@ def main() -> None:
             mjcf = _mjcf(recorded, place)
             for peer in peers:
                 row = run_peer(peer, recorded, mjcf, place, asked.peer_python, asked.patience)
-                told = f"{row.rmse:8.4f}{row.worst_joint:8.4f}{row.worst_r2:10.4f}{row.cpu_s:8.1f}{row.memory_mb:7.0f}"
+                seen = f"{row.rmse:8.4f}{row.worst_joint:8.4f}{row.worst_r2:10.4f}{row.cpu_s:8.1f}{row.memory_mb:7.0f}"
                 print(
-                    f"{recorded.name:<20}{row.peer:<14}{told}{peer.lines:>7}  {row.consistent}{row.failed}", flush=True
+                    f"{recorded.name:<20}{row.peer:<14}{seen}{peer.lines:>7}  {row.consistent}{row.failed}", flush=True
                 )
     print(f"peak memory of this program itself: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 

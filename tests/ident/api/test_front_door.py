@@ -83,11 +83,11 @@ BAD: dict[str, tuple[Callable[[dict[str, np.ndarray]], Any], str]] = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_recordings_are_one_line_that_says_what_to_do(case: str, columns: dict[str, np.ndarray]) -> None:
-    make, told = BAD[case]
+    make, seen = BAD[case]
     with pytest.raises(InputError) as found:
         ident.inspect(make(columns), "tm5-900")
     error = found.value
-    assert told in error.what
+    assert seen in error.what
     assert error.where
     assert error.remedy
     assert "\n" not in str(error)

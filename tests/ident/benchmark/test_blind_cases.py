@@ -122,14 +122,14 @@ def test_a_failed_diagnosis_is_no_success_and_keeps_its_place() -> None:
 def test_intervals_are_compared_in_the_conventions_of_the_diagnosis() -> None:
     """The plant's phase leads, the diagnosis's lags; angles wrap."""
     true = truth("position_dependent_friction", amplitude_Nm=1.0, order=2.0, phase_rad=-np.pi + 0.05)
-    told = finding(
+    seen = finding(
         "position_dependent_friction",
         "joint_2",
         amplitude_Nm=(1.1, 1.2),
         order=(1.4, 2.8),
         phase_rad=(-np.pi - 0.2, -np.pi + 0.2),
     )
-    one = score(answer(true), result(told))
+    one = score(answer(true), result(seen))
     assert {cover.parameter: cover.inside for cover in one.coverage} == {
         "amplitude_Nm": False,
         "order": True,
@@ -139,8 +139,8 @@ def test_intervals_are_compared_in_the_conventions_of_the_diagnosis() -> None:
 
 def test_a_push_is_timed_on_the_clock_of_the_session() -> None:
     true = truth("external_contact", "joint_2", run=2.0, start_s=1.0, end_s=2.0, force_N=20.0)
-    told = finding("external_contact", "joint_2", start_s=(30.9, 31.1), end_s=(31.9, 32.1), force_N=(1.0, 2.0))
-    one = score(answer(true), result(told), starts=(0.0, 30.0))
+    seen = finding("external_contact", "joint_2", start_s=(30.9, 31.1), end_s=(31.9, 32.1), force_N=(1.0, 2.0))
+    one = score(answer(true), result(seen), starts=(0.0, 30.0))
     assert [(cover.parameter, cover.inside) for cover in one.coverage] == [("start_s", True), ("end_s", True)]
 
 
@@ -155,15 +155,15 @@ def test_shrink_is_measured_against_the_true_name_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "name", "true", "told"),
+    ("effect", "name", "true", "seen"),
     [
         ("encoder_offset", "offset_rad", 0.02, -0.02),  # read too much; to be added
         ("gravity_misalignment", "tilt_x_rad", 0.01, -0.01),  # gravity turns; the base stands
         ("torque_delay", "delay_s", 0.004, 0.004),
     ],
 )
-def test_signs_of_the_plant_and_of_the_diagnosis(effect: str, name: str, true: float, told: float) -> None:
-    assert comparable(truth(effect, "joint_2", **{name: true}), ())[name] == told
+def test_signs_of_the_plant_and_of_the_diagnosis(effect: str, name: str, true: float, seen: float) -> None:
+    assert comparable(truth(effect, "joint_2", **{name: true}), ())[name] == seen
 
 
 def test_figures_of_another_meaning_are_not_compared() -> None:
@@ -205,8 +205,8 @@ CONTROL = {"diagnosis": {"verdict": "partial", "findings": [_finding("stribeck_f
 
 
 def _rows(kind: str, findings: list[dict[str, Any]], *effects: dict[str, Any]) -> Any:
-    told = {"control": CONTROL, "case": {"diagnosis": {"verdict": "named", "findings": findings}}}
-    return rows_of({"control": _answer("control"), "case": _answer(kind, *effects)}, told)
+    seen = {"control": CONTROL, "case": {"diagnosis": {"verdict": "named", "findings": findings}}}
+    return rows_of({"control": _answer("control"), "case": _answer(kind, *effects)}, seen)
 
 
 def test_a_name_that_the_untouched_arm_has_is_none() -> None:

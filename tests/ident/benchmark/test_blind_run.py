@@ -30,9 +30,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def events(folder: Path) -> list[str]:
     """What the check said and did, in order."""
-    told: list[str] = []
-    run_blind(at(folder), told.append, lambda step, done, total: told.append(f"{step} {done}/{total}"))
-    return told
+    seen: list[str] = []
+    run_blind(at(folder), seen.append, lambda step, done, total: seen.append(f"{step} {done}/{total}"))
+    return seen
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +79,8 @@ def test_the_recordings_lie_apart_from_the_answers(folder: Path, events: list[st
 
 def test_the_diagnosing_process_does_not_know_the_plant() -> None:
     code = "import sys, ident.benchmark.examining; print([m for m in sys.modules if m.startswith('ident.simulation')])"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "[]"
+    seen = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert seen.stdout.strip() == "[]"
 
 
 def test_a_stopped_check_goes_on_where_it_was(folder: Path, record: dict) -> None:  # type: ignore[type-arg]
@@ -138,7 +138,7 @@ def errands(folder: Path, deadly: int = -1, count: int = 5) -> list[Errand]:
 
 
 def test_a_killed_process_loses_no_task_and_repeats_none(tmp_path: Path) -> None:
-    """Tasks done before the death are not run again; the others are, and each is told once."""
+    """Tasks done before the death are not run again; the others are, and each is reported once."""
     done: list[str] = []
     run_tasks(run_errand, errands(tmp_path, deadly=2), workers=1, done=done.append)
     assert (tmp_path / "task_2.died").exists()

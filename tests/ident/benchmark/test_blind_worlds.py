@@ -243,8 +243,8 @@ def test_edits_are_told_by_effect(tmp_path: Path) -> None:
     ]
     report = BlindReport("several", 1, {}, tuple(cases), {})
     assert report.scores["edit"].value == pytest.approx(0.5)
-    told = json.loads(json.dumps(report.to_dict()))["edits"]["stribeck_friction"]
-    assert told["cases"] == 2
-    assert told["median"]["edited"] == pytest.approx(1.175)
+    seen = json.loads(json.dumps(report.to_dict()))["edits"]["stribeck_friction"]
+    assert seen["cases"] == 2
+    assert seen["median"]["edited"] == pytest.approx(1.175)
     assert "Take the cause out again" in write_blind_pages(report, {}, tmp_path).read_text(encoding="utf-8")
     assert "edit" not in BlindReport("several", 1, {}, tuple(cases[2:]), {}).scores

@@ -102,8 +102,8 @@ def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str
         gains = np.where(np.arange(len(session.joints)) == joint, factor, 1.0)
         (issue,) = found(changed(session, "effort", gains.__mul__), arm).find("torque_scale")
         assert issue.joints[0] == session.joints[joint]
-        told = float(issue.evidence.split(" reads ")[1].split()[0])
-        assert told == pytest.approx(factor * own, abs=2.0 * factor * error + 0.01)
+        seen = float(issue.evidence.split(" reads ")[1].split()[0])
+        assert seen == pytest.approx(factor * own, abs=2.0 * factor * error + 0.01)
 
 
 def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: ArmModel, tmp_path: Path) -> None:
@@ -169,9 +169,9 @@ def test_effort_beyond_any_rating_is_refused_with_the_factor(factor: float, sess
 
 
 def test_one_joints_columns_alone_while_others_moved_are_refused(session: Session, arm: ArmModel) -> None:
-    told, *_ = found(session.replace(runs=[run.select(["joint_3"]) for run in session.runs]), arm).find("joints_locked")
-    assert told.severity == "fatal"
-    assert "seem to have moved" in told.evidence
+    seen, *_ = found(session.replace(runs=[run.select(["joint_3"]) for run in session.runs]), arm).find("joints_locked")
+    assert seen.severity == "fatal"
+    assert "seem to have moved" in seen.evidence
 
 
 def test_guessed_gains_are_told_and_make_no_recording_fit_without_a_word(

@@ -141,10 +141,10 @@ def test_every_joints_effort_has_a_verdict_with_evidence(
     write_session(spoil(clean, lambda run: KINDS[kind](run, arm)), tmp_path / "session")
     found = inspect_files(tmp_path / "session", arm)
     (record,) = found.to_dict()["sessions"]
-    told = {one["joint"]: one for one in record["effort"]}
-    assert tuple(told) == arm.joint_names
+    seen = {one["joint"]: one for one in record["effort"]}
+    assert tuple(seen) == arm.joint_names
     chosen = ("joint_6",) if kind == "unknown" else ("joint_2",) if kind == "external_torque" else arm.joint_names
     for name in chosen:
-        assert told[name]["kind"] == kind, told[name]
-        assert any(letter.isdigit() for letter in told[name]["evidence"]) or kind == "unknown"
+        assert seen[name]["kind"] == kind, seen[name]
+        assert any(letter.isdigit() for letter in seen[name]["evidence"]) or kind == "unknown"
         assert f"effort of {name}: {kind}" in found.summary()

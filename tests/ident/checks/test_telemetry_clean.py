@@ -41,7 +41,7 @@ def test_one_long_run_is_enough(clean: Session, arm: ArmModel) -> None:
 
 
 def test_inertias_and_friction_that_are_off_are_no_fault_of_the_telemetry(clean: Session, arm: ArmModel) -> None:
-    """A model 30 % too light: the torque's scale is told, with masses as a cause, and nothing is refused."""
+    """A model 30 % too light: the torque's scale is reported, with masses as a cause, and nothing is refused."""
     lighter = arm.with_inertial_parameters(0.7 * np.array(arm.inertial_parameters))
     report = inspect(clean, lighter)
     assert report.is_fit
@@ -79,7 +79,7 @@ def test_rest_is_healthy(clean: Session, arm: ArmModel) -> None:
 def test_the_ur10e_logs_are_clean_but_for_real_jitter(
     folder: str, velocity: bool, real_data: Path, ur10e_toml: Path
 ) -> None:
-    """Intervals of 2 to 30 ms are told; positions show that the stamps are right, so they stay as they are.
+    """Intervals of 2 to 30 ms are reported; positions show that the stamps are right, so they stay as they are.
 
     Where the arm stops, single samples of current are wild (264 N m between −6 and −3): that is reported, too. So is
     the elbow's gain, which the literature has a third too large for this arm.

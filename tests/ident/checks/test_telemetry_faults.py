@@ -105,7 +105,7 @@ def shifted(run: Recording, by: float) -> Recording:
     return run.replace(time=run.time + np.where(np.arange(len(run)) == 500, by, 0.0))
 
 
-# The fault, what is told, its joints (None: not asked), and how many samples are lost.
+# The fault, what is reported, its joints (None: not asked), and how many samples are lost.
 TOLD: dict[str, tuple[Fault, dict[str, str], tuple[str, ...] | None, int]] = {
     "gap": (every(lambda run: run.at(np.r_[0:700, 900 : len(run)]), 2), {"time_gap": "note"}, None, 200),
     "late row": (every(partial(shifted, by=-0.1), 1), {"time_not_increasing": "note"}, None, 1),
@@ -278,7 +278,7 @@ def test_motion_that_does_not_tell_the_parameters_apart(clean: Session, arm: Arm
     lone = np.where(np.arange(6) == 1, run.position, 0.2)
     tau = run.effort * (np.arange(6) == 1) + arm.gravity(lone)
     report = inspect(Session("one", (run.replace(position=lone, velocity=None, effort=tau),)), arm)
-    told = {issue.joints for issue in report.find("insufficient_excitation")}
-    assert told == {(), tuple(name for name in ALL if name != "joint_2")}
+    seen = {issue.joints for issue in report.find("insufficient_excitation")}
+    assert seen == {(), tuple(name for name in ALL if name != "joint_2")}
     rest = spoil(clean, lambda run: run.replace(position=0.0 * run.position + 0.1, velocity=None))
     assert inspect(rest, arm).find("insufficient_excitation")[0].severity == "fatal"

@@ -37,7 +37,7 @@ def test_inspect(run: Run, tmp_path: Path) -> None:
 
 
 def test_inspect_ends_well_whatever_it_finds(run: Run, spoilt: Path) -> None:
-    """Law: a finding is a result, not a mistake of the command: exit 0, the joint and the remedy are told."""
+    """Law: a finding is a result, not a mistake of the command: exit 0, the joint and the remedy are reported."""
     FLIPPED(spoilt)
     ended = run("inspect", spoilt, *ROBOT)
     assert ended.status == 0

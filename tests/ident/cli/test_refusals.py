@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.checks.report import TOLD_BY_A_FIT, TelemetryReport, overrule
+from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, overrule
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.names import data_path
@@ -180,7 +180,7 @@ def test_it_must_be_clear_which_sessions_are_the_later_ones(run: Run, count: int
 
 
 def test_a_refusal_is_overruled_and_recorded(run: Run, spoilt: Path, tmp_path: Path) -> None:
-    """Refused without; fitted with; the model says what was accepted, and the user is told."""
+    """Refused without; fitted with; the model and the command say what was accepted."""
     FLIPPED(spoilt)
     out = tmp_path / "model"
     fit = ("fit", spoilt, *ROBOT, "--net", "none", "--out", out)
@@ -219,7 +219,7 @@ def test_a_torque_that_a_model_made_is_told_by_a_fit() -> None:
     issues = tuple(
         TelemetryIssue(name, (), "fatal", "seen", "mend it") for name in ("effort_is_model", "wrong_time_base")
     )
-    report = overrule(TelemetryReport(Session("made", ()), issues), (), TOLD_BY_A_FIT)
+    report = overrule(TelemetryReport(Session("made", ()), issues), (), REPORTED_BY_A_FIT)
     assert [issue.issue for issue in report.fatal] == ["wrong_time_base"]
 
 

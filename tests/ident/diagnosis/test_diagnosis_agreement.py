@@ -101,7 +101,7 @@ def test_what_acts_beyond_a_bound_may_differ(short_arm: ArmModel) -> None:
 
 
 def test_a_heavier_link_is_so_in_every_run(short_arm: ArmModel) -> None:
-    """Law: against the URDF held fast a link's error has one size in all runs, though tuning hides most of it."""
+    """Law: against the URDF fixed a link's error has one size in all runs, though tuning hides most of it."""
 
     def heavier(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
         links = arm.inertial_parameters.reshape(arm.n, 10).copy()

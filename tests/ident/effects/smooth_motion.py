@@ -36,7 +36,7 @@ def make_run(
 
 
 def make_context(arm: ArmModel, name: str, time: Any, q: Any, dq: Any, ddq: Any) -> RunContext:
-    """What effects are told of a motion, with friction of a typical arm."""
+    """What effects are reported of a motion, with friction of a typical arm."""
     std = np.tile([[1e-5], [1e-3], [1e-1]], (1, arm.n))
     motion = Motion(name, arm.joint_names, time, q, dq, ddq, np.zeros_like(q), Lowpass.design(RATE), std)
     rigid, direction = arm.inverse_dynamics(q, dq, ddq), np.tanh(dq / 0.01)

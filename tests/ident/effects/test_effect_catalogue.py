@@ -138,7 +138,7 @@ def test_parity_is_that_of_the_signature(name: str, session: SessionContext) -> 
 
 @each_effect
 def test_an_arm_that_hardly_moves_shows_little(effect: Effect, still: SessionContext) -> None:
-    """At one pose only offsets and pushes can be told; every other effect says why not."""
+    """At one pose only offsets and pushes can be determined; every other effect says why not."""
     joints = range(still.n if effect.scope == "joint" else 1)
     reasons = [effect.untestable(still, joint) for joint in joints]
     if effect.id in ("torque_offset", "external_contact"):

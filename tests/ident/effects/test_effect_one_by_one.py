@@ -221,7 +221,7 @@ def test_warmth_is_found_with_its_time_constant(arm: ArmModel, recover: Recover)
 
 
 def test_measured_temperature_stands_in_for_the_heat(session: SessionContext, recover: Recover) -> None:
-    """With a temperature no clock is needed, and no time constant is told."""
+    """With a temperature no clock is needed, and no time constant is reported."""
 
     def warm(run: RunContext) -> RunContext:
         rise = 20.0 + 0.1 * run.motion.time[:, None] + np.zeros((1, run.n))

@@ -96,7 +96,7 @@ def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext)
 def test_what_no_arm_has_is_no_finding(
     name: str, figures: dict[str, float], words: str, session: SessionContext
 ) -> None:
-    """Law: figures that real recordings once led to, and others like them, are told with the bound they break."""
+    """Law: figures that real recordings once led to, and others like them, are reported with the bound they break."""
     reason = impossible(find_effect(name), session, 1, sharp(**figures))
     assert words in reason
 

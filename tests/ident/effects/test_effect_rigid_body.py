@@ -76,8 +76,8 @@ def test_a_heavier_link_is_found(session: SessionContext, recover: Recover) -> N
     parameters[2] *= 1.12
     torque = difference(session, arm.with_inertial_parameters(parameters.ravel()))
     found = recover(find_effect("link_inertial_error"), session, 2, torque)
-    told = [found[name].value for name in ("mass_change_kg", "moment_change_x_kgm")]
-    np.testing.assert_allclose(told, 0.12 * arm.inertial_parameters[20:22], rtol=0.05)
+    seen = [found[name].value for name in ("mass_change_kg", "moment_change_x_kgm")]
+    np.testing.assert_allclose(seen, 0.12 * arm.inertial_parameters[20:22], rtol=0.05)
 
 
 def test_a_tilted_base_is_found_about_both_axes(session: SessionContext, recover: Recover) -> None:
@@ -103,8 +103,8 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     usual, placed = effect.variants(session, link)
     np.testing.assert_allclose([placed.shape[name] for name in PLACE], place, atol=1e-6)
     at_place = np.array([mass, 0.0, 0.0, 0.0])
-    told = effect.columns(session, link, placed)[0] @ at_place
-    np.testing.assert_allclose(told, session.runs[0].regressor[:, :, 10 * link : 10 * link + 10] @ body, atol=1e-9)
+    seen = effect.columns(session, link, placed)[0] @ at_place
+    np.testing.assert_allclose(seen, session.runs[0].regressor[:, :, 10 * link : 10 * link + 10] @ body, atol=1e-9)
     arm = session.runs[0].arm
     shift = mass * (place - arm.inertial_parameters[10 * link + 1 : 10 * link + 4] / arm.inertial_parameters[10 * link])
     priors = [effect.size_prior(session, link, variant) for variant in (usual, placed)]

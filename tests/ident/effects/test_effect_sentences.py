@@ -160,9 +160,9 @@ def test_every_number_of_a_sentence_is_the_law_s(effect: Effect, session: Sessio
     for _ in range(DRAWS):
         variant, beta = draw(effect, session, rng)
         figures = effect.parameters(session, joint, variant, beta, np.diag((0.05 * beta) ** 2))
-        told = effect.without_dry_friction(beta, variant)[0] if effect.open_law else beta
+        seen = effect.without_dry_friction(beta, variant)[0] if effect.open_law else beta
         shape = {**variant.shape, **variant.inner}
-        known = {"coefficients": list(told), "shape": shape} if effect.tells_law(variant) else None
+        known = {"coefficients": list(seen), "shape": shape} if effect.tells_law(variant) else None
         values = Change(effect.id, joint, (), figures, known, effect).values
         sentence = effect.action("the joint", figures).replace("−", "-")
         intervals = re.findall(rf"({NUMBER}) [^\[\d]*\[({NUMBER}), ({NUMBER})\]", sentence)

@@ -98,7 +98,7 @@ def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
 
 
 def test_losses_are_never_negative(nominal: ArmModel) -> None:
-    """A joint whose torque asks for less than no friction gets none, and is told to be on its bound."""
+    """A joint whose torque asks for less than no friction gets none, and is said to be on its bound."""
     motions = [replace(m, tau=m.tau - (TRUTH[:, 2] + 1.0) * np.sign(m.dq)) for m in _measured(nominal, 8, runs=3)]
     for mode in ("nominal", "base", "consistent"):
         loss = identify(motions, nominal, FitOptions(inertia=mode)).loss  # type: ignore[arg-type]
@@ -176,8 +176,8 @@ def test_friction_that_wanders_stays_within_what_is_told(runs: int, walk: float,
         variance, dof = wandering(effects)
         beyond.append(np.abs(mean) > stdtrit(dof, 0.975) * np.sqrt(variance + own**2 / runs))
     assert 0.01 < np.mean(beyond) < 0.12
-    told = [np.sqrt(wandering(_effects(rng, runs, walk, own)[0])[0]).mean() for _ in range(20)]
-    assert np.mean(told) < 2.0 * walk / np.sqrt(3.0)
+    seen = [np.sqrt(wandering(_effects(rng, runs, walk, own)[0])[0]).mean() for _ in range(20)]
+    assert np.mean(seen) < 2.0 * walk / np.sqrt(3.0)
 
 
 def test_a_wider_level_has_a_wider_interval_about_the_same_estimate(nominal: ArmModel) -> None:
@@ -218,8 +218,8 @@ def test_hypotheses_are_weighed_by_what_they_explain() -> None:
     right, wrong = _squares(rng, np.full(10, 0.02), 8), _squares(rng, np.geomspace(0.001, 0.4, 10), 8)
     weights = share_variance(np.concatenate([right, wrong]), np.full(10, 8.0)).weights.sum(axis=1)
     assert weights[0] > 0.999
-    told = share_variance(np.concatenate([right, right]), np.full(10, 8.0), np.array([0.0, 20.0])).weights.sum(axis=1)
-    assert told[1] < 1e-6
+    seen = share_variance(np.concatenate([right, right]), np.full(10, 8.0), np.array([0.0, 20.0])).weights.sum(axis=1)
+    assert seen[1] < 1e-6
 
 
 NOISE_NM = np.array([2.0, 1.0])
@@ -251,7 +251,7 @@ def error(found: Identified, arm: ArmModel, test: list[Motion]) -> float:
 
 
 def test_torque_at_the_link_has_no_losses(nominal: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: they are exactly zero, that is told, and the torque is nearer to the truth than with friction sought."""
+    """Law: they are exactly zero, that is reported, and the torque is nearer to the truth than with friction sought."""
     test, better = drawn(nominal, (0.0, 0.0), [90]), []
     for seed in (1, 2, 3):
         train = drawn(nominal, (0.0, 0.0), [seed])

@@ -205,7 +205,7 @@ def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
         train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
         found, seen = identify([motion(train)], arm, FitOptions()), motion(test)
         losses = found.loss.params
-        told = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
-        told += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
-        worst.append(np.sqrt(np.mean((told - test.true_tau) ** 2, axis=0)).max())
+        shown = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
+        shown += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
+        worst.append(np.sqrt(np.mean((shown - test.true_tau) ** 2, axis=0)).max())
     assert np.mean(worst) < peer

@@ -84,7 +84,7 @@ def test_the_record_is_what_its_schema_says(fitted: FitResults) -> None:
 
 
 def test_a_law_that_is_not_there_is_left_out() -> None:
-    """A bump below zero would drive the joint: it goes, is told, and the rest is as if it had not been named."""
+    """A bump below zero would drive the joint: it goes, is reported, and the rest is as if it had not been named."""
 
     def hollow(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         own = OWN[:, 0] * ddq + OWN[:, 1] * dq + OWN[:, 2] * np.sign(dq)

@@ -341,10 +341,10 @@ def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
     net = fit_residual_net(states, residuals)
     assert [one.kept for one in net.gate] == [True, False]
     assert np.all(net.predict(*states[0])[:, 1] == 0.0)
-    told = describe_gate(net.gate, ("a", "b"))
-    assert told.startswith("residual net, on runs held back: kept for a (")
-    assert f"{net.gate[0].rmse_without:.3g} → {net.gate[0].rmse_with:.3g} N m" in told
-    assert "; left out for b (" in told
+    shown = describe_gate(net.gate, ("a", "b"))
+    assert shown.startswith("residual net, on runs held back: kept for a (")
+    assert f"{net.gate[0].rmse_without:.3g} → {net.gate[0].rmse_with:.3g} N m" in shown
+    assert "; left out for b (" in shown
 
 
 def test_what_is_said_of_a_row_does_not_know_it() -> None:

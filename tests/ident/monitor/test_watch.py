@@ -109,10 +109,10 @@ def test_what_is_still_written_waits(arms: Path, tmp_path: Path) -> None:
 
 
 def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
-    """As cron runs it; a folder without sessions and a store of somebody else's are told in one line."""
+    """As cron runs it; a folder without sessions and a store of somebody else's are reported in one line."""
     shutil.copytree(arms / "right" / "still", tmp_path / "cell" / "still")
-    told = ["--store", str(tmp_path / "store"), "--robot", ROBOT, "--once", "--settle", "0", "--no-diagnose"]
-    done = CliRunner().invoke(app, ["watch", str(tmp_path / "cell"), *told, "--json", str(tmp_path / "watch.json")])
+    given = ["--store", str(tmp_path / "store"), "--robot", ROBOT, "--once", "--settle", "0", "--no-diagnose"]
+    done = CliRunner().invoke(app, ["watch", str(tmp_path / "cell"), *given, "--json", str(tmp_path / "watch.json")])
     assert done.exit_code == 0, done.output
     assert "1 arm, 1 session, 1 of them new" in done.output
     check_file(tmp_path / "watch.json")

@@ -133,9 +133,9 @@ def test_a_broken_bag_is_refused(storage: StoragePlugin, run: Recording, tmp_pat
     for content in (b"", b"SQLite format 3\x00 no such thing", b"\x89MCAP0\r\n no such thing", cut):
         data.write_bytes(content)
         for path in (folder, data) if content == cut else (data,):
-            with pytest.raises(RecordingError, match="bag") as told:
+            with pytest.raises(RecordingError, match="bag") as caught:
                 load_session(path)
-            assert "not a whole ROS 2 bag" in str(told.value) or not content
+            assert "not a whole ROS 2 bag" in str(caught.value) or not content
 
 
 @pytest.mark.real

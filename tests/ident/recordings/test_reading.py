@@ -96,16 +96,16 @@ def session_with(*joints: str) -> Session:
     return Session("s", (Recording("r", joints, np.arange(5.0), values, values),))
 
 
-@pytest.mark.parametrize(("recorded", "robot", "told"), MATCHES.values(), ids=MATCHES)
+@pytest.mark.parametrize(("recorded", "robot", "expected"), MATCHES.values(), ids=MATCHES)
 def test_joints_come_in_the_robots_order(
-    recorded: tuple[str, ...], robot: tuple[str, ...], told: dict[str, tuple[str, ...]]
+    recorded: tuple[str, ...], robot: tuple[str, ...], expected: dict[str, tuple[str, ...]]
 ) -> None:
     """What is renamed, left out or missing is reported."""
     session, issues = match_joints(session_with(*recorded), robot)
-    assert session.joints == tuple(name for name in robot if name not in told.get("joints_locked", ()))
+    assert session.joints == tuple(name for name in robot if name not in expected.get("joints_locked", ()))
     place = [recorded.index(name if name in recorded else name.replace("panda", "fer")) for name in session.joints]
     np.testing.assert_array_equal(session.runs[0].position[0], place)
-    assert {issue.issue: set(issue.joints) for issue in issues} == {name: set(one) for name, one in told.items()}
+    assert {issue.issue: set(issue.joints) for issue in issues} == {name: set(one) for name, one in expected.items()}
 
 
 def test_a_mapping_covers_the_whole_robot_or_is_none() -> None:
@@ -135,8 +135,8 @@ def test_a_session_survives_a_round_trip(run: Recording, tmp_path: Path) -> None
     write_session(session, tmp_path / "out")
     read = load_session(tmp_path / "out")
     assert [r.name for r in read.runs] == ["run", "run2"]
-    told = (read.payload, read.robot, read.metadata, read.common_clock)
-    assert told == (session.payload, "panda", {"note": "made up"}, True)
+    expected = (read.payload, read.robot, read.metadata, read.common_clock)
+    assert expected == (session.payload, "panda", {"note": "made up"}, True)
     np.testing.assert_array_equal(read.runs[1].effort, run.effort)
 
 

@@ -190,10 +190,10 @@ def test_a_bad_cell_in_a_good_row_is_fatal_and_named(cell: str, issue: str, line
     found, issues = read(tmp_path / "run.csv", [*lines[:51], ",".join(cells), *lines[52:]])
     assert len(found) == 400
     assert np.isnan(found.position[50, 1])
-    (told,) = issues
-    assert (told.issue, told.severity, told.joints) == (issue, "fatal", ("b",))
-    assert "run.csv, line 52, column b/position" in told.evidence
-    assert "--mend" in told.remedy
+    (seen,) = issues
+    assert (seen.issue, seen.severity, seen.joints) == (issue, "fatal", ("b",))
+    assert "run.csv, line 52, column b/position" in seen.evidence
+    assert "--mend" in seen.remedy
 
 
 def test_decimal_commas_are_read_in_damaged_tables_too(lines: list[str], run: Recording, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ angles = st.floats(-np.pi, np.pi)
 
 @given(angles, st.one_of(angles, st.sampled_from([np.pi / 2, -np.pi / 2])), angles)
 def test_angles_come_back_from_their_rotation(roll: float, pitch: float, yaw: float) -> None:
-    """rpy → matrix → rpy → matrix is the same rotation; at a pitch of ± 90° roll and yaw can't be told apart."""
+    """rpy → matrix → rpy → matrix is the same rotation; at a pitch of ± 90° roll and yaw can't be distinguished."""
     rotation = rpy_to_matrix(np.array([roll, pitch, yaw]))
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.allclose(rpy_to_matrix(matrix_to_rpy(rotation)), rotation, atol=1e-7)
@@ -70,7 +70,7 @@ def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:
 def test_one_of_several_arms_is_named_by_its_last_joint(robot: str, joints: int) -> None:
     """Law: all that is not on the way to it is locked at zero and moves as one with what it hangs on."""
     name, _, tip = robot.partition(":")
-    if not tip:  # what is told of a robot of several arms leads to one of them
+    if not tip:  # what is reported of a robot of several arms leads to one of them
         with pytest.raises(RobotError) as error:
             ArmModel.load(name)
         tip = error.value.remedy.split(":")[2].split()[0]
@@ -80,8 +80,8 @@ def test_one_of_several_arms_is_named_by_its_last_joint(robot: str, joints: int)
     assert set(arm.locked_joints).isdisjoint(arm.joint_names)
     assert set(arm.locked_joints.values()) == {0.0}
     assert np.all(np.isfinite(arm.gravity(arm.neutral[None])))
-    told = robot_argument(arm.name, arm.source, arm.keeping(arm.joint_names[2:]).tip)
-    assert ArmModel.load(told).joint_names == arm.joint_names
+    seen = robot_argument(arm.name, arm.source, arm.keeping(arm.joint_names[2:]).tip)
+    assert ArmModel.load(seen).joint_names == arm.joint_names
 
 
 def test_two_arms_are_not_guessed_between() -> None:
@@ -94,7 +94,7 @@ def test_two_arms_are_not_guessed_between() -> None:
 
 
 def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the package is installed, its module knows the path; where it is not, that is told."""
+    """Where the package is installed, its module knows the path; where it is not, that is reported."""
     with pytest.raises(RobotError, match="robot_descriptions"):
         find_urdf("no_such_description")
     package = tmp_path / "robot_descriptions"

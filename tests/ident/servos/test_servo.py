@@ -21,8 +21,8 @@ from tests.ident.servos.servo_plant import Servo, one_link, record
 from tests.schemas import check_file, check_record
 
 
-def told(one: Servo, arm: ArmModel | None, seed: int = 0, quick: bool = True) -> tuple[ServoArm, ServoJoint]:
-    """What is told of four runs of a servo."""
+def seen(one: Servo, arm: ArmModel | None, seed: int = 0, quick: bool = True) -> tuple[ServoArm, ServoJoint]:
+    """What is reported of four runs of a servo."""
     runs = [record(one, 10 * seed + k, quick=quick) for k in range(4)]
     # Each run has its own clock.
     found = servo(Session("lever", tuple(runs), common_clock=False), arm)
@@ -52,7 +52,7 @@ def test_all_that_is_there_is_told_and_lies_in_its_interval(arm: ArmModel) -> No
     for k in range(5):
         scale = np.exp(0.25 * rng.standard_normal(5))
         one = Servo(8.0 * scale[0], 0.03, 0.6 * scale[1], 0.12 * scale[2], 0.024 * scale[3], 0.01 * scale[4])
-        found, joint = told(one, arm, k)
+        found, joint = seen(one, arm, k)
         figures = {figure.name: figure for figure in joint.figures}
         assert {"total_lag_s", "dead_band_rad", "droop_rad_Nm", "gain_Nm_rad"} <= set(figures), found.summary()
         for name, value in truth(one).items():
@@ -69,33 +69,33 @@ def test_what_is_not_there_is_not_told(arm: ArmModel) -> None:
     """No dead band and no offset: neither gets a figure, on any of several servos."""
     wrong = []
     for k in range(5):
-        _, joint = told(Servo(friction=0.0, zero=0.0), arm, 20 + k)
+        _, joint = seen(Servo(friction=0.0, zero=0.0), arm, 20 + k)
         wrong += [figure.name for figure in joint.figures if figure.name in ("dead_band_rad", "zero_rad")]
     assert wrong == []
 
 
 def test_slow_motion_tells_the_sum_of_delay_and_lag_but_not_the_delay(arm: ArmModel) -> None:
     one = Servo(noise=0.01)
-    found, joint = told(one, arm, 40, quick=False)
+    found, joint = seen(one, arm, 40, quick=False)
     figures = {figure.name: figure for figure in joint.figures}
     assert "delay_s" not in figures
     assert "move it faster" in joint.untold["delay_s"]
     assert figures["total_lag_s"].low <= truth(one)["total_lag_s"] <= figures["total_lag_s"].high
-    assert "not told: delay_s" in found.summary()
+    assert "not reported: delay_s" in found.summary()
 
 
 def test_without_a_load_that_changes_nothing_is_said_of_droop_and_gain() -> None:
     """No robot, or a joint that gravity does not bend."""
-    _, joint = told(Servo(load=0.0), None, 50)
+    _, joint = seen(Servo(load=0.0), None, 50)
     assert "give --robot" in joint.untold["droop_rad_Nm"]
-    found, joint = told(Servo(load=0.0), one_link("0 0 1"), 50)
+    found, joint = seen(Servo(load=0.0), one_link("0 0 1"), 50)
     assert "gravity hardly changes" in joint.untold["droop_rad_Nm"]
     assert "gain_Nm_rad" not in {figure.name for figure in joint.figures}
     check_record(found.to_dict())
 
 
 def test_a_dead_band_is_told_with_what_would_look_the_same(arm: ArmModel) -> None:
-    found, _ = told(Servo(friction=0.2), arm, 60)
+    found, _ = seen(Servo(friction=0.2), arm, 60)
     record_ = check_record(found.to_dict())
     assert record_["joints"]["shoulder"]["class"]["dead_band_rad"] == ["dead_band", "dry_friction", "backlash"]
     assert "hold the joint by hand" in found.summary()

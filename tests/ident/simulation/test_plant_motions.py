@@ -37,7 +37,7 @@ def test_motions_keep_limits_and_rest_at_both_ends(arm, planned, kind):
 
 
 @pytest.mark.parametrize(
-    ("kinds", "runs", "duration", "told"),
+    ("kinds", "runs", "duration", "expected"),
     [
         (["waltz"], 2, 5.0, "spline"),
         ([], 2, 5.0, "spline"),
@@ -45,8 +45,8 @@ def test_motions_keep_limits_and_rest_at_both_ends(arm, planned, kind):
         (["spline"], 1, 0.1, "3600"),
     ],
 )
-def test_bad_requests_are_refused(arm, kinds, runs, duration, told):
-    with pytest.raises(InputError, match=told):
+def test_bad_requests_are_refused(arm, kinds, runs, duration, expected):
+    with pytest.raises(InputError, match=expected):
         plan_motions(arm, kinds, runs, duration, np.random.default_rng(0))
 
 

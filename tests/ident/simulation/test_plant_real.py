@@ -1,4 +1,4 @@
-"""Effects planted onto recordings: as large as asked, by physics that closes, told apart from what was there."""
+"""Effects planted onto recordings: as large as asked, by physics that closes, distinguished from what was there."""
 
 from __future__ import annotations
 

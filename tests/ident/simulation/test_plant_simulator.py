@@ -144,7 +144,7 @@ def test_an_amplitude_beyond_physics_is_refused(hardware, motions):
 
 
 @pytest.mark.parametrize(
-    ("effect", "told"),
+    ("effect", "expected"),
     [
         ("rust:joint_1:1", "stribeck_friction"),
         ("payload:-1", "between 0 and"),
@@ -160,10 +160,10 @@ def test_an_amplitude_beyond_physics_is_refused(hardware, motions):
         ("stribeck_friction:joint_1:1:2", "ID:JOINT:SIZE"),
     ],
 )
-def test_bad_effects_are_refused_with_what_is_valid(effect, told):
+def test_bad_effects_are_refused_with_what_is_valid(effect, expected):
     with pytest.raises(InputError) as caught:
         simulate(replace(TINY, effects=(effect,)))
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -82,8 +82,8 @@ def test_a_size_is_measured_once(hardware, motions, monkeypatch):
 def test_the_answer_tells_the_amplitude_that_was_reached():
     request = EffectRequest("spring_torque", "joint_3", amplitude=1.0)
     options = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0, effects=(request,), coarse=True)
-    told = simulate(options).answer
-    assert told.effects[0].visible_Nm["joint_3"] / told.noise_floor_Nm["joint_3"] == pytest.approx(1.0, rel=TOLERANCE)
+    made = simulate(options).answer
+    assert made.effects[0].visible_Nm["joint_3"] / made.noise_floor_Nm["joint_3"] == pytest.approx(1.0, rel=TOLERANCE)
 
 
 def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):

@@ -60,7 +60,7 @@ def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) 
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("rate_hz = 5000", "between 30 and 1000"),
         ("colour = 3", "choose from"),
@@ -71,10 +71,10 @@ def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) 
         ("rate_hz = ", "TOML"),
     ],
 )
-def test_a_wrong_file_is_told_with_its_remedy(tmp_path, text: str, told: str) -> None:
+def test_a_wrong_file_is_told_with_its_remedy(tmp_path, text: str, expected: str) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(text)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=expected):
         find_world(path)
 
 

@@ -1,4 +1,4 @@
-"""Motions that are proposed: within limits, told apart from chance, and how far apart they bring two effects."""
+"""Motions that are proposed: within limits, distinguished from chance, and how far apart they bring two effects."""
 
 from __future__ import annotations
 

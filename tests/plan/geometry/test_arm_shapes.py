@@ -155,9 +155,9 @@ def test_pairs_are_checked_or_named(robot: str) -> None:
     scene = Scene.build(arm, stand_in="capsules" if bare_links(arm) else None)
     links = scene.boxes
     checked = {frozenset((links[a].name, links[b].name)) for a, b in scene.pairs}
-    told = {frozenset(pair.links) for pair in scene.unchecked}
+    seen = {frozenset(pair.links) for pair in scene.unchecked}
     apart = {frozenset((a.name, b.name)) for a in links for b in links if a.joint != b.joint}
-    assert checked | told == apart
+    assert checked | seen == apart
 
 
 def test_stand_ins_hit_what_the_arm_hits(tmp_path: Path) -> None:

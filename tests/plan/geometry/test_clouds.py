@@ -47,7 +47,7 @@ def test_a_cloud_is_its_balls(balls: Scene) -> None:
 
 
 def test_thinning_holds_every_ball() -> None:
-    """Fewer balls, grown by what is told, hold all balls of the many; where there are few nothing changes."""
+    """Fewer balls, grown by what is reported, hold all balls of the many; where there are few nothing changes."""
     points = scanned(6, 20_000)
     few, lost = thin_points(points, 1500)
     assert len(few) <= 1500

@@ -82,8 +82,8 @@ def test_shapes_of_a_scene_file(tmp_path: Path) -> None:
     scene = set_up(load_task(path)).scene
     pairs = {scene.pair_name(i) for i in range(len(scene.pairs))}
     assert "link_3 and floor" in pairs
-    told = {pair.links for pair in scene.unchecked if pair.reason == "it stands there"}
-    assert ("link_1" in {name for pair in told for name in pair}) == ("link_1 and floor" not in pairs)
+    seen = {pair.links for pair in scene.unchecked if pair.reason == "it stands there"}
+    assert ("link_1" in {name for pair in seen for name in pair}) == ("link_1 and floor" not in pairs)
 
 
 def test_what_is_carried_is_checked(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def test_files_hold_the_motion(result: PlanResult, tmp_path: Path) -> None:
 
 
 def test_bad_names_and_rates_are_refused() -> None:
-    """An unknown format and a rate out of bounds are told before anything is planned."""
+    """An unknown format and a rate out of bounds are reported before anything is planned."""
     with pytest.raises(InputError, match=r"end it in one of: \.csv"):
         require_writable(Path("motion.txt"), 100.0)
     for rate in (0.0, float("nan"), 1e9):

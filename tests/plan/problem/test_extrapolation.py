@@ -1,4 +1,4 @@
-"""A model knows where it was fitted: plans beyond that are told, or kept inside."""
+"""A model knows where it was fitted: plans beyond that are reported, or kept inside."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +51,7 @@ def test_what_lies_beyond_is_told_with_its_share() -> None:
 
 
 def test_joints_that_are_held_count_by_their_place() -> None:
-    """A wrist held where the model never saw it is told too."""
+    """A wrist held where the model never saw it is reported too."""
     low, high = known().low.copy(), known().high.copy()
     low[0, 4] = 0.2
     task = replace(problem(), trained=TrainingRange(JOINTS, low, high, HALF))

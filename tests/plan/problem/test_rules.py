@@ -42,11 +42,11 @@ def test_slopes_are_those_of_the_values(name: str) -> None:
         a, b = rng.normal(size=q.shape), rng.normal(size=q.shape)
         ahead, behind = (made.rows(q + sign * step * a, dq + sign * step * b) for sign in (1.0, -1.0))
         for row, after, before in zip(made.rows(q, dq), ahead, behind, strict=True):
-            told = (row.by_position * a).sum(axis=1)
-            told += 0.0 if row.by_speed is None else (row.by_speed * b).sum(axis=1)
+            seen = (row.by_position * a).sum(axis=1)
+            seen += 0.0 if row.by_speed is None else (row.by_speed * b).sum(axis=1)
             if row.name == "turn":  # right where it is kept only: the tool's own turn is taken as small
                 continue
-            assert (after.value - before.value) / (2.0 * step) == pytest.approx(told, rel=1e-6, abs=1e-6)
+            assert (after.value - before.value) / (2.0 * step) == pytest.approx(seen, rel=1e-6, abs=1e-6)
 
 
 def test_the_tool_is_where_pinocchio_has_it() -> None:

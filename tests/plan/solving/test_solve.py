@@ -84,10 +84,10 @@ def test_impossible_tasks_have_a_reason(changes: dict[str, np.ndarray], reason: 
 def test_durations_that_the_limits_rule_out(limit: str, power: int, room: float) -> None:
     """A way d takes √(4 d / a) and ∛(12 d / j) at least: told before anything is searched, and no sooner."""
     task, way = problem(duration=1.0), float(np.abs(GOAL - START).max())
-    for share, told in ((0.9, True), (1.1, False)):
+    for share, seen in ((0.9, True), (1.1, False)):
         limits = replace(task.limits, **{limit: np.full(3, share * room * way)})  # 1: just what takes the task's 1 s
         reason = find_obstruction(replace(task, limits=limits))
-        assert (f"at the {limit} limits it takes {share ** (-1 / power):.3f} s" in reason) == told
+        assert (f"at the {limit} limits it takes {share ** (-1 / power):.3f} s" in reason) == seen
 
 
 def test_arm_too_weak_to_hold_itself() -> None:
@@ -283,7 +283,7 @@ def scene(folder: Path, pose: str, task: str = TASK) -> Path:
 
 @pytest.mark.parametrize("kind", ["rpy_rad", "quaternion_xyzw"])
 def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
-    """Angles and quaternions name the same turn; the plan's end stands there, and what was chosen from is told."""
+    """Angles and quaternions name the same turn; the plan's end stands there, and what was chosen from is reported."""
     arm = ArmModel.load("tm5-900")
     place, rotation = posed(arm, np.radians([70.0, 20.0, -80.0, 10.0, 60.0, 20.0]))
     turn = pin.rpy.matrixToRpy(rotation) if kind == "rpy_rad" else pin.Quaternion(rotation).coeffs()

@@ -1,4 +1,4 @@
-"""A two-joint arm with friction, models of it with and without loss figures, and their evaluations."""
+"""A two-joint arm with friction, models of it with and without loss parameters, and their evaluations."""
 
 from __future__ import annotations
 

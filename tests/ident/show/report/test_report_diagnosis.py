@@ -62,7 +62,7 @@ def written(path: Path, record: dict[str, Any], evaluation: ReportInput | None =
 def test_page_tells_the_whole_record(tmp_path: Path) -> None:
     """Effect, joint, probability, twin, parameter with interval, before and after, place, reason, next motion."""
     text = written(tmp_path, json.loads(json.dumps(RECORD)))
-    for told in (
+    for seen in (
         "The gap has a name: Stribeck friction in joint_2.",
         "closes 93 % of what can be closed",
         "Probability 97 %",
@@ -75,7 +75,7 @@ def test_page_tells_the_whole_record(tmp_path: Path) -> None:
         "slow sweeps (4 min). It tells Stribeck friction and torque delay apart.",
         "3 % of the interval",
     ):
-        assert told in text
+        assert seen in text
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_confusion_counts_the_diagonal() -> None:
 
 
 def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
-    """The replay is told in mrad for the named joint; what else is known of each stands in the table."""
+    """The replay is reported in mrad for the named joint; what else is known of each stands in the table."""
     forward = {"window_s": 0.25, "position_rms_rad": {"before": {"joint_2": 5.86e-3}, "after": {"joint_2": 1.12e-3}}}
     further = {
         "forward": forward,
@@ -181,8 +181,8 @@ def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
     gap = {**RECORD["gap"], "joint_2": {**RECORD["gap"]["joint_2"], "fixed_rms_Nm": 1.33}}
     text = written(tmp_path, {**RECORD, "gap": gap, "heldout": {**RECORD["heldout"], **further}})
     assert "is off after 250 ms by [mrad]: joint_2 5.9 → 1.1." in text.replace("\u00a0", " ")
-    for told in ("0.61", "1.33", "−0.17", "inertias of the URDF, friction tuned"):
-        assert told in text
+    for seen in ("0.61", "1.33", "−0.17", "inertias of the URDF, friction tuned"):
+        assert seen in text
 
 
 def test_parameters_have_units() -> None:
@@ -257,7 +257,7 @@ def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None
 
 
 def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() -> None:
-    """Law: tied names are told apart by a motion of their own."""
+    """Law: tied names are distinguished by a motion of their own."""
     record = acted_on("payload", 0.4)
     record["findings"][0]["class"] = ["payload", "link_inertial_error"]
     for separates, joint, fits in ((["payload"], "elbow", False), (record["findings"][0]["class"], "elbow", True)):

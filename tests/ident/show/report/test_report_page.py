@@ -57,8 +57,8 @@ def test_tables_hold_the_scores(page: str, source: ReportInput) -> None:
 def test_page_shows_payload_models_issues_and_provenance(page: str) -> None:
     """The payload row, each model, each telemetry issue, each data hash: all there, and text from outside escaped."""
     text = read(page).text
-    for told in ("500 g", "half", "nearly all", "clipped effort", "move slower", "ab12" * 16, "numpy 2.0"):
-        assert told in text
+    for shown in ("500 g", "half", "nearly all", "clipped effort", "move slower", "ab12" * 16, "numpy 2.0"):
+        assert shown in text
     assert "<b>jitter</b>" not in page
     assert "2 % of <b>jitter</b>" in text
 

@@ -53,7 +53,7 @@ def test_rungs_that_change_nothing_are_not_told(source: ReportInput) -> None:
 
 
 def test_joint_made_worse_is_told(source: ReportInput) -> None:
-    """A last rung that harms one joint is told with that joint's name only."""
+    """A last rung that harms one joint is reported with that joint's name only."""
     facts = worse_joints(scaled(source.evaluation.pooled, np.array([0.1, 1.5])))
     assert len(facts) == 1
     assert "joint_2" in facts[0][1]
@@ -67,8 +67,8 @@ def test_the_net_is_told_with_what_it_did_on_runs_held_back(source: ReportInput)
     earlier = {name: value for name, value in JointGate(1.0, 1.5, 3.0, 4.0, 0.0).to_dict().items() if name != "weight"}
     model = replace(source.model, provenance={"net_gate": [gate, earlier]})
     page = read(render_page("", [parameters_section(replace(source, models=(model, model)))])).text
-    for told in ("1.25 → 0.750", "3.0 → 2.0", "75 %", "1.00 → 1.50", "→ 4.00 %"):
-        assert told in page
+    for seen in ("1.25 → 0.750", "3.0 → 2.0", "75 %", "1.00 → 1.50", "→ 4.00 %"):
+        assert seen in page
     assert "Residual net" not in read(render_page("", [parameters_section(source)])).text
 
 
