@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,11 @@ def settings() -> str:
     """The numbers by which a diagnosis decides."""
     from ident.diagnosis.settings import DiagnosisSettings
 
-    return HEAD + f"# Settings of a diagnosis\n\n```text\n{DiagnosisSettings().describe()}\n```\n"
+    columns, parts = ("value", "unit", "meaning", "source"), []
+    for group, rows in groupby(DiagnosisSettings().describe(), lambda one: one["name"].rpartition(".")[0]):
+        own = [(f"`{one['name'].rpartition('.')[2]}`", *map(one.get, columns)) for one in rows]
+        parts.append(f"## {group.replace('.', ', ').replace('_', ' ') or 'all stages'}\n\n{table(('', *columns), own)}")
+    return HEAD + "# Settings of a diagnosis\n\n" + "\n".join(parts)
 
 
 def main(options: list[str]) -> int:
