@@ -77,6 +77,7 @@ class Effect(ABC):
     of_the_log: ClassVar[bool] = False
     # Whether the reported parameters leave its law open: a diagnosis then reports coefficients and shape beside.
     open_law: ClassVar[bool] = False
+    open_shape: ClassVar[bool] = False  # whether they leave open no more than the point of the grid
     left_open: ClassVar[str] = ""  # what even these leave open for a simulator, and what is taken then; "" for nothing
     # Reported parameters that are the columns' coefficients, one after the other; see `parameters`.
     figures: ClassVar[tuple[str, ...]] = ()
@@ -211,7 +212,7 @@ class Effect(ABC):
 
     def tells_law(self, variant: Variant) -> bool:
         """Whether a diagnosis reports coefficients and shape of this point beside the reported parameters."""
-        return self.open_law
+        return self.open_law or self.open_shape
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
@@ -223,7 +224,7 @@ class Effect(ABC):
             coefficients: Those of its columns, where a diagnosis tells them (`open_law`); else empty.
             shape: Shape and inner parameters of the point of the grid that they belong to; else empty.
         """
-        return {}
+        return {name: value for name, value in shape.items() if name not in reported}
 
     def expressed(self, form: str, parameters: Mapping[str, float]) -> Expression | None:
         """How a format (`urdf`, `mjcf`) expresses it with these parameters; None where it is friction to the format."""

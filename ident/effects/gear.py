@@ -9,11 +9,9 @@ M, V, P the derivatives of the rigid torque by acceleration, velocity and positi
 the recording, which holds near the resonance too, where a series in 1/K does not. What all joints feel of it is
 −(M δ'' + V δ' + P δ), with the whole column of each derivative.
 
-Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959) with some numerical damping.
+Narrow gaps of a gear with play go by their coefficient, wide ones by a grid of widths.
 
-A torsion spring between motor and link.
-
-Play of a gear: narrow gaps by their coefficient, wide ones by a grid of widths.
+Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959), of average acceleration.
 """
 
 from __future__ import annotations

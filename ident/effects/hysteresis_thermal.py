@@ -31,7 +31,6 @@ class ThermalFriction(Effect):
     """
 
     id = "thermal_friction"
-    # The simulated arm tells changes at rated load, not those of the session.
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = super().untestable(session, joint)

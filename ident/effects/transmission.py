@@ -45,7 +45,6 @@ class JointCoupling(Effect):
     """
 
     id = "joint_coupling"
-    # The simulated arm's coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         if session.n < 2:
@@ -62,8 +61,10 @@ class JointCoupling(Effect):
         single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
         if hardly_moves(session, joint) is not None:
             return tuple(single)
-        near = [other for other in others if abs(other - joint) == 1]
-        return (*single, *(Variant(other=other, shape={"mix": mix}) for other in near for mix in (1.0, -1.0)))
+        slow = 2.0 * np.max([run.motion.rest_speed for run in session.runs], axis=0)
+        width = {o: float(slow[[joint, o]].max()) for o in others if abs(o - joint) == 1}
+        shapes = [(o, {"mix": mix, "width_rad_s": width[o]}) for o in width for mix in (1.0, -1.0)]
+        return (*single, *(Variant(other=o, shape=shape) for o, shape in shapes))
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         other, mix = _other(variant), variant.shape["mix"]
@@ -114,7 +115,7 @@ class JointCoupling(Effect):
     ) -> dict[str, float]:
         """Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign."""
         mix = float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0
-        return {"mix": mix, "width_rad_s": LIMIT.coupling_width}
+        return {"mix": mix, "width_rad_s": LIMIT.coupling_width, **shape}
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
         """Friction of both joints' sum or difference is reported at the other joint's speed."""

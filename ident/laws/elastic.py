@@ -32,6 +32,7 @@ def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
         slopes = [part[:, j] for part in _slopes(link, j)]
         load = link.rigid[:, j] + sum(slope * one for slope, one in zip(slopes, twist, strict=True))
         before, twist = twist, _deflect(m, j, load, slopes, gear)
+        twist[2] = (load - (slopes[0] + gear[0]) * twist[0] - (slopes[1] + gear[1]) * twist[1]) / slopes[2]
         q, dq, ddq = (one - by[:, None] * unit for one, by in zip((m.q, m.dq, m.ddq), twist, strict=True))
         link = MovingArm(m.arm, m.losses, q, dq, ddq, m.interval)
         if np.abs(twist[0] - before[0]).max() < LINEAR_ENOUGH:
@@ -40,10 +41,10 @@ def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
 
 
 def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    """With and without the play, behind it the gear in contact."""
-    slopes, stiffness = _slopes(m, j), CONTACT_STIFFNESS * float(m.arm.rated[j])
+    """With and without the play, behind it the gear in contact: its stiffness and damping, where they are known."""
+    slopes, stiffness = _slopes(m, j), p.get("stiffness_Nm_rad", CONTACT_STIFFNESS * float(m.arm.rated[j]))
     own = [part[:, j] for part in slopes]
-    damping = 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(own[2])))
+    damping = p.get("damping_Nms_rad") or 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(own[2])))
     loose, tight = (_deflect(m, j, m.rigid[:, j], own, (stiffness, damping, gap)) for gap in (0.5 * p["gap_rad"], 0.0))
     return -sum(part * one[:, None] for part, one in zip(slopes, loose - tight, strict=True))
 

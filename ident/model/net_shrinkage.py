@@ -5,7 +5,7 @@ weight that leaves least torque error there, if that is surely less than without
 runs) and the energy error is not more by a standard error; else it is silent. Then joints let go until the energy error
 of all of them together is no more either.
 
-On 33 splits of real recordings and the shipped ones (`tests/bench/bench_net_splits.py`), torque error on unseen runs
+On 33 splits of real recordings and the shipped ones, torque error on unseen runs
 falls to 0.73 of what it is without and the energy error of all joints to 0.66, geometric means. Energy grows in 8,
 by 9 J at most: all of a UR10e whose first joint's friction differs by 3 % between runs and errs by 20 J in each,
 whatever its model. Four other rules were measured on the same splits. Energy of whole runs instead of stretches: torque

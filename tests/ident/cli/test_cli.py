@@ -93,13 +93,6 @@ def test_diagnose_of_a_flipped_sign(run: Run, spoilt: Path, tmp_path: Path) -> N
     assert_untouched(tmp_path, "session", "d.html", "d.json")
 
 
-def test_diagnose_of_too_little(run: Run, tmp_path: Path) -> None:
-    """Law: `not_testable` is a verdict too."""
-    ended = run("diagnose", ONE_RUN, *ROBOT, "--json", tmp_path / "d.json")
-    assert ended.status == 0, ended.err
-    assert check_diagnosis(json.loads((tmp_path / "d.json").read_text()))["verdict"] == "not_testable"
-
-
 def test_diagnose_in_full(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: with a gap or without, page, timeline and JSON are written, the JSON as promised."""
     monkeypatch.setattr(catalogue, "CATALOGUE", (catalogue.find_effect("load_dependent_friction"),))

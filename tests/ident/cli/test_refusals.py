@@ -81,19 +81,6 @@ def test_bad_recordings(run: Run, spoilt: Path, tmp_path: Path, fault: str) -> N
     assert_untouched(tmp_path, "session")
 
 
-def test_a_urdf_without_inertia(run: Run, tmp_path: Path) -> None:
-    """Law: a robot without masses is refused by the name of its file."""
-    bare = tmp_path / "bare.urdf"
-    bare.write_text(
-        '<robot name="bare"><link name="base"/><link name="arm"/><joint name="joint_1" type="revolute">'
-        '<parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>'
-    )
-    ended = run("fit", E1, "--robot", bare, "--net", "none", "--out", tmp_path / "m")
-    assert_refused(ended, "bare.urdf", "joint_1", "mass", "<inertial>")
-    assert_untouched(tmp_path, "bare.urdf")
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
