@@ -38,13 +38,8 @@ KIND_OF = {
     "reversals": "sweep",
     "chirp": "chirp",
     "holds": "hold",
-    "poses": "spline",
-    "vias": "spline",
-    "random": "spline",
-    "wide": "fourier",
-    "repeat": "fourier",
-    "loaded": "fourier",
-    "free": "spline",
+    **dict.fromkeys(("poses", "vias", "random", "free"), "spline"),
+    **dict.fromkeys(("wide", "more", "repeat", "loaded"), "fourier"),
     "jointwise": "jointwise",
 }
 # One path there and back at two speeds belongs to every round: a check that only sees what was chosen flatters.
