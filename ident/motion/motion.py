@@ -150,8 +150,7 @@ class Motion:
             settled[-shift:] &= shift > reach
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q)
-        turned = np.diff(heading, axis=0, prepend=heading[:1]).astype(bool) * np.arange(len(q))[:, None]
-        slid = np.abs(q - np.take_along_axis(q, np.maximum.accumulate(turned), axis=0))
+        slid = np.abs(q - np.take_along_axis(q, last_turns(heading), axis=0))
         known = (travelled > self.settings.forgetting_travel) & (slid > self.settings.presliding_travel)
         return np.asarray(settled & known)
 
@@ -183,6 +182,12 @@ class Motion:
         own = {name: getattr(self, name) for name in ("band", "density")}
         cut |= {name: freeze(values[columns]) for name, values in own.items() if values is not None}
         return replace(self, joints=tuple(joints), **cut)
+
+
+def last_turns(heading: Float[Array, "t n"]) -> Int[Array, "t n"]:
+    """Sample at which each joint last turned, started or stopped; the first one before that."""
+    turned = np.diff(heading, axis=0, prepend=heading[:1]) != 0.0
+    return np.asarray(np.maximum.accumulate(turned * np.arange(len(heading))[:, None]))
 
 
 def whole_band(motions: Iterable[Motion]) -> float:

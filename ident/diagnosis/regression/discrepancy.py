@@ -19,6 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.motion.motion import last_turns
 
 Block = Literal["state", "memory", "time", "coupling"]
 BLOCKS: tuple[Block, ...] = ("state", "memory", "time", "coupling")
@@ -112,6 +113,5 @@ def _features(
 
 def since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array]:
     """Time [s] and travel [rad] since the last reversal of each sample."""
-    turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(dq)) != 0) + 1])
-    last = turns[np.searchsorted(turns, np.arange(len(dq)), side="right") - 1]
+    last = last_turns(np.sign(dq)[:, None])[:, 0]
     return time - time[last], q - q[last]
