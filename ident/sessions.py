@@ -115,11 +115,9 @@ def inspect_sources(
     """Reads sessions and checks their telemetry, without refusing any.
 
     Args:
-        given: Recordings and robot.
-        accept: Names of issues whose refusal is overruled.
-        settings: What recordings are refused by.
+        given, settings: Recordings and robot, and by what they are refused.
+        accept, told: Names of issues whose refusal is overruled, and of those that what comes next reports.
         in_parts: Whether what is too long to be held may come in parts.
-        told: Issues that are reported by what comes next, not refused.
 
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
@@ -187,8 +185,7 @@ def open_sessions(
         paths: Session folders or files, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml. A model is for an evaluation: its
             robot is taken, recordings of another arm are refused, and they are read whole.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
+        topic, session_file: Topic of bags; a session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
         learning: Whether something is to be fitted: then too little data is refused too.
         accept: Names of issues whose refusal is overruled.

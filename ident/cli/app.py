@@ -78,7 +78,7 @@ def fit(
     from ident.sessions import open_sessions
 
     opened = open_sessions(sessions, robot, **vars(reading), accept=options.accept, motion=options.motion)
-    print_issues(console, opened.issues)
+    print_issues(console, [one.to_dict() for one in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
         results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named)

@@ -16,7 +16,7 @@ from ident.progress import step
 from ident.results import Provenance
 from ident.robot.names import data_path
 from ident.sessions import Opened, open_sessions
-from ident.show.console import LadderTable, print_issues, progress_line
+from ident.show.console import ladder_table, print_issues, progress_line
 from ident.show.report import write_diagnosis_report, write_evaluation_report
 from ident.show.terminal import print_diagnosis
 from ident.show.timeline import write_timeline
@@ -41,14 +41,14 @@ def run_demo(out: Path, logs: Path | None, json_file: Path | None, console: Cons
     folder = logs or data_path("logs/tm5_900")
     training = open_sessions([folder / name for name in TRAINING], "tm5-900")
     held_out = open_sessions([folder / name for name in EVALUATION], "tm5-900", learning=False)
-    print_issues(console, [*training.issues, *held_out.issues])
+    print_issues(console, [one.to_dict() for one in (*training.issues, *held_out.issues)])
     models = {name: _fit(training, sessions, name, console) for name, sessions in GROUPS.items()}
     models["three-joint, T1 + T2"] = _fit(training, TRAINING, "three-joint model", console, links=3)
     results = [evaluate(model, held_out.groups, name) for name, model in models.items()]
     # The full model's ladder without and with payload, and one line a compared model.
     main = next(result for result in results if result.model == "T1 + T2")
     for score in (main.pooled, *(score for score in main.sessions if score.payload_kg)):
-        console.print(LadderTable(score))
+        console.print(ladder_table(score))
     console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
     for result in results:
         energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]

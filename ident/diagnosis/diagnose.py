@@ -54,6 +54,8 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 
 # Why a name does not stand that a discrepancy explains as cheaply.
+# By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
+AS_GIVEN = 1e5
 NO_LAW = "a flexible function of the joint's state explains it as cheaply: no law of its own"
 
 
@@ -83,12 +85,10 @@ def diagnose(
     """Diagnoses a session.
 
     Args:
-        motions: All runs, smoothed.
+        motions, catalogue: All runs, smoothed, and the effects to test for.
         arm: The user's arm, without payload.
-        catalogue: The effects to test for.
         common_clock: Whether time goes on from run to run.
-        telemetry: What the telemetry check found, passed on.
-        seed: Of the sign flips.
+        telemetry, seed: What the telemetry check found, passed on; seed of the sign flips.
         inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
         settings: The numbers by which it decides.
     """
@@ -112,7 +112,9 @@ def diagnose(
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
-    fixed = project(gram, evidence, search.fixed.prior)
+    # What is reported of the URDF is said of it as it is; the search keeps to a prior that is tight, not singular.
+    given = HeldOut(evidence, search.prior.tightened(AS_GIVEN * search.prior.error.scale))
+    fixed = project(gram, evidence, given.prior)
     stage("what is left, and what could have been seen", 0.9, 1.0)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
@@ -121,7 +123,7 @@ def diagnose(
     left = open_gap.left
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
-    reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
+    reach = measure_reach(search, given, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
     # How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
@@ -133,19 +135,19 @@ def diagnose(
     tolerance = measure_tolerance(evidence, *belief, settings.selection)
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
-    given = search.fixed.score().rms, search.fixed.score(groups).rms
+    untuned = search.fixed.score().rms, search.fixed.score(groups).rms
     laws = len(beside.laws)  # names after them are links'
     names = [*believed(estimates[:laws], found.named[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
-    verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
-    findings = sorted(_findings(found, names, arm, floors, reach), key=lambda one: -one.closed)
+    verdict = decide(found, names, left, judged, tolerance, untuned, settings.verdict)
+    findings = sorted(_findings(found, names, arm, floors, reach, given), key=lambda one: -one.closed)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
     harm = measure_harm(
         arm.joint_names,
-        {"before": found.ladder[0].rms, "fixed": search.fixed.score().rms},
+        {"before": found.ladder[0].rms, "fixed": given.score().rms},
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         judged,
         [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings],
@@ -162,7 +164,7 @@ def diagnose(
             "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
         },
         telemetry=tuple(telemetry),
-        gap=_gap(arm.joint_names, (found.ladder[0].rms, given[0]), judged, ceilings, series, tolerance),
+        gap=_gap(arm, (found.ladder[0].rms, given.score().rms), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
         findings=tuple(findings),
         heldout=heldout,
@@ -235,7 +237,7 @@ def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings:
 
 
 def _gap(
-    joints: Sequence[str],
+    arm: ArmModel,
     rms: tuple[Float[Array, " n"], Float[Array, " n"]],
     floors: Float[Array, " n"],
     ceilings: Sequence[Ceiling],
@@ -253,8 +255,9 @@ def _gap(
             unexplained=ceilings[j].kind,
             tuned_away=float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
             energy_error=(float(energy[:, j].mean()), _spread(energy[:, j : j + 1])),
+            slides=bool(arm.sliding_joints[j]),
         )
-        for j, name in enumerate(joints)
+        for j, name in enumerate(arm.joint_names)
     }
 
 
@@ -264,10 +267,13 @@ def _findings(
     arm: ArmModel,
     floors: Float[Array, " n"],
     reach: Reach,
+    given: HeldOut,
 ) -> tuple[Finding, ...]:
-    joints, findings = arm.joint_names, []
-    for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
-        old, new = item.before.rms, item.after.rms
+    """Findings of names; what tuning absorbs closes what it closes of the URDF as it is, `given`."""
+    joints, findings, groups = arm.joint_names, [], [item.group for item in found.named]
+    for k, (item, estimate, share) in enumerate(zip(found.named, estimates, reach.shares, strict=True)):
+        sides = (given.score(groups[:k]), given.score(groups[: k + 1])) if item.absorbed else (item.before, item.after)
+        old, new = (side.rms for side in sides)
         acts = item.shown
         findings.append(
             Finding(

@@ -12,7 +12,7 @@ from ident.checks import TelemetryReport
 from ident.checks.report import TOO_LITTLE
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
-from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
@@ -39,8 +39,7 @@ def diagnose_reports(
 
     Args:
         reports: The telemetry check of each session, or of each part of a long one; one without runs only adds issues.
-        arm: The robot, as `ArmModel.load` gives it.
-        catalogue: The effects to test for.
+        arm, catalogue: The robot, as `ArmModel.load` gives it, and the effects to test for.
         cutoff: Corner of the common filter [Hz]; as far as the encoders show the motion, that of the
             settings (25 Hz) at most, if None.
         seed: Of the sign flips.
@@ -74,15 +73,19 @@ def diagnose_reports(
     analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
         analysis = with_own_model(analysis, model)
-    # Findings at joints whose drive gains are guesses say so wherever they say what to do.
-    guessed = {name for issue in heard.issues if issue.issue == "guessed_gains" for name in issue.joints}
-    caveat = "; the drive gain of {} is a guess"
-    findings = tuple(
-        replace(one, caveat=caveat.format(", ".join(sorted(own)))) if (own := guessed & {*one.joints}) else one
-        for one in analysis.diagnosis.findings
-    )
+    findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
     analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))
     return analysis.diagnosis, analysis, motions
+
+
+def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
+    """What an action rests on that is in doubt at its joints: a guess, or what their torque reads of gravity's."""
+    words = {"guessed_gains": "; the drive gain of {} is a guess"}
+    if not finding.estimate.group.effect.as_change.exact:  # which may be the factor
+        words["torque_scale"] = "; first mend the factor by which the torque of {} is off, for this size goes with it"
+    doubted = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
+    own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in doubted.items()}
+    return "".join(words[kind].format(names) for kind, names in own.items() if names)
 
 
 @dataclass(eq=False)

@@ -33,8 +33,7 @@ def next_experiment(
     poses.
 
     Args:
-        findings: Findings of `ident.diagnosis/1`, in their order.
-        not_testable: Its effects that could not be tested.
+        findings, not_testable: Of `ident.diagnosis/1`, in their order.
         known: The effects that were tested.
         robot: What `--robot` takes for the arm: a command that is shown runs as it stands.
         nearest: What came near to a name and got none.
@@ -43,7 +42,7 @@ def next_experiment(
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could settle.
     """
-    named = loudest is None or any(loudest in one["joints"] for one in findings)
+    named = loudest is None or any(loudest in joints_shown(one) for one in findings)
     tied = sorted((one for one in findings if len(one["class"]) > 1), key=lambda one: loudest not in one["joints"])
     if tied and named:
         joint = str(loudest) if loudest in tied[0]["joints"] else tied[0]["joints"][0]
@@ -55,6 +54,11 @@ def next_experiment(
         return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
     there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
     return _for_unseen(there or unseen, known, robot) if there or named else _advise([], "poses", str(loudest), robot)
+
+
+def joints_shown(finding: Mapping[str, Any]) -> set[str]:
+    """The joints that a name's record is about: its own, and those whose error falls by it, as by a link's behind."""
+    return {*finding["joints"], *(finding.get("heldout") or {}).get("rms_before_Nm", ())}
 
 
 def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:

@@ -85,11 +85,13 @@ class JointGap:
     # Mean and standard deviation over the runs [J]; a single run has no deviation.
     energy_error: tuple[float, float | None]
     model_rms: float | None = None  # error of the user's own model [N m], or None where there is none
+    slides: bool = False  # whether the joint slides: [N] then
 
     def to_dict(self) -> dict[str, Any]:
         mean, std = self.energy_error
         own = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
         return {
+            **({"unit": "N"} if self.slides else {}),
             "rms_Nm": self.rms,
             "fixed_rms_Nm": self.fixed_rms,
             "noise_floor_Nm": self.noise_floor,

@@ -106,13 +106,7 @@ def count_runs(total: int) -> Iterator[int]:
 
 
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
-    """Settings of one of many looks.
-
-    Args:
-        settings: Of a single one.
-        error: Chance of a false name that all looks together may have.
-        number: Which look it is, from one.
-    """
+    """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
     share = 6.0 / (pi * number) ** 2
     held, nats = settings.selection, -log(share * error / settings.selection.family_error)
     slow = held.slow_error * exp(-nats)

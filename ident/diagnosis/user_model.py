@@ -12,12 +12,7 @@ from ident.model.hybrid import HybridModel
 
 
 def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
-    """The analysis with `model_rms_Nm` beside the other numbers of each joint's gap: what the model's last rung leaves.
-
-    Args:
-        analysis: The analysis, whose runs and samples count.
-        model: The user's model; joints that it doesn't speak of are left out.
-    """
+    """The analysis with what the model's last rung leaves of each joint that it speaks of, `model_rms_Nm`."""
     squares, counts = (dict.fromkeys(model.joint_names, 0.0) for _ in range(2))
     for item in analysis.series:
         motion = item.run.motion

@@ -88,8 +88,7 @@ def decide(
     hides in part is named for what it explains of the user's model.
 
     Args:
-        found: What the search found.
-        names: The names as far as they are believed.
+        found, names: What the search found, and the names as far as they are believed.
         left: Where more than noise is left beside them.
         floors: What nothing can go below, joint by joint [N m].
         tolerance: Whether the inertias were tuned beyond what URDFs are wrong by.
@@ -125,10 +124,9 @@ def believed(
     parameters make up for some of that: their intervals widen.
 
     Args:
-        estimates: The names' estimates.
+        estimates, settings: The names' estimates, and by what they are believed.
         named: What each showed on runs that it was not fitted on.
         laws: What each is worth beside a discrepancy.
-        settings: By which they are believed.
     """
     return [
         replace(
@@ -144,8 +142,7 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
     """How much speaks for a cause that the catalogue lacks, from 0 to 1: to rank sessions by, no probability.
 
     Args:
-        verdict: The verdict.
-        estimates: The names, as far as they are believed.
+        verdict, estimates: The verdict, and the names as far as they are believed.
         closed: Share of the gap that they close.
         leftover: How far what is left stands out at each joint.
     """

@@ -33,6 +33,9 @@ WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding=
 TIMES, COMMANDS, DERIVED = (frozenset(WORDS["others"][name]) for name in ("times", "commands", "derived"))
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}
 PLACE = "#"
+# What tells columns of one family apart: a number, or the letter of an axis.
+NUMBER = re.compile(r"\d+|(?<![A-Za-z])[A-Z](?![A-Za-z])")
+UNIT = re.compile(r"\s*[\[(](?:°|deg|grad|rad|m?m|n ?m|n|m?a)(?:/s(?:\^?2|²)?)?[\])]", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
         shorts.setdefault(re.sub(r"_?joint_?", "", name, flags=re.IGNORECASE) or name, i)
     shorts = {name: i for name, i in shorts.items() if len(name) > 1 and not name.isdecimal()}
     for name in names:
-        for template, label in _readings(name, shorts):
+        for template, label in _readings(UNIT.sub("", name), shorts):
             members[template].setdefault(label, name)
     found = filter(None, (_family(template, by_label, shorts) for template, by_label in members.items()))
     return sorted(found, key=lambda family: family.doubt)
@@ -106,7 +109,7 @@ def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:
         if short in name:
             found.append((name.replace(short, PLACE, 1), short))
             break
-    found += [(f"{name[: run.start()]}{PLACE}{name[run.end() :]}", run.group()) for run in re.finditer(r"\d+", name)]
+    found += [(f"{name[: run.start()]}{PLACE}{name[run.end() :]}", run.group()) for run in NUMBER.finditer(name)]
     ending = next((one for one in ENDINGS if name.endswith(one)), "")
     head, dot, label = name.removesuffix(ending).rpartition(".")
     if dot and not label.isdecimal():
@@ -161,11 +164,11 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         what = f"no columns are named as torque or current of the {count} joints"
         remedy = f"name them in [columns] of session.toml yourself; there are: {listed(names)}"
         raise RecordingError(table.source, what, remedy)
-    joints, why = _joints(position, arm, count)
+    wanted, joints, why = _joints(position, arm, count)
     columns = {}
     for channel, family in chosen.items():  # in the order of the position's joints, where the labels are the same
-        own, wanted = dict(zip(family.labels, family.columns, strict=True)), position.labels[:count]
-        columns[channel] = tuple(own[one] for one in wanted) if {*wanted} <= {*own} else family.columns[:count]
+        own = dict(zip(family.labels, family.columns, strict=True))
+        columns[channel] = tuple(own[one] for one in wanted) if {*wanted} <= {*own} else family.columns[: len(wanted)]
     time = np.arange(len(table.columns[names[0]]), dtype=float) if clock is None else table.columns[clock]
     said = "its name says so" if clock == find_time(names) else "the first column that rises evenly"
     reasons = [] if clock is None else [Reason("time", repr(clock), said)]
@@ -186,23 +189,22 @@ def _choose(families: list[ColumnFamily], channel: str, arm: ArmModel | None, le
     return own[0] if own else None
 
 
-def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], str]:
+def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Labels of the joints that are taken, what they are called, and why."""
     labels, numbered = position.labels[:count], all(label.isdecimal() for label in position.labels)
     if arm is None:
         names = tuple(f"joint_{i + 1}" for i in range(count)) if numbered else labels
-        return names, "numbered by the file" if numbered else "named by the file"
-    robot = arm.joint_names
-    if not numbered:
-        matched = _match(position.labels, robot)
-        if matched is not None:
-            return matched[:count], "the file's names are the robot's"
-    return robot[:count], f"the file's {', '.join(labels)} in the robot's order, base to tip"
+        return labels, names, "numbered by the file" if numbered else "named by the file"
+    own = tuple(label for label in position.labels if label in arm.joint_names)  # a whole robot's log has more
+    matched = own or (None if numbered else _match(position.labels, arm.joint_names))
+    if matched:
+        return own or labels, matched[: arm.n], "the file's names are the robot's"
+    robot = arm.joint_names[:count]
+    return labels, robot, f"the file's {', '.join(labels)} in the robot's order, base to tip"
 
 
 def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | None:
     """The robot's joints that labels speak of, if each speaks of one."""
-    if set(labels) <= set(robot):
-        return tuple(labels)
     inside = [[name for name in robot if label in name] for label in labels]
     if all(len(found) == 1 for found in inside) and len({found[0] for found in inside}) == len(labels):
         return tuple(found[0] for found in inside)

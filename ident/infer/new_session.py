@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
@@ -28,12 +26,13 @@ from ident.infer.units import (
     check_velocity,
     joint_order,
     sample_rate,
+    slide_scales,
     states_of,
     time_unit,
     torque_settings,
 )
 from ident.outputs import ELSEWHERE, require_plain
-from ident.recordings.columns import ANGLES, TIME
+from ident.recordings.columns import ANGLES, TIME, listed
 from ident.recordings.lerobot import is_dataset
 from ident.recordings.load import METADATA, SUFFIXES, is_run
 from ident.recordings.session_toml import GUESSED, NAME
@@ -42,8 +41,6 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
 
 SCHEMA = "ident.new/1"
-# An element of a list: name.0, name_0, name[0].
-ELEMENT = re.compile(r"(?P<head>.+[._\[])(?P<number>\d+)(?P<tail>\]?)")
 HEAD = "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then `ident inspect`."
 SEAL = "# as written: sha256 "
 
@@ -154,10 +151,12 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         what = "no column is time, and nothing tells the rate"
         raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
     second = second if rate is None else 1.0 / rate
-    tables = {name: radian * one if name in ANGLES else one for name, one in signals.tables.items()}
+    slides, sliding = slide_scales(signals, arm)
+    scale = np.array([slides.get(name, radian) for name in signals.joints])
+    tables = {name: scale * one if name in ANGLES else one for name, one in signals.tables.items()}
     signals = replace(signals, time=second * signals.time, tables=tables)
     signals, velocity, refused = check_velocity(signals)
-    reasons = [*signals.reasons, clock, rate_reason, turn, velocity]
+    reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
     nominal = next((name for name in MEASURED if name in signals.tables), "")
     joints, channel, settings = signals.joints, nominal, dict[str, Any]()
     if arm is not None and nominal:
@@ -173,6 +172,7 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     settings |= {"time_unit": time} if time != "s" else {}
     settings |= {turn.what: angle} if turn is not None and angle != "rad" else {}
     settings |= {"sample_rate_hz": rate} if rate is not None else {}
+    settings |= {"slide_scale": slides} if slides else {}
     columns = {} if signals.clock is None else {signals.clock: TIME}
     for name, own in signals.columns.items():
         native = channel if name == nominal else name
@@ -180,21 +180,8 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     left = [] if refused is None else [f"velocity {refused}"]
     left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
     unused = [name for name in table.columns if name not in columns]
-    left += [f"not used: {', '.join(fold_names(unused))}"] if unused else []
+    left += [f"not used: {listed(unused)}"] if unused else []
     return Guess(columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
-
-
-def fold_names(names: Sequence[str]) -> list[str]:
-    """Names of a list's elements as one: `tau_ext[0]`, `tau_ext[1]`, … become `tau_ext[0…6]`, in their order."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for name in names:
-        parts = ELEMENT.fullmatch(name)
-        key = (parts["head"], parts["tail"]) if parts else (name, "")
-        found.setdefault(key, []).append(parts["number"] if parts else "")
-    return [
-        f"{head}{numbers[0]}…{numbers[-1]}{tail}" if len(numbers) > 1 else f"{head}{numbers[0]}{tail}"
-        for (head, tail), numbers in found.items()
-    ]
 
 
 def write_text(guess: Guess) -> str:

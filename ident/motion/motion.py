@@ -125,10 +125,10 @@ class Motion:
 
     @property
     def blurred(self) -> Int[Array, " n"]:
-        """Samples of the filtered grid over which filter and smoother smear a stop or a turn of each joint."""
-        slowest = np.minimum(self.lowpass.cutoff, np.full(self.n, np.inf) if self.band is None else self.band)
-        reach = np.round(self.settings.reversal_periods / slowest / (self.interval * self.lowpass.factor))
-        return np.maximum(1, reach).astype(int)
+        """Filtered samples over which a stop or a turn of each joint is smeared; one that never moves has no band."""
+        band = np.full(self.n, np.inf) if self.band is None else np.maximum(self.band, LEAST_CUTOFF_HZ)
+        periods = self.settings.reversal_periods / np.minimum(self.lowpass.cutoff, band)
+        return np.maximum(1, np.round(periods / (self.interval * self.lowpass.factor))).astype(int)
 
     @cached_property
     def settled(self) -> Bool[Array, "t n"]:

@@ -21,7 +21,6 @@ def open_arrays(path: Path, always: bool = False) -> NamedColumns:
     """Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or any names.
 
     Args:
-        path: A .npz file.
         always: Whether an array `position` without `joints` is as good as one under any other name.
 
     Raises:

@@ -194,16 +194,19 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     for column in found:
         if column != TIME and (joint := joint_of(column)) not in joints:
             raise RecordingError(source, f"missing column {joint}/position", f"add it, or drop the column {column}")
-    for key, given in (("drive_gain_Nm_per_A", session_file.drive_gain), ("effort_sign", session_file.effort_sign)):
+    named = {"drive_gain_Nm_per_A": session_file.drive_gain, "effort_sign": session_file.effort_sign}
+    for key, given in (named | {"slide_scale": session_file.slides}).items():
         unknown = next((joint for joint in given if joint not in joints), None)
         if unknown is not None:
             what = f"[{key}] names the joint {unknown!r}, which the recording lacks"
             raise RecordingError(session_file.where, what, f"its joints are: {', '.join(joints)}")
     channels, issues = _channels(found, joints, source)
+    turns = np.array([joint not in session_file.slides for joint in joints])
+    factors = np.array([session_file.slides.get(joint, session_file.angle_factor) for joint in joints])
     for channel in ANGLES:
-        if channel in channels and session_file.angle_factor != 1.0:
-            zero = session_file.angle_zero if channel in ("position", "position_command") else 0.0
-            channels[channel] = session_file.angle_factor * (channels[channel] - zero)
+        if channel in channels and np.any(factors != 1.0):
+            zero = session_file.angle_zero * turns if channel in ("position", "position_command") else 0.0
+            channels[channel] = factors * (channels[channel] - zero)
     if session_file.with_effort:
         channels["effort"] = stack([_effort(found, joint, session_file, source) for joint in joints])
     else:

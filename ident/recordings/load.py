@@ -46,10 +46,8 @@ def load_session(
 
     Args:
         path: A folder of runs, a table (.parquet, .csv, .npz, …), or a ROS 2 bag (folder, .db3 or .mcap).
-        topic: Topic of the joint states, for bags.
-        session_file: The session.toml; by default the one in the folder, or `<stem>.toml` or `session.toml` beside
-            a single file.
-        with_effort: Whether a torque is needed.
+        topic, with_effort: Topic of the joint states, for bags; whether a torque is needed.
+        session_file: By default the session.toml in the folder, or `<stem>.toml` or `session.toml` beside a file.
 
     Raises:
         RecordingError: Nothing there, or something that can't be used; says which file, what and the remedy.
@@ -248,8 +246,7 @@ def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = N
 
     Args:
         frame: A table of pandas, Polars or pyarrow, or a mapping of names to arrays; columns as of a native table.
-        name: Name of the run, and of the table in messages.
-        settings: As of a session.toml.
+        name, settings: Name of the run, and of the table in messages; what a session.toml says.
 
     Raises:
         RecordingError: No table, a needed column is missing or holds no numbers, columns of different lengths.

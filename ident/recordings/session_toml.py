@@ -40,6 +40,8 @@ class SessionFile:
     angle_factor: float = 1.0  # what recorded angles and their derivatives are multiplied with to be radians
     # What is taken off recorded positions before; counts have their zero in the middle of a turn.
     angle_zero: float = 0.0
+    # Joint that slides -> what its positions and their derivatives are multiplied with to be metres, instead.
+    slides: Mapping[str, float] = field(default_factory=dict)
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
@@ -101,6 +103,7 @@ def load_session_file(path: Path) -> SessionFile:
         sample_rate_hz=keys.positive("sample_rate_hz", "rate [Hz]"),
         angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles or "rad"],
         angle_zero=0.0 if counts is None else counts / 2.0,
+        slides=keys.numbers("slide_scale"),
         effort_kind=kind,
         time_factor=TIME_UNITS[times or "s"],
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,

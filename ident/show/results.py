@@ -15,7 +15,7 @@ from rich.console import Console
 from ident.console import styled
 from ident.errors import plural, visible
 from ident.results import Result
-from ident.show.console import LadderTable, print_issues
+from ident.show.console import ladder_table, print_issues
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
 from ident.show.panels import draw_bars, framed, panel, words_and_picture
 
@@ -90,7 +90,7 @@ def print_evaluation(console: Console, result: Any) -> None:
         console.print(styled((evaluation.model, "bold")))
         several = len(evaluation.sessions) > 1
         for one in (*evaluation.sessions, evaluation.pooled) if several else evaluation.sessions:
-            console.print(LadderTable(one))
+            console.print(ladder_table(one))
 
 
 def draw_evaluation(result: Evaluation) -> Figure:
@@ -132,7 +132,7 @@ def print_inspection(console: Console, result: Inspection) -> None:
         console.print(f"{session.name}: {size}")
         for one in report.effort:
             console.print(visible(f"effort of {one.joint}: {one.kind} ({one.evidence})"), soft_wrap=True)
-        print_issues(console, report.issues)
+        print_issues(console, report.to_dict()["telemetry"])
         console.print(report.verdict if report.is_fit else styled((report.verdict, "red")))
 
 
@@ -152,7 +152,7 @@ def draw_inspection(result: Inspection) -> Figure:
 def print_guesses(console: Console, result: NewSession) -> None:
     """The guesses with their evidence, and what the telemetry check finds under them."""
     console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
-    print_issues(console, () if result.report is None else result.report.issues)
+    print_issues(console, result.to_dict()["telemetry"])
 
 
 # Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.

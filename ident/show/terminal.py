@@ -12,9 +12,10 @@ from rich.console import Console
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
+from ident.diagnosis.heldout_gain import of_a_slide
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
-from ident.show.console import print_serious
+from ident.show.console import print_issues
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_verdict import (
@@ -25,6 +26,7 @@ from ident.show.report.diagnosis_verdict import (
     first_action,
     in_order_of_joints,
     order_of,
+    unit_at,
 )
 from ident.show.report.words import (
     TABLES,
@@ -107,14 +109,18 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     """Verdict, findings, and what could not be judged."""
     facts, verdict, runs = record["session"], record["verdict"], int(record["session"]["runs"])
     console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
-    print_serious(console, record["telemetry"])
+    print_issues(console, record["telemetry"], "warning")
     console.print(styled((verdict, "bold"), f": {diagnosis_headline(record)}"), soft_wrap=True)
     say = partial(console.print, soft_wrap=True, highlight=False, markup=False)  # "[open]" is no markup
     if action := first_action(record):
         say(f"  first: {action}")
     for one in in_order_of_joints(record):
-        say(f"{describe(one, runs)}\n    do: {order_of(one, record)}")
-    lines = [*describe_reservations(record), describe_unnamed(record), *map(describe_gap, record["gap"].items())]
+        slides = {unit_at(joint, record) for joint in one["joints"]} == {"N"}
+        line = of_a_slide(describe(one, runs)) if slides else describe(one, runs)
+        say(f"{line}\n    do: {order_of(one, record)}")
+    after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
+    gaps = [describe_gap(joint, one, after.get(joint)) for joint, one in record["gap"].items()]
+    lines = [*describe_reservations(record), describe_unnamed(record), *gaps]
     lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]
     for line in filter(None, lines):
         say(f"  {line}")
@@ -124,12 +130,12 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
             say(f"  record next: {record['next_experiment']['motion']}")
 
 
-def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
-    """A joint's gap in one line."""
-    joint, one = gap
+def describe_gap(joint: str, one: Mapping[str, Any], after: float | None) -> str:
+    """A joint's gap in one line, and what is left of it with the names."""
+    unit, named = one.get("unit", "N m"), "" if after is None else f", {after:.3f} with the names,"
     follows = TABLES["follows"][one["unexplained"]] if one["unexplained"] else ""
     left = f"; but for what follows {follows} it were {one['ceiling_rms_Nm']:.3f}" if follows else ""
-    return f"{joint}: {one['rms_Nm']:.3f} N m against {one['noise_floor_Nm']:.3f} of noise{left}"
+    return f"{joint}: {one['rms_Nm']:.3f} {unit}{named} against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 
 def describe_looks(until: Mapping[str, Any]) -> str:
@@ -233,7 +239,7 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
         side = record[name]
         size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
         console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
-    print_serious(console, record["telemetry"])
+    print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
     console.print(styled((record["verdict"], "bold"), f": {words}"), soft_wrap=True)
     lines = [f"{describe_change(change)}\n    do: {change['action']}" for change in record["changes"]]

@@ -15,26 +15,26 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.infer.columns import judge_words
-from ident.infer.new_session import fold_names
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from tests.ident.foreign import lerobot, write_states
-from tests.ident.made_up import made_session
+from tests.ident.made_up import Law, made_session, sliding_arm
 from tests.schemas import check_file
 
 VISCOUS, COULOMB = 8.0, 5.0
+
+
+def driven(arm: ArmModel) -> Law:
+    """Rigid, with friction."""
+    return lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + VISCOUS * dq + COULOMB * np.tanh(dq / 0.01)
 
 
 @pytest.fixture(scope="module")
 def run(arm: ArmModel) -> Recording:
     """Twenty seconds of the TM5-900 with friction, and its measured velocity."""
 
-    def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        return arm.inverse_dynamics(q, dq, ddq) + VISCOUS * dq + COULOMB * np.tanh(dq / 0.01)
-
-    one = made_session(arm, law, [3], duration=20.0).runs[0]
+    one = made_session(arm, driven(arm), [3], duration=20.0).runs[0]
     noise = np.random.default_rng(1)
     speed = np.gradient(one.position, one.time, axis=0)
     torque = one.effort + 0.2 * noise.standard_normal(one.effort.shape)
@@ -109,17 +109,6 @@ def test_degrees_are_told_by_the_robots_limits(run: Recording, arm: ArmModel, tm
     assert "URDF's limits" in found.summary()
 
 
-def test_names_in_another_language_leave_position_and_time_to_the_rest(run: Recording, tmp_path: Path) -> None:
-    """Law: beside a torque, the only others of as many joints are the position, and what rises evenly is time."""
-    names = ["Zeit[ms]", *(f"A{i}_{kind}" for kind in ("Ist[Grad]", "Moment[Nm]") for i in range(1, 7))]
-    table = np.column_stack([1e3 * run.time, np.degrees(run.position), run.effort])
-    path = text_table(tmp_path / "Fahrt.txt", names, table, ";")
-    path.write_text(path.read_text().replace(".", ","))
-    found = new(tmp_path, "tm5-900")
-    assert found.guess.columns["A2_Ist[Grad]"] == "joint_2/position"
-    assert_same(tmp_path, run, velocity=False)
-
-
 def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
     """Time, then a command, position, velocity, a rigid model's torque and a current: the measured ones are taken."""
     rigid = arm.inverse_dynamics(run.position, np.zeros_like(run.position), np.zeros_like(run.position))
@@ -166,12 +155,6 @@ def test_channels_in_files_of_their_own_are_told_so(run: Recording, arm: ArmMode
         new(session, arm)
     assert caught.value.where in [str(one) for one in files]
     assert not (session / "session.toml").exists()
-
-
-def test_elements_of_lists_are_told_as_one() -> None:
-    """What is not used of a message with a hundred numbers is a line, not a page; other names stay as they are."""
-    names = ["O_T_EE.0", "O_T_EE.1", "O_T_EE.2", "m_ee", "tau[0]", "tau[1]", "robot_mode", "temp_3"]
-    assert fold_names(names) == ["O_T_EE.0…2", "m_ee", "tau[0…1]", "robot_mode", "temp_3"]
 
 
 def test_positions_alone_are_refused(run: Recording, tmp_path: Path) -> None:
@@ -222,8 +205,28 @@ def test_a_data_set_and_a_bag_are_told_by_their_names(run: Recording, tmp_path: 
     assert_same(tmp_path / "bag", run, velocity=False)
 
 
-@pytest.mark.parametrize(
-    ("name", "channel"), [("ang1_deg", "position"), ("trq_3", "effort"), ("tq7", "effort"), ("omega2", "velocity")]
-)
-def test_short_names_speak_of_their_channel(name: str, channel: str) -> None:
-    assert judge_words(name)[0] == channel
+def test_a_whole_robots_log_leaves_its_arms_joints(run: Recording, tmp_path: Path) -> None:
+    """Law: columns named as the robot's joints are those, whatever else is there and in whichever order."""
+    joints = ["a_head", *run.joints, "wheel"]
+    names = [f"states:{kind}.{joint}" for kind in ("position", "effort") for joint in joints]
+    table = [np.column_stack([run.time, one, run.time]) for one in (run.position, run.effort)]
+    text_table(tmp_path / "run.csv", ["time", *names], np.column_stack([run.time, *table]))
+    assert new(tmp_path, "tm5-900").guess.columns["states:position.joint_4"] == "joint_4/position"
+    assert_same(tmp_path, run, velocity=False)
+
+
+def test_names_in_another_language_axes_by_letters_slides_in_millimetres(tmp_path: Path) -> None:
+    """Law: beside a torque the only others of as many joints are the position, and what rises evenly is time."""
+    arm = sliding_arm()
+    made = made_session(arm, driven(arm), [3], duration=20.0).runs[0]
+    heads = [f"{what}_{axis}" for what in ("Ist", "Moment") for axis in "ABCD"]
+    names = [f"{head} {'[mm]' if head[-1] in 'BD' else '[Grad]'}" if head[0] == "I" else head for head in heads]
+    scaled = made.position * np.array([np.degrees(1.0), 1e3, np.degrees(1.0), 1e3])
+    path = text_table(
+        tmp_path / "run.txt", ["Zeit[ms]", *names], np.column_stack([1e3 * made.time, scaled, made.effort]), ";"
+    )
+    path.write_text(path.read_text().replace(".", ","))
+    (tmp_path / "arm.urdf").write_text(arm.urdf, encoding="utf-8")
+    found = new(path, tmp_path / "arm.urdf")
+    assert found.guess.settings["slide_scale"] == {"slide_2": 1e-3, "slide_4": 1e-3}
+    assert_same(path, made, velocity=False)

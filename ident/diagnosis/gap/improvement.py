@@ -14,6 +14,7 @@ from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.search import Search
 from ident.results import ONE_RUN
@@ -69,6 +70,7 @@ def spreads(before: Any, after: Any) -> dict[str, Any]:
 
 def measure_reach(
     search: Search,
+    given: HeldOut,
     found: SearchResults,
     series: Sequence[RunResidual],
     baseline: Baseline,
@@ -79,16 +81,13 @@ def measure_reach(
     """Measures how far.
 
     Args:
-        search: The search, for its held-out scores.
-        found: What it found.
-        series: Residuals of all runs.
-        baseline: The tuned model.
+        search, given: The search, and held-out scores with the URDF as it is.
+        found, series, baseline, settings: What it found, residuals of all runs, the tuned model, the replay.
         floors: Root mean square that nothing can go below, joint by joint [N m].
         explained: Share of each joint's mean square that a discrepancy explains in the names' place.
-        settings: The replay.
     """
     # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF fixed.
-    scorer = search.fixed if any(item.absorbed for item in found.named) else search.held_out
+    scorer = given if any(item.absorbed for item in found.named) else search.held_out
     rms = found.ladder[0].rms
     return Reach(
         shares=shapley_shares(scorer, [item.group for item in found.named], floors, search.seed),

@@ -1,8 +1,9 @@
 """Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
 
-A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model, or, where a name that
-tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF
-fixed, in which that was judged. Joints without a gap have no place.
+A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
+URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. Where a name
+that tuning hides acts on the joint, or inertias were tuned beyond the URDF's tolerance, it is that which errs more.
+Joints without a gap have no place.
 """
 
 from __future__ import annotations
@@ -45,10 +46,9 @@ def measure_harm(
     """Harm of every joint that has a gap, in order of harm.
 
     Args:
-        joints: Their names.
+        joints, noise: Their names, and noise floors [N m].
         errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        noise: Noise floor [N m].
         names: Where the names act.
         loud: Error over noise from which on a joint without a name has a gap.
     """
@@ -56,7 +56,7 @@ def measure_harm(
     for j, joint in enumerate(joints):
         own = [one for one in names if joint in (*one.joints, *one.shown)]
         hidden = tuned_away[j] > noise[j] or any(one.absorbed for one in own)
-        view: View = "fixed" if hidden and errors["fixed"][j] > errors["before"][j] else "before"
+        view: View = "fixed" if (errors["fixed"][j] - errors["before"][j]) * (1 if hidden else -1) > 0.0 else "before"
         error = errors[view][j]
         if error > (1.0 if own else loud) * noise[j]:
             found[joint] = Harm(float(np.sqrt(error**2 - noise[j] ** 2)), view)

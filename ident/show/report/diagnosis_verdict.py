@@ -7,9 +7,12 @@ names as they are shown. A torque that is off by a factor elsewhere is reported 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
+
+from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
@@ -48,6 +51,7 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
+        "units": "; of joints that slide ".join(sorted({unit_at(one, record) for one in record.get("gap", {})})[::-1]),
         # The model untuned is the user's own where one was given.
         "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
     }
@@ -57,12 +61,16 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence; before it a torque that is off by a factor, and the largest gap if it has no name."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
-    key, size, lines = verdict_key(record), f"{significant(beyond)} N m beyond noise", []
-    if scale:
-        why = "" if joint in scale["joints"] else f": {scale['sentence']}"
+    key, size, lines = verdict_key(record), f"{beyond} beyond noise", []
+    if scale and scale["bodily"]:
+        first, *others = scale["evidence"].split("; ")
+        lines.append(f"{first}{f', and {len(others)} more are off' * bool(others)}.")
+    elif scale:
+        why = "" if joint in scale["joints"] else f": {scale['evidence']}: {scale['remedy']}"
         lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{why}.")
     if shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it in its own words
-        lines.append(f"The gap is largest at {joint}, {size}, and has no name there.")
+        there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
+        lines.append(f"The gap is largest at {joint}, {size}, {there}.")
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
     names = [_finding(finding) for finding in shown[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
@@ -71,24 +79,39 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     return " ".join([*lines, words.format(has=has, named=named, size=f": {joint} is off by {size}" if joint else "")])
 
 
-def leading_joint(record: Mapping[str, Any]) -> tuple[str, float]:
-    """The joint of the largest gap, and how much it errs beyond noise [N m]; no joint where there is no gap."""
-    for first in record.get("where", [])[:1]:
-        return first["joint"], first.get("beyond_noise_Nm", 0.0)
-    gaps = record.get("gap", {}).items()
+def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
+    """The joint of the largest gap, and how much it errs beyond noise in words; no joint where there is no gap.
+
+    Gaps too small for a place are those of the names, if there are any.
+    """
+    own = set().union(*map(joints_shown, record.get("findings", [])))
+    gaps = [(joint, one) for joint, one in record.get("gap", {}).items() if joint in own or not own]
     found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
-    return max(found.items(), key=lambda one: one[1], default=("", 0.0))
+    if where := record.get("where"):
+        found = {where[0]["joint"]: where[0].get("beyond_noise_Nm", 0.0)}
+    joint, size = max(found.items(), key=lambda one: one[1], default=("", 0.0))
+    return joint, f"{significant(size)} {unit_at(joint, record)}"
+
+
+def unit_at(joint: str, record: Mapping[str, Any]) -> str:
+    """The unit of what a joint is off by."""
+    return str(record.get("gap", {}).get(joint, {}).get("unit", "N m"))
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: those of the leading joint first, and what is less likely than not after what is."""
+    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first."""
     lead = leading_joint(record)[0]
-    return sorted(record.get("findings", []), key=lambda one: (lead not in one["joints"], not is_likely(one)))
+
+    def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:
+        return lead not in one["joints"], lead not in joints_shown(one), not is_likely(one)
+
+    return sorted(record.get("findings", []), key=rank)
 
 
-def is_likely(finding: Mapping[str, Any]) -> bool:
-    """Whether a name is likelier than not."""
-    return bool(finding.get("probability", 1.0) >= LIKELY)
+def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
+    """Whether a name is likelier than not; where its whole class is of one kind, that kind."""
+    key = "class_probability" if {*finding.get("class", "?")} <= {*alike} else "probability"
+    return bool(finding.get(key, 1.0) >= LIKELY)
 
 
 def verdict_key(record: Mapping[str, Any]) -> str:
@@ -101,9 +124,9 @@ def verdict_key(record: Mapping[str, Any]) -> str:
 def first_action(record: Mapping[str, Any]) -> str:
     """What to do first, about the joint of the largest gap: set its torque if that is off by a factor."""
     scale, (joint, beyond) = _misread(record), leading_joint(record)
-    if scale and joint in ("", *scale["joints"]):
-        return f"{scale['sentence']}."
-    named = [one for one in in_order_of_joints(record) if joint in ("", *one["joints"])]
+    if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
+        return f"{scale['evidence']}: {scale['remedy']}."
+    named = [one for one in in_order_of_joints(record) if joint in ("", *joints_shown(one))]
     doubted = overtuned_joints(record) or tuned_away_joints(record)
     believed = any(map(is_likely, named)) or not doubted
     action = next(filter(None, (order_of(one, record) for one in named)), "")
@@ -114,27 +137,29 @@ def first_action(record: Mapping[str, Any]) -> str:
     if tuned_away_joints(record):
         return OWN_INERTIAS
     motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
-    unnamed = f"{significant(beyond)} N m at {joint} have no name. " if record.get("findings") and not named else ""
+    unnamed = f"{beyond} at {joint} have no name. " if record.get("findings") and not named else ""
     return f"{unnamed}Record this next: {motion}." if motion else ""
 
 
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """What telemetry says of joints whose whole torque is off by a factor, if anything.
 
-    None, too, where a likely name says what it is: a body, or first of all the gain of every joint that is off.
+    None, too, where a likely name says what it is: first of all the gain of every joint that is off. A likely body may
+    be it (`bodily`), so far as it goes.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"), None)
     likely = [one for one in in_order_of_joints(record) if is_likely(one)]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
-    if off is None or record["verdict"] == "refused" or any(one["effect"] in bodies for one in likely):
+    if off is None or record["verdict"] == "refused":
         return None
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
     if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
         return None
     alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
     evidence = off["evidence"].partition(": ")[2] if alone else off["evidence"]
-    return {**off, "sentence": f"{evidence}: {off['remedy']}"}
+    body = any(one["effect"] in bodies and is_likely(one, bodies) for one in record.get("findings", []))
+    return {**off, "evidence": evidence, "bodily": body}
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -180,9 +205,10 @@ def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
 
 
 def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
-    """Joints that the tuned model foretells worse, on runs that it was not tuned on, than the model as it was given."""
-    gaps = record.get("gap", {}).items()
-    return [joint for joint, gap in gaps if gap["rms_Nm"] > OVERTUNED * gap.get("fixed_rms_Nm", float("inf"))]
+    """Joints that the tuned model, with the names, foretells worse on unseen runs than the model as it was given."""
+    after, gaps = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
+    left = {joint: min(gap["rms_Nm"], after.get(joint, math.inf)) for joint, gap in gaps.items()}
+    return [joint for joint, gap in gaps.items() if left[joint] > OVERTUNED * gap.get("fixed_rms_Nm", math.inf)]
 
 
 def is_small(record: Mapping[str, Any]) -> bool:
@@ -193,16 +219,23 @@ def is_small(record: Mapping[str, Any]) -> bool:
 
 
 def describe_findings(record: Mapping[str, Any]) -> str:
-    """How far the named effects shrink the gap."""
-    heldout = record.get("heldout") or {}
-    if not record.get("findings") or "shrink" not in heldout:
+    """How far the named effects shrink the gap: where tuning hides one, that of the model before tuning."""
+    heldout, gaps, findings = record.get("heldout") or {}, record.get("gap", {}), record.get("findings", [])
+    if not findings or "shrink" not in heldout:
         return ""
+    hidden = [one for one in findings if one.get("evidence", {}).get("judged_against") == "urdf"]
+    absorbed, named = (set[str]().union(*map(joints_shown, some)) for some in (hidden, findings))
+    new, old = heldout.get("rms_after_Nm", {}), heldout.get("rms_before_Nm", {})
+    old = {**old, **{joint: gaps[joint]["fixed_rms_Nm"] for joint in absorbed}}
     parts = [
-        f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))}"
-        for joint, before in heldout.get("rms_before_Nm", {}).items()
-        if joint in _named_joints(record)
+        f"{joint} {significant(old.get(joint))} → {significant(new.get(joint))}" for joint in gaps if joint in named
     ]
-    closes = f"On parts that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
+    squares = np.array([(old[joint], new[joint], gaps[joint]["noise_floor_Nm"]) for joint in absorbed]) ** 2
+    share, since = heldout["shrink"], ""
+    if absorbed:
+        before, after, floor = squares.sum(axis=0)
+        share, since = (before - after) / max(before - floor, 1e-12), ", counted from the model before tuning"
+    closes = f"On parts that the fit never saw they close {percent(share)} of what can be closed{since}"
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
 
 
@@ -250,7 +283,7 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     if not record.get("findings") or not forward:
         return ""
     before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
-    named = [joint for joint in before if joint in _named_joints(record)]
+    named = [joint for joint in before if any(joint in one["joints"] for one in record["findings"])]
     parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
     window = f"after {1e3 * forward['window_s']:.0f} ms by [mrad]"
     return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
@@ -284,10 +317,6 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _spread(record: Mapping[str, Any], std: float | None) -> float | None:
     """A spread over the runs; a single run has none."""
     return None if record.get("session", {}).get("runs", 0) < 2 else std
-
-
-def _named_joints(record: Mapping[str, Any]) -> set[str]:
-    return {joint for finding in record.get("findings", []) for joint in finding["joints"]}
 
 
 def _finding(finding: Mapping[str, Any]) -> str:

@@ -39,10 +39,6 @@ def test_every_public_name_is_there_and_none_else(package: Any) -> None:
         _ = package.nothing_of_the_kind
 
 
-def test_both_packages_tell_type_checkers_that_they_are_typed() -> None:
-    assert all((Path(package.__file__).parent / "py.typed").is_file() for package in (ident, plan))
-
-
 def test_a_table_in_memory_is_the_same_recording_as_its_file(columns: dict[str, np.ndarray]) -> None:
     file = load_recording(RUNS[0])
     for frame in (columns, pq.read_table(RUNS[0])):
@@ -144,16 +140,6 @@ def test_a_diagnosis_of_tables_is_that_of_their_file(columns: dict[str, np.ndarr
     assert [stamp["first"], stamp["last"]] == [columns["time"][0], columns["time"][-1]]
 
 
-def test_results_tell_themselves(columns: dict[str, np.ndarray]) -> None:
-    found = ident.inspect([columns], "tm5-900")
-    assert found.summary().startswith("tables_1: 1 run, ")
-    assert found.plot().axes
-    page = found._repr_html_()
-    assert "<svg" in page
-    assert "<pre>" in page
-    assert json.loads(json.dumps(found.to_dict()))["provenance"]["sessions"]
-
-
 SESSION = data_path("logs/tm5_900/E1")
 
 
@@ -201,12 +187,6 @@ def test_a_diagnosis_from_its_file_is_shown_as_it_was(found: ident.Diagnosis, tm
     assert loaded._repr_html_() == found._repr_html_()
     heights = [[bar.get_height() for bar in one.plot().axes[0].patches] for one in (found, loaded)]
     assert heights[0] == heights[1]
-
-
-def test_a_file_of_another_kind_is_no_diagnosis(found: ident.Diagnosis, tmp_path: Path) -> None:
-    ident.inspect(SEALED, "tm5-900").save(tmp_path / "inspect.json")
-    with pytest.raises(ident.InputError, match=r"its schema is 'ident\.telemetry"):
-        ident.Diagnosis.load(tmp_path / "inspect.json")
 
 
 def test_a_notebook_shows_the_page_and_the_page_alone(found: ident.Diagnosis) -> None:

@@ -85,6 +85,9 @@ def test_moving_is_where_the_speed_is_sure() -> None:
     assert motion.moving.shape == motion.tau_filtered.shape
     assert motion.moving[:, 0].mean() > 0.95
     assert not motion.moving[:, 1].any()
+    # Logged without noise it has no band either: its filter's reach is a number all the same.
+    assert 1 <= motion.blurred[0] <= motion.blurred[1]
+    assert not motion.settled[:, 1].any()
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from rich.console import Console
 
 from ident.diagnosis.regression.discrepancy import BLOCKS
 from ident.show.report import ReportInput, write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, order_of
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, in_order_of_joints, order_of
 from ident.show.report.page import confusion_section
-from ident.show.report.words import parameter_name, parameter_rows, with_units
+from ident.show.report.words import parameter_rows, with_units
 from ident.show.terminal import print_diagnosis
 from tests.ident.show.report.reader import read
 
@@ -185,17 +185,7 @@ def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
         assert seen in text
 
 
-def test_parameters_have_units() -> None:
-    units = {
-        "stribeck_velocity_rad_s": ("Stribeck velocity", "rad/s"),
-        "viscous_Nms_rad": ("viscous", "N m s/rad"),
-        "stiffness_Nm_rad": ("stiffness", "N m/rad"),
-        "drift_Nm_s": ("drift", "N m/s"),
-        "mass_kg": ("mass", "kg"),
-        "delay_s": ("delay", "s"),
-        "mu": ("friction per load", "N m per N m"),
-    }
-    assert {name: parameter_name(name) for name in units} == units
+def test_what_is_zero_but_for_rounding_is_no_parameter() -> None:
     flat = {key: {"value": 1e-17, "low": 0.0, "high": 1e-14} for key in ("stiffness_Nm_rad", "rest_rad", "low_Nm")}
     assert [row["name"] for row in parameter_rows(flat)] == ["torque at the lower end"]
 
@@ -211,6 +201,7 @@ SCALE = {
 
 def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dict[str, Any]:
     finding = {"effect": effect, "joints": ["elbow"], "class": [effect], "probability": probability, "action": "do so"}
+    finding["class_probability"] = probability
     return {"verdict": "named", "findings": [finding], "telemetry": list(telemetry), "gap": {}}
 
 
@@ -240,13 +231,33 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
         assert action == f"0.50 N m at {mapped} have no name. Record this next: move {mapped}."
 
 
+@pytest.mark.parametrize("mapped", ["elbow", "wrist", ""])
+def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> None:
+    """A link's mass shows at the joints before it; of gaps too small for a place the first is one that has a name."""
+    record = acted_on("link_inertial_error", 0.97) | {"where": [{"joint": mapped}] if mapped else []}
+    record["findings"][0] |= {"joints": ["wrist"], "heldout": {"rms_before_Nm": {"elbow": 0.5}}}
+    record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
+    line = diagnosis_headline(record)
+    assert (first_action(record), "no name there" in line) == ("Do so.", False)
+    assert ("largest at elbow, " in line and "where a name of another joint shows" in line) is (mapped != "wrist")
+    record["findings"].append({**record["findings"][0], "joints": ["elbow"], "probability": 0.3})
+    assert in_order_of_joints(record)[0]["joints"] == ["wrist" if mapped == "wrist" else "elbow"]
+
+
 @pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     """A gain of one joint says nothing of another that is off; a load acts on all."""
     assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
     assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
-    two = first_action(acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]}))
-    assert two.startswith("Do so." if effect == "payload" else "elbow reads 1.32")
+    two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
+    # A body may not be all of the factor, which is reported first of all as it reads.
+    start = (
+        "elbow reads 1.32 ± 0.05 of the model's gravity torque. The gap"
+        if effect == "payload"
+        else "The torque of elbow"
+    )
+    assert diagnosis_headline(two).startswith(start)
 
 
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
