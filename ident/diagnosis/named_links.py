@@ -33,9 +33,7 @@ def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline,
     """The names and, after them, those of links that are off by more than URDFs are.
 
     Args:
-        sure: The laws that have a name.
-        session: The runs.
-        baseline: The tuned model.
+        sure, session, baseline: The laws that have a name, the runs, the tuned model.
         verdict: From when on a link has a name, and how sure that is.
     """
     search, groups = sure.search, [item.group for item in sure.found.named]
@@ -111,8 +109,10 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     others = [group for group in groups if group is not one.group]
     laws = {group.key for group in evidence.layout.groups if not group.effect.inertia_like}
     excess = measure_inflation(evidence, project(evidence.gram(), evidence, search.prior, groups))
-    among = replace(search, barred=search.barred | laws, absurd=frozenset(), redundant=frozenset())
-    model = project(evidence.gram(), evidence, search.prior, others)
+    # Neighbours that may be so far off that they explain all of it are held as the URDF has them.
+    prior = search.prior if search.score_beside(evidence.gram(), one.group, others) > 0.0 else search.fixed.prior
+    among = replace(search, barred=search.barred | laws, absurd=frozenset(), redundant=frozenset(), prior=prior)
+    model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = weigh_rivals(among, model, one.group, others, excess)
     listed = any(group.effect.id == UnknownPayload.id for group in evidence.layout.groups)
     if listed and one.group.joint == evidence.layout.n - 1 and one.parameters[MASS].high > 0.0:

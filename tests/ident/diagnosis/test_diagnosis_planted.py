@@ -164,7 +164,6 @@ def test_load_friction_is_named_beside_a_wrong_scale(short_arm: ArmModel) -> Non
     motions = record(short_arm, misread_load_friction)
     found = diagnose(motions, short_arm, CATALOGUE, common_clock=False, telemetry=[alarm]).diagnosis
     named = {one.effect: one for one in found.findings if joint in one.joints}
-    # What is done about it waits for the scale; what may be the scale does not.
     assert joint in caveat_of(named["load_dependent_friction"], [alarm])
     assert not any(caveat_of(one, issues) for one in named.values() for issues in ([], [replace(alarm, joints=())]))
     assert all(not caveat_of(one, [alarm]) for name, one in named.items() if find_effect(name).as_change.exact)

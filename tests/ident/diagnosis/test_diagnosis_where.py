@@ -93,7 +93,6 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
     assert harm(away=np.array([0.0, 2.0, 0.0]))["joint_2"].view == "fixed"
-    # What tuning to another joint's gap makes worse is no gap of this one.
     errors["fixed"][2] = 1.1
     assert list(harm()) == ["joint_1"]
     assert harm(own, NamedPlace(("joint_3",), ("joint_3",), absorbed=False))["joint_3"].view == "fixed"

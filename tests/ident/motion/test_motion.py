@@ -87,7 +87,6 @@ def test_moving_is_where_the_speed_is_sure() -> None:
     assert not motion.moving[:, 1].any()
     # Logged without noise it has no band either: its filter's reach is a number all the same.
     assert 1 <= motion.blurred[0] <= motion.blurred[1]
-    assert not motion.settled[:, 1].any()
 
 
 @pytest.fixture(scope="module")

@@ -251,12 +251,8 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
     two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
     assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
-    # A body may not be all of the factor, which is reported first of all as it reads.
-    start = (
-        "elbow reads 1.32 ± 0.05 of the model's gravity torque. The gap"
-        if effect == "payload"
-        else "The torque of elbow"
-    )
+    body = "elbow reads 1.32 ± 0.05 of the model's gravity torque. The gap"
+    start = body if effect == "payload" else "The torque of elbow"
     assert diagnosis_headline(two).startswith(start)
 
 
