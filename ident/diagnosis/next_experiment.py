@@ -29,8 +29,8 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The motion that parts the first tied class, or shows what came nearest to a name; else most of the untested.
 
-    All of it at the joint of the largest gap first; where that has no name and nothing untested, its path in many
-    poses.
+    All of it at the joint of the largest gap first; where that has no likely name and nothing untested, its path in
+    many poses.
 
     Args:
         findings, not_testable: Of `ident.diagnosis/1`, in their order.
@@ -42,18 +42,18 @@ def next_experiment(
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could settle.
     """
-    named = loudest is None or any(loudest in joints_shown(one) for one in findings)
+    here = [one for one in findings if loudest is None or loudest in joints_shown(one)]
     tied = sorted((one for one in findings if len(one["class"]) > 1), key=lambda one: loudest not in one["joints"])
-    if tied and named:
+    if tied and here:
         joint = str(loudest) if loudest in tied[0]["joints"] else tied[0]["joints"][0]
         return _for_tied(list(tied[0]["class"]), joint, known, robot)
-    unseen = [
-        one for one in not_testable if one["joints"] and not any(words in one["reason"] for words in NOT_OF_MOTION)
-    ]
+    open_to = [one for one in not_testable if not any(words in one["reason"] for words in NOT_OF_MOTION)]
+    unseen = [one for one in open_to if one["joints"]]
     if nearest is not None and (loudest is None or loudest in nearest["joints"]):
         return _for_tied([nearest["effect"]], loudest or nearest["joints"][0], known, robot)
     there = [{**one, "joints": [loudest]} for one in unseen if loudest in one["joints"]]
-    return _for_unseen(there or unseen, known, robot) if there or named else _advise([], "poses", str(loudest), robot)
+    likely = loudest is None or any(one.get("probability", 1.0) >= 0.5 for one in here)
+    return _for_unseen(there or unseen, known, robot) if there or likely else _advise([], "poses", str(loudest), robot)
 
 
 def joints_shown(finding: Mapping[str, Any]) -> set[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.effect_info import setup_for
 from ident.errors import plural
 from ident.show.report.page import Section
 from ident.show.report.words import (
@@ -80,10 +81,7 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 
 
 def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
-    """The joint of the largest gap, and how much it errs beyond noise in words; no joint where there is no gap.
-
-    Gaps too small for a place are those of the names, if there are any.
-    """
+    """The joint of the first place, else of the largest gap with a name, or of any; what it errs by beyond noise."""
     own = set().union(*map(joints_shown, record.get("findings", [])))
     gaps = [(joint, one) for joint, one in record.get("gap", {}).items() if joint in own or not own]
     found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
@@ -174,6 +172,7 @@ def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     parted = set(names[:2]) <= set((record.get("next_experiment") or {}).get("separates", ()))
     if not parted or ("--joint" in motion and f"--joint {joint} " not in f"{motion} "):
         motion = f"`plan excite --robot … --separate {names[0]},{names[1]} --joint {joint}` works the motion out"
+        motion = setup_for(names[:2], CATALOGUE) or motion
     tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
     return f"act on none yet, for it may be {tied} in {joint}; record this to tell them apart: {motion}"
 

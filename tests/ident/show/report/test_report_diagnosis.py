@@ -265,16 +265,15 @@ def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None
 
 def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() -> None:
     """Law: tied names are distinguished by a motion of their own."""
-    record = acted_on("payload", 0.4)
-    record["findings"][0]["class"] = ["payload", "link_inertial_error"]
-    for separates, joint, fits in ((["payload"], "elbow", False), (record["findings"][0]["class"], "elbow", True)):
-        record["next_experiment"] = {
-            "separates": separates,
-            "motion": f"move it; `plan excite --joint {joint} --out x`",
-        }
+    record = acted_on("spring_torque", 0.4)
+    record["findings"][0]["class"] = ["spring_torque", "joint_coupling"]
+    for separates, fits in ((["spring_torque"], False), (record["findings"][0]["class"], True)):
+        record["next_experiment"] = {"separates": separates, "motion": "move it; `plan excite --joint elbow --out x`"}
         assert ("move it" in order_of(record["findings"][0], record)) is fits
     record["next_experiment"]["motion"] = "move it; `plan excite --joint wrist --out x`"
-    assert "--separate payload,link_inertial_error --joint elbow" in order_of(record["findings"][0], record)
+    assert "--separate spring_torque,joint_coupling --joint elbow" in order_of(record["findings"][0], record)
+    record["findings"][0]["class"] = ["payload", "link_inertial_error"]  # which no motion can part
+    assert "take everything off the flange" in order_of(record["findings"][0], record)
 
 
 def test_session_time_counts_from_its_start(tmp_path: Path) -> None:
