@@ -152,12 +152,12 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
     assert f"at {after:.2f} ± {2.0 * error:.2f} and" in report.effort[joint].evidence
 
 
-@pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0])
-def test_a_spring_is_no_wrong_gain(stiffness: float, session: Session, arm: ArmModel) -> None:
-    """What a spring beside gravity explains is not told as gravity's size."""
+@pytest.mark.parametrize("stiffness", [-60.0, -25.0, 40.0, 120.0, 300.0])
+def test_a_spring_is_no_wrong_gain_and_no_wrong_sign(stiffness: float, session: Session, arm: ArmModel) -> None:
+    """What a spring beside gravity explains is not reported as gravity's size, nor as its sign where it is stronger."""
     springs = np.diag(stiffness * (np.arange(6) == 1))
     sprung = session.replace(runs=[run.replace(effort=run.effort + run.position @ springs) for run in session.runs])
-    assert not found(sprung, arm).find("torque_scale")
+    assert not found(sprung, arm).find("torque_scale") + found(sprung, arm).find("effort_sign_flipped")
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e9])
