@@ -30,12 +30,12 @@ from scipy.special import digamma, polygamma
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.least_squares import RIDGE, Prior
+from ident.diagnosis.regression.least_squares import RIDGE, Prior, ridge_of
 from ident.diagnosis.regression.positive import positive
 
 # Degrees of freedom of a variance from few laws, and as many as other laws may lend: they are not independent.
 PRIOR_DOF, MOST_DOF = 2.0, 20.0
-# Parts of each side that are dealt (its runs, neighbours together where there are more), or of a single run; dealings.
+# Parts of each side that are dealt (its runs; every sixth together where there are more), or of a run; dealings.
 MOST_PARTS, PIECES, DEALINGS = 6, 3, 6
 # Mean square of a gain that counts as none.
 LEAST = 1e-3
@@ -94,19 +94,20 @@ class PermutedSets:
         inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
         information = self.whole[np.ix_(inside, inside)].copy()
         prior.add_to(information, layout)
-        ridge = RIDGE * np.diag(information) + evidence.settings.noise_ridge * evidence.noise_power[inside] + 1e-9
-        information[np.diag_indices(len(inside))] += ridge
+        information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = cho_factor(positive(information))
-        buried = evidence.settings.least_over_noise * evidence.noise_power[dealt.columns]
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in dealt.sums:
-            rest, power = own - across[inside].T @ cho_solve(factor, across[inside]), np.diag(own)
-            left = np.diag(rest)[:-1]
+            slopes = cho_solve(factor, across[inside])
+            rest, power = own - across[inside].T @ slopes, np.diag(own)
+            left, noise = np.diag(rest)[:-1], evidence.noise_power
+            carried = noise[dealt.columns] + noise[inside] @ slopes[:, :-1] ** 2
+            buried = evidence.settings.least_over_noise * carried
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
             for key, places in dealt.laws:
                 at = places[seen[places]]
                 if len(at):
-                    matrix = positive(rest[np.ix_(at, at)] + 1e-6 * np.diag(power[at]))
+                    matrix = positive(rest[np.ix_(at, at)] + RIDGE * np.diag(power[at]))
                     gain = float(rest[at, -1] @ np.linalg.solve(matrix, rest[at, -1]))
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
@@ -173,7 +174,7 @@ def _parts(sides: Sides) -> Int[Array, " B"]:
         runs = np.unique(sides.run_of_block[here], return_inverse=True)[1]
         count = int(runs.max()) + 1
         few = np.arange(len(here)) * PIECES // len(here)
-        found[here] = first + (few if count == 1 else runs * min(count, MOST_PARTS) // count)
+        found[here] = first + (few if count == 1 else runs % min(count, MOST_PARTS))
         first = int(found[here].max()) + 1
     return found
 

@@ -23,6 +23,8 @@ from ident.model.inertia import solve_partly_non_negative
 
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
+# Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at zero.
+FIXED = 1e3
 
 
 # Whitened squares of a column below which it is zero but for rounding.
@@ -76,7 +78,7 @@ class Projection:
     across: Float[Array, "z P"]  # sums of the model's columns times every column
     total: Float[Array, "P P"]  # the whole Gram matrix, the torque its last row and column
     slopes: Float[Array, "z P"]  # coefficients of every column on the model's
-    noise: Float[Array, " P"]  # power of every column that was encoder noise; it is not in `total` any more
+    noise: Float[Array, " P"]  # encoder noise, taken off, in what the model leaves of every column: its power
     settings: RegressionSettings  # what counts as seen
 
     @property
@@ -148,7 +150,7 @@ class Projection:
         return (left > self.settings.least_visible * power) & (power > 0) & ~self.buried(columns)
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
-        """Of which columns the model leaves no more than some of their encoder noise."""
+        """Of which columns the model leaves no more than some of the encoder noise in what it leaves."""
         return np.asarray(self._left[columns] <= self.settings.least_over_noise * self.noise[columns])
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
@@ -164,12 +166,12 @@ class Projection:
         if len(columns) == 1:  # most candidates: no matrix is needed
             left = float(self._left[columns[0]])
             if seen[0]:
-                value = float(target[0]) / (left + 1e-6 * float(power[0]))
+                value = float(target[0]) / (left + RIDGE * float(power[0]))
                 beta[0] = max(value, 0.0) if signed[0] else value
             return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
         rest = self.rest(columns)
         if seen.any():
-            matrix = positive(rest[np.ix_(seen, seen)] + np.diag(1e-6 * power[seen]))
+            matrix = positive(rest[np.ix_(seen, seen)] + np.diag(RIDGE * power[seen]))
             beta[seen] = solve_signed(matrix, target[seen], signed[seen])
         return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
 
@@ -216,7 +218,7 @@ def project(
         across=across,
         total=total,
         slopes=slopes,
-        noise=evidence.noise_power[every],
+        noise=evidence.noise_power[every] + evidence.noise_power[inside] @ slopes**2,
         settings=evidence.settings,
     )
 
@@ -229,7 +231,16 @@ def _factorise(
     inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
     information = gram[np.ix_(inside, inside)].copy()
     prior.add_to(information, layout)
-    power = np.diag(information)
-    ridge = RIDGE * power + evidence.settings.noise_ridge * evidence.noise_power[inside] + 1e-9
-    information[np.diag_indices(len(inside))] += ridge
+    information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
     return inside, cho_factor(positive(information))
+
+
+def ridge_of(gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]) -> Float[Array, " z"]:
+    """What keeps a solve well-posed: information on the scaled coefficients of some columns that they be zero.
+
+    Encoder noise was taken off the sums. A column of which nothing is left was nothing else: its coefficient, which may
+    come out as anything, is fixed at zero.
+    """
+    power, noise, settings = np.diag(gram)[columns], evidence.noise_power[columns], evidence.settings
+    share = np.where(power <= 0.0, FIXED, settings.noise_ridge)
+    return np.asarray(RIDGE * np.abs(power) + share * noise + 1e-9)

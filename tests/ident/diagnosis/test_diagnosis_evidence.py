@@ -257,6 +257,24 @@ def test_noise_of_a_joint_that_stands_still() -> None:
     assert estimate_noise(ONE_JOINT, [rows]).level[0] == pytest.approx(0.05, rel=0.1)
 
 
+def test_a_column_that_was_encoder_noise_stays_out_of_the_model(healthy: Analysis) -> None:
+    """What is left of it after the noise was taken off is anything; its coefficient, and all others, are not."""
+    evidence, gram = healthy.evidence, healthy.evidence.gram()
+    prior = Prior.of(evidence, healthy.baseline.prior)
+    groups = [one for one in evidence.layout.groups if len(one.columns) == 1][:2]
+    column = int(groups[1].columns[0])
+    noise = evidence.noise_power.copy()
+    noise[column] = 10.0 * gram[column, column]
+    loud = replace(evidence, noise_power=noise)
+    without = project(gram, evidence, prior, groups[:1])
+    for share in (-0.05, 0.0):
+        left = gram.copy()
+        left[column, column] = share * noise[column]
+        found = project(left, loud, prior, groups)
+        assert abs(found.estimate[-1] * np.sqrt(noise[column])) < 1e-2 * np.sqrt(gram[-1, -1])
+        np.testing.assert_allclose(found.estimate[:-1], without.estimate, atol=1e-2 * np.abs(without.estimate).max())
+
+
 def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
     """Law: columns of known sign never get a negative coefficient, and the sign costs gain or nothing."""
     prior = Prior.of(healthy.evidence, healthy.baseline.prior)
