@@ -28,11 +28,10 @@ from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, solve_effects
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.effects.base import Interval
 from ident.motion.motion import Motion
 from ident.progress import stage
 from ident.robot.arm import ArmModel
@@ -123,9 +122,9 @@ def _find_changes(search: ChangeSearch) -> _Changes:
         weighed, failed = search.find()
         found = _results(search, [one.group for one in weighed])
         fine = Refined(search, tuple(item.group for item in found.named))
-        raw = estimate_effects(search, fine, design.session, found.named) if weighed else []
-        estimates = [_as_read(one, fine, design) for one in raw]
-        estimates = [_widened(*each) for each in zip(estimates, raw, [one.standing for one in weighed], strict=True)]
+        wider = [one.standing.widening for one in weighed]
+        raw = estimate_effects(search, fine, design.session, found.named, wider) if weighed else []
+        estimates = [_as_read(*each, fine, design) for each in zip(raw, wider, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
         if not refused:
             break
@@ -139,8 +138,7 @@ def _find_changes(search: ChangeSearch) -> _Changes:
         why = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
         doubted.append(Reservation(group.effect.id, where, why, {}))
     places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-    solved = solve_effects(fine, [False] * len(named))[0] if named else []
-    gains = [may_be_gain(one.refined, design.session, *each) for one, each in zip(estimates, solved, strict=True)]
+    gains = [may_be_gain(one.refined, design.session, one.coefficients, one.covariance) for one in estimates]
     estimates = [search.with_class(one, weighed, k, places[k], gains[k]) for k, one in enumerate(estimates)]
     standings = tuple(one.standing for one in weighed)
     return _Changes(found, tuple(estimates), standings, tuple(doubted), places, unlawful, search.asked)
@@ -156,8 +154,15 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
     return SearchResults(tuple(found), tuple(ladder), None)
 
 
-def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign) -> Estimate:
-    """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are."""
+def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
+    """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are.
+
+    Args:
+        estimate: As the blocks and the runs have it.
+        widening: By how much more runs differ than blocks: that is beside what gains are off by.
+        fine: All names on their finer grids.
+        design: Both sets of runs.
+    """
     group = estimate.refined
     if group.effect.id not in BODIES:
         return estimate
@@ -166,26 +171,10 @@ def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign) -> Estimat
     scale = evidence.scale[group.columns]
     scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
+    cells = cells + (1.0 - widening**-2.0) * estimate.covariance
     asked = group.effect.asked(design.session)
     estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(estimates), coefficients=beta)
-
-
-def _widened(estimate: Estimate, raw: Estimate, standing: Standing) -> Estimate:
-    """An estimate whose intervals count what runs differ by.
-
-    Args:
-        estimate: As reported: with what gains are off by.
-        raw: The same with the noise alone, which is what runs add to.
-        standing: By how much.
-    """
-    wide = {}
-    for name, one in estimate.parameters.items():
-        noise, more = raw.parameters[name], np.sqrt(standing.widening**2 - 1.0)
-        low = float(np.hypot(one.value - one.low, more * (noise.value - noise.low)))
-        high = float(np.hypot(one.high - one.value, more * (noise.high - noise.value)))
-        wide[name] = Interval(one.value, one.value - low, one.value + high)
-    return replace(estimate, parameters=wide)
 
 
 def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:

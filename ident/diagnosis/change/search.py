@@ -46,13 +46,11 @@ from ident.effects.intervals import NORMAL_95
 LEAST_ODDS = 10.0
 # Changes of greatest evidence, and likeliest ones, that are weighed at each step; rounds of swaps.
 MOST_WEIGHED, ROUNDS = 6, 2
-# Log odds are worth this share of what they say; other names are of a class where they fall short by no more nats.
-TEMPER, CLASS_NATS = 0.5, 3.0
+# Log odds that something changed are worth this share of what they say (of names of real arms below 12 nats half were
+# right, of others nine of ten), and those of one law against another this; of a class are names short of so few nats.
+TEMPER, AGAINST, CLASS_NATS = 0.1, 0.5, 3.0
 # Odds that a change must have besides, where what laws gain by chance decides: of names below them 1 of 9 was right.
 FEW_DEALT = 50.0
-# How much less likely a name is by the log of what laws gain by chance and misfit: of names that stood nine of ten were
-# right where that is below three, half of them where it is ten.
-MISFIT = 0.3
 
 
 @dataclass(frozen=True)
@@ -270,17 +268,15 @@ class ChangeSearch(Search):
         others = [one.group for k, one in enumerate(weighed) if k != slot]
         own, standing = weighed[slot].group, weighed[slot].standing
         name, sure = own.effect.id, TEMPER * weighed[slot].odds
-        best: dict[str, float] = {}
+        best: dict[str, float] = {name: sure}
         evidence = self.score_beside(self.evidence.gram(), own, others)
         for one, score in self._rivals(own, others).items():
             # Evidence is worth as much less as the change's variance exceeds that of the noise model.
-            odds = sure + TEMPER * (score - evidence) / np.exp(standing.looser)
+            odds = sure + AGAINST * (score - evidence) / np.exp(standing.looser)
             best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
-        best[name] = max(best.get(name, -np.inf), sure)
         total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # nothing at all is as likely at the threshold
         near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CLASS_NATS)
-        # Where the model lacks much, a law may explain another cause's torque better than none by any odds.
-        likely = self.settings.most_sure * float(np.exp(sure - total)) / (1.0 + MISFIT * standing.looser)
+        likely = self.settings.most_sure * float(np.exp(sure - total))
         odds = {one: float(np.exp(sure + log)) for log, one in near}
         more = [group.effect.id for group in places] + ([GAIN] if gain else [])
         rivals = tuple(dict.fromkeys((name, *(one for _, one in near), *more)))

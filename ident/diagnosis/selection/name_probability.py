@@ -38,6 +38,7 @@ class Estimate:
     rivals: tuple[str, ...]  # ids of the effects that the recordings can't distinguish from it, itself first
     refined: Group  # the effect at the point of the finer grid that the parameters are those of
     coefficients: Float[Array, " k"]  # its coefficients there
+    covariance: Float[Array, "k k"]  # theirs
     # Of the effect against each other one that was weighed, by its id; none is given against all others.
     odds: Mapping[str, float]
     certain: bool = False  # whether the columns that make the effect what it is are together not zero, at 95 %
@@ -91,7 +92,9 @@ def measure_inflation(evidence: Evidence, projection: Projection, known: Float[A
     return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
 
 
-def estimate_effects(search: Search, fine: Refined, session: SessionContext, named: Sequence[Named]) -> list[Estimate]:
+def estimate_effects(
+    search: Search, fine: Refined, session: SessionContext, named: Sequence[Named], widening: Sequence[float] = ()
+) -> list[Estimate]:
     """Parameters, probability and rivals of every named effect.
 
     Args:
@@ -99,9 +102,10 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
         fine: Second pass: the named effects alone, on finer grids.
         session: The runs.
         named: The named effects in the first pass.
+        widening: For each, factor on its coefficients' standard deviations; none where blocks say all of them.
     """
     groups = [item.group for item in named]
-    found = _parameters(fine, session, [item.absorbed for item in named])
+    found = _parameters(fine, session, [item.absorbed for item in named], widening or [1.0] * len(named))
     gram = search.evidence.gram()
     inflation = measure_inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
@@ -109,15 +113,15 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
         probability, rivals, odds = weigh_rivals(search, projection, group, others, inflation)
-        parameters, coefficients, certain = found[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, refined, coefficients, odds, certain))
+        parameters, beta, cells, certain = found[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, refined, beta, cells, odds, certain))
     return estimates
 
 
 def _parameters(
-    fine: Refined, session: SessionContext, absorbed: Sequence[bool]
-) -> list[tuple[dict[str, Interval], Float[Array, " k"], bool]]:
-    """Physical parameters of every effect with their intervals, its coefficients, and whether these are certain.
+    fine: Refined, session: SessionContext, absorbed: Sequence[bool], widening: Sequence[float]
+) -> list[tuple[dict[str, Interval], Float[Array, " k"], Float[Array, "k k"], bool]]:
+    """Physical parameters of every effect with their intervals, its coefficients, theirs, and whether it is certain.
 
     What tuning absorbs is estimated against the URDF fixed, as it was judged. What the URDF's own tolerance then does
     to the parameters counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the
@@ -127,6 +131,7 @@ def _parameters(
     solved, inflation = solve_effects(fine, absorbed)
     found = []
     for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
+        cells = widening[slot] ** 2 * cells
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         prior = fine.search.fixed.prior if absorbed[slot] else fine.search.prior
         grid = profile(fine.search, project(gram, evidence, prior, others), group, inflation)
@@ -134,7 +139,7 @@ def _parameters(
         best = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
         parameters = grid.widened(best, asked, np.sqrt(np.diag(cells))) | grid.inner_parameters()
         parameters = {name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}
-        found.append((parameters, beta, is_certain(beta, cells, group.effect.essential(group.variant))))
+        found.append((parameters, beta, cells, is_certain(beta, cells, group.effect.essential(group.variant))))
     return found
 
 

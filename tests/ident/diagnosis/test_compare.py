@@ -18,6 +18,8 @@ from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.selection.name_probability import estimate_effects
+from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import PLACE
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
@@ -229,6 +231,21 @@ def test_friction_that_wanders_adds_up_in_a_session_and_begins_anew_in_the_next(
     assert one.walk((12, 12)) == pytest.approx(2.0 * one.walk((6, 6)))
     assert one.walk((6, 6)) == pytest.approx(4.0 * two.walk((6, 6)))
     assert DayToDay().walk((6, 6)) == 0.0
+
+
+def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, before: list[Motion]) -> None:
+    """Three times the error is three times the interval of a coefficient; a wave's amplitude is never below zero."""
+    design = build_design(before, record(arm, with_friction, range(10, 14)), arm)
+    search = searched(design)
+    groups = {(one.effect.id, one.joint): one for one in search.evidence.layout.groups}
+    names = [groups["friction_change", 1], groups["torque_ripple", 2]]
+    gram, fine = search.evidence.gram(), Refined(search, tuple(names))
+    judged = [search.judged_beside(gram, names, slot) for slot in range(2)]
+    usual, wide = (estimate_effects(search, fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
+    one, three = (found[0].parameters["coulomb_change_Nm"] for found in (usual, wide))
+    assert three.high - three.value == pytest.approx(3.0 * (one.high - one.value), rel=0.02)
+    assert wide[1].parameters["amplitude_Nm"].low == pytest.approx(0.0, abs=0.01)
+    np.testing.assert_allclose(wide[0].covariance, 9.0 * usual[0].covariance)
 
 
 def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
