@@ -279,11 +279,11 @@ def _hanging_on(
         if link_of(joint, "parent") != link.get("name") or not (kind == "fixed" or name in locked):
             continue
         origin, axis = joint.find("origin"), read_vector(joint.find("axis"), "xyz", "1 0 0")
-        placed, position = np.eye(4), locked.get(name, 0.0) if kind != "fixed" else 0.0
+        placed, position = np.eye(4), locked.get(name, 0.0)
         placed[:3, :3], placed[:3, 3] = rpy_to_matrix(read_vector(origin, "rpy")), read_vector(origin, "xyz")
         if kind == "prismatic":
             placed[:3, 3] += placed[:3, :3] @ axis * position
-        else:
+        elif kind != "fixed":  # whose axis may be anything
             placed[:3, :3] = placed[:3, :3] @ rotation_about(axis, position)
         child = next(one for one in root.findall("link") if one.get("name") == link_of(joint, "child"))
         yield child, pose @ placed

@@ -24,6 +24,7 @@ from ident.files import atomic_folder
 from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
+from ident.recordings.columns import listed
 from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
 
@@ -278,7 +279,7 @@ class _Files:
 
 def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = None) -> list[str]:
     """What a user of the files should know beside the effects, and what no file says of a model."""
-    arm, ranges = identified.nominal, identified.losses.range
+    arm, ranges = identified.nominal, identified.losses.range * (identified.losses.coulomb > 0.0)
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
     if not identified.is_level:
         pull = " ".join(f"{one:.2f}" for one in identified.gravity)
@@ -291,11 +292,10 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
         )
     doubtful = ", ".join(f"{c.effect} of {c.joints[0]}" for c in identified.changes if c.probability < 0.5)
     lines += [f"less likely than not, and written all the same: {doubtful}"] * bool(doubtful)
-    missed = identified.links.missed
-    if missed > LEAST_MISSED:
+    if (missed := identified.links.missed) > LEAST_MISSED:
         lines.append(f"{missed:.1%} of the changed inertias' torque is left out: no real bodies have it")
-    for name, position in arm.locked_joints.items():
-        lines.append(f"robot.xml: {name} is fixed at {position:g}, as it was not in the recordings or is a finger")
+    fixed = [f"{name} at {position:g}" for name, position in arm.locked_joints.items()]
+    lines += [f"robot.xml: not in the recordings, or fingers, and so fixed: {listed(fixed)}"] * bool(fixed)
     for form in LOADED:
         joints = [arm.joint_names[j] for j in sorted({c.joint for c in stood_in(identified.changes, form)})]
         if joints:

@@ -251,9 +251,7 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
     two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
     assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
-    body = "elbow reads 1.32 ± 0.05 of the model's gravity torque. The gap"
-    start = body if effect == "payload" else "The torque of elbow"
-    assert diagnosis_headline(two).startswith(start)
+    assert diagnosis_headline(two).startswith("elbow reads 1.32" if effect == "payload" else "The torque of elbow")
 
 
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
