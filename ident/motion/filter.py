@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
+from ident.errors import RecordingError
 from ident.settings import Settings, read_group
 
 
@@ -18,6 +21,9 @@ class MotionSettings(Settings, table="motion"):
 USUAL_MOTION = MotionSettings()
 FOR_DIAGNOSIS = MotionSettings(**vars(read_group(__file__, "diagnosis")))
 ENCODER = read_group(__file__, "encoder")
+FILTER_ORDER = 4
+# Arms' motions last seconds: a filter that leaves only what is slower leaves nothing of them [Hz].
+LEAST_CUTOFF_HZ = 0.1
 
 
 # The common filter: second-order sections of a Butterworth low-pass, forwards and backwards over many columns at
@@ -29,6 +35,7 @@ ENCODER = read_group(__file__, "encoder")
 # for filtering both ways; direct form II transposed.
 
 
+@lru_cache(maxsize=64)
 def design_lowpass(order: int, cutoff: float, rate: float) -> Float[Array, "s 6"]:
     """Sections b₀ b₁ b₂ 1 a₁ a₂ of a Butterworth low-pass, nearest poles to the unit circle last.
 
@@ -115,3 +122,34 @@ def _filter(values: Array, sections: Array, steady: Array) -> None:
                     state[s, 0, c] = b1 * x - a1 * y + state[s, 1, c]
                     state[s, 1, c] = b2 * x - a2 * y
                     values[t, c] = y
+
+
+@dataclass(frozen=True)
+class Lowpass:
+    """Zero-phase Butterworth low-pass and decimation."""
+
+    rate: float  # sampling rate before [Hz]
+    cutoff: float  # corner frequency [Hz]
+    factor: int  # one of how many samples is kept
+
+    @classmethod
+    def design(cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION) -> Lowpass:
+        """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept.
+
+        Raises:
+            RecordingError: The corner is no frequency of a motion.
+        """
+        if cutoff is not None and not cutoff >= LEAST_CUTOFF_HZ:
+            what = f"{cutoff:g} Hz is no corner of a filter for motions"
+            raise RecordingError("--cutoff", what, f"give {LEAST_CUTOFF_HZ:g} Hz or more, or leave it out")
+        corner = min(cutoff or settings.cutoff_hz, settings.cutoff_share * rate)
+        return cls(rate, corner, max(1, int(rate / (settings.oversampling * corner))))
+
+    def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """Filters along the first axis and decimates."""
+        return self.together([values]).reshape(-1, *np.shape(values)[1:])
+
+    def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
+        """The same of several signals, all of their columns side by side."""
+        padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
+        return filter_together(design_lowpass(FILTER_ORDER, self.cutoff, self.rate), parts, padding)[:: self.factor]

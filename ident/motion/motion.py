@@ -6,9 +6,9 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,45 +17,9 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band, mean_spectrum
-from ident.motion.filter import USUAL_MOTION, MotionSettings, design_lowpass, filter_together
+from ident.motion.filter import LEAST_CUTOFF_HZ, USUAL_MOTION, Lowpass, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
-
-FILTER_ORDER = 4
-# Arms' motions last seconds: a filter that leaves only what is slower leaves nothing of them [Hz].
-LEAST_CUTOFF_HZ = 0.1
-_design = lru_cache(maxsize=64)(design_lowpass)
-
-
-@dataclass(frozen=True)
-class Lowpass:
-    """Zero-phase Butterworth low-pass and decimation."""
-
-    rate: float  # sampling rate before [Hz]
-    cutoff: float  # corner frequency [Hz]
-    factor: int  # one of how many samples is kept
-
-    @classmethod
-    def design(cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION) -> Lowpass:
-        """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept.
-
-        Raises:
-            RecordingError: The corner is no frequency of a motion.
-        """
-        if cutoff is not None and not cutoff >= LEAST_CUTOFF_HZ:
-            what = f"{cutoff:g} Hz is no corner of a filter for motions"
-            raise RecordingError("--cutoff", what, f"give {LEAST_CUTOFF_HZ:g} Hz or more, or leave it out")
-        corner = min(cutoff or settings.cutoff_hz, settings.cutoff_share * rate)
-        return cls(rate, corner, max(1, int(rate / (settings.oversampling * corner))))
-
-    def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
-        """Filters along the first axis and decimates."""
-        return self.together([values]).reshape(-1, *np.shape(values)[1:])
-
-    def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
-        """The same of several signals, all of their columns side by side."""
-        padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
-        return filter_together(_design(FILTER_ORDER, self.cutoff, self.rate), parts, padding)[:: self.factor]
 
 
 @dataclass(frozen=True, eq=False)

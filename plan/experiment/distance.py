@@ -22,8 +22,8 @@ from ident.diagnosis.regression.gram import build_partition
 from ident.diagnosis.regression.rows import compute_rows
 from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import Effect, SessionContext, Variant
-from ident.motion.filter import FOR_DIAGNOSIS
-from ident.motion.motion import Lowpass, Motion
+from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
+from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion

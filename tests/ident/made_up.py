@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.model.loss import LossParameters
-from ident.motion.motion import Lowpass, Motion
+from ident.motion.filter import Lowpass
+from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 

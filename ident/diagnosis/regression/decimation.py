@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
-from ident.motion.motion import Lowpass, Motion, prepare_each
+from ident.motion.filter import FOR_DIAGNOSIS, Lowpass, MotionSettings
+from ident.motion.motion import Motion, prepare_each
 from ident.motion.out_of_core import few
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel

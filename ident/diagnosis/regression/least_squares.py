@@ -25,12 +25,8 @@ from ident.model.inertia import solve_partly_non_negative
 RIDGE = 1e-9
 # Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at zero.
 FIXED = 1e3
-
-
 # Whitened squares of a column below which it is zero but for rounding.
 LEAST_POWER = 1e-100
-
-
 # A URDF as it is mostly believed.
 USUAL_URDF = UrdfError()
 

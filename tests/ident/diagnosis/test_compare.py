@@ -239,8 +239,8 @@ def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, b
     search = searched(design)
     groups = {(one.effect.id, one.joint): one for one in search.evidence.layout.groups}
     names = [groups["friction_change", 1], groups["torque_ripple", 2]]
-    gram, fine = search.evidence.gram(), Refined(search, tuple(names))
-    judged = [search.judged_beside(gram, names, slot) for slot in range(2)]
+    judged = [search.judged_beside(search.evidence.gram(), names, slot) for slot in range(2)]
+    fine = Refined(search, tuple(names))
     usual, wide = (estimate_effects(search, fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
     one, three = (found[0].parameters["coulomb_change_Nm"] for found in (usual, wide))
     assert three.high - three.value == pytest.approx(3.0 * (one.high - one.value), rel=0.02)

@@ -20,7 +20,8 @@ from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, compute_rows
-from ident.motion.motion import Lowpass, Motion
+from ident.motion.filter import Lowpass
+from ident.motion.motion import Motion
 from ident.motion.out_of_core import SpooledArrays
 
 
@@ -259,20 +260,17 @@ def test_noise_of_a_joint_that_stands_still() -> None:
 
 def test_a_column_that_was_encoder_noise_stays_out_of_the_model(healthy: Analysis) -> None:
     """What is left of it after the noise was taken off is anything; its coefficient, and all others, are not."""
-    evidence, gram = healthy.evidence, healthy.evidence.gram()
+    evidence, gram = healthy.evidence, healthy.evidence.gram().copy()
     prior = Prior.of(evidence, healthy.baseline.prior)
     groups = [one for one in evidence.layout.groups if len(one.columns) == 1][:2]
-    column = int(groups[1].columns[0])
-    noise = evidence.noise_power.copy()
+    column, noise = int(groups[1].columns[0]), evidence.noise_power.copy()
     noise[column] = 10.0 * gram[column, column]
-    loud = replace(evidence, noise_power=noise)
-    without = project(gram, evidence, prior, groups[:1])
+    others = project(gram, evidence, prior, groups[:1]).estimate
     for share in (-0.05, 0.0):
-        left = gram.copy()
-        left[column, column] = share * noise[column]
-        found = project(left, loud, prior, groups)
-        assert abs(found.estimate[-1] * np.sqrt(noise[column])) < 1e-2 * np.sqrt(gram[-1, -1])
-        np.testing.assert_allclose(found.estimate[:-1], without.estimate, atol=1e-2 * np.abs(without.estimate).max())
+        gram[column, column] = share * noise[column]
+        found = project(gram, replace(evidence, noise_power=noise), prior, groups)
+        assert abs(found.estimate[-1]) * np.sqrt(noise[column]) < 1e-2 * np.sqrt(gram[-1, -1])
+        np.testing.assert_allclose(found.estimate[:-1], others, atol=1e-2 * np.abs(others).max())
 
 
 def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:

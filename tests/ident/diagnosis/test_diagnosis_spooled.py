@@ -19,8 +19,8 @@ from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
-from ident.motion.filter import FOR_DIAGNOSIS
-from ident.motion.motion import Lowpass, Motion, prepare
+from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
+from ident.motion.motion import Motion, prepare
 from ident.motion.out_of_core import SpooledMotions, choose_runs
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, healthy_torque, record, stribeck_on_1

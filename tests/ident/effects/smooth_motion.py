@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ident.effects.base import Interval, RunContext, SessionContext
-from ident.motion.motion import Lowpass, Motion
+from ident.motion.filter import Lowpass
+from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
 RATE = 200.0

@@ -10,7 +10,8 @@ import pytest
 from ident.errors import InputError, RecordingError
 from ident.model.loss import loss_columns
 from ident.motion import out_of_core as spooling
-from ident.motion.motion import Lowpass, Motion, prepare
+from ident.motion.filter import Lowpass
+from ident.motion.motion import Motion, prepare
 from ident.motion.out_of_core import CHANNELS, SpooledArrays, SpooledMotions, choose_runs, cut, few, hold, runs_recorded
 from ident.recordings.recording import Recording, Session
 from ident.sessions import load_robot
