@@ -64,8 +64,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lines = verdict_key(record), f"{beyond} beyond noise", []
     if scale and scale["bodily"]:
-        first, *others = scale["evidence"].split("; ")
-        lines.append(f"{first}{f', and {len(others)} more are off' * bool(others)}.")
+        first, others = scale["evidence"].partition("; ")[0], scale["joints"][1:]
+        lines.append(f"{first}{f'; off as well: {join_words(others)}' * bool(others)}.")
     elif scale:
         why = "" if joint in scale["joints"] else f": {scale['evidence']}: {scale['remedy']}"
         lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{why}.")
