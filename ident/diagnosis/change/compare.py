@@ -174,7 +174,7 @@ def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedD
     cells = cells + (1.0 - widening**-2.0) * estimate.covariance
     asked = group.effect.asked(design.session)
     estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
-    return replace(estimate, parameters=dict(estimates), coefficients=beta)
+    return replace(estimate, parameters=dict(estimates), coefficients=beta, covariance=cells)
 
 
 def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:

@@ -30,7 +30,7 @@ from scipy.special import digamma, polygamma
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.least_squares import RIDGE, Prior, ridge_of
+from ident.diagnosis.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
 from ident.diagnosis.regression.positive import positive
 
 # Degrees of freedom of a variance from few laws, and as many as other laws may lend: they are not independent.
@@ -100,9 +100,9 @@ class PermutedSets:
         for across, own in dealt.sums:
             slopes = cho_solve(factor, across[inside])
             rest, power = own - across[inside].T @ slopes, np.diag(own)
-            left, noise = np.diag(rest)[:-1], evidence.noise_power
-            carried = noise[dealt.columns] + noise[inside] @ slopes[:, :-1] ** 2
-            buried = evidence.settings.least_over_noise * carried
+            left = np.diag(rest)[:-1]
+            noise = carried_noise(evidence, dealt.columns, inside, slopes[:, :-1])
+            buried = evidence.settings.least_over_noise * noise
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
             for key, places in dealt.laws:
                 at = places[seen[places]]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -214,7 +215,7 @@ def project(
         across=across,
         total=total,
         slopes=slopes,
-        noise=evidence.noise_power[every] + evidence.noise_power[inside] @ slopes**2,
+        noise=carried_noise(evidence, every, inside, slopes),
         settings=evidence.settings,
     )
 
@@ -229,6 +230,11 @@ def _factorise(
     prior.add_to(information, layout)
     information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
     return inside, cho_factor(positive(information))
+
+
+def carried_noise(evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]) -> Array:
+    """Power of the encoder noise, taken off, in what a model leaves of some columns: theirs, and its own columns'."""
+    return np.asarray(evidence.noise_power[columns] + evidence.noise_power[inside] @ slopes**2)
 
 
 def ridge_of(gram: Float[Array, "P P"], evidence: Evidence, columns: Int[Array, " z"]) -> Float[Array, " z"]:

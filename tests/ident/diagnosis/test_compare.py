@@ -14,6 +14,7 @@ from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.learnt_prior import LEAST
 from ident.diagnosis.change.paired_design import LOOSE, PairedDesign, build_design
+from ident.diagnosis.change.permuted_sets import _parts
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch
 from ident.diagnosis.regression.cross_validation import HeldOut
@@ -286,6 +287,9 @@ def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Moti
     nulls = [design.permuted.nulls(1, design.prior, [one]) for one in groups.values()]
     found = [null.get(key, null[None]).ratio for key, null in zip(groups, nulls, strict=True)]
     assert np.median(found) < 2.0
+    many = replace(design.sides, later=np.arange(24) >= 12, run_of_block=np.arange(24))
+    parts = [set(np.flatnonzero(_parts(many) == part).tolist()) for part in range(12)]
+    assert parts[:6] == [{k, k + 6} for k in range(6)]  # of runs that move joint after joint each holds several
 
 
 BRACKET = np.array([0.1, 0.25, 0.1])  # [m]

@@ -271,6 +271,11 @@ def test_a_column_that_was_encoder_noise_stays_out_of_the_model(healthy: Analysi
         found = project(gram, replace(evidence, noise_power=noise), prior, groups)
         assert abs(found.estimate[-1]) * np.sqrt(noise[column]) < 1e-2 * np.sqrt(gram[-1, -1])
         np.testing.assert_allclose(found.estimate[:-1], others, atol=1e-2 * np.abs(others).max())
+    clear = project(evidence.gram(), evidence, prior)
+    seen = np.setdiff1d(np.flatnonzero(clear.seen(np.arange(len(gram) - 1))), clear.inside)
+    hidden = seen[[np.argmin(clear.visibility(seen))]]
+    noise[:] = np.where(np.arange(len(gram)) < evidence.layout.tuned, np.diag(evidence.gram()), 0.0)
+    assert not project(evidence.gram(), replace(evidence, noise_power=noise), prior).seen(hidden).any()
 
 
 def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
