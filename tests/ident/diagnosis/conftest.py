@@ -1,7 +1,5 @@
 """One healthy session, analysed once, for all laws of the diagnosis."""
 
-from __future__ import annotations
-
 import pytest
 
 from ident.diagnosis.diagnose import Analysis

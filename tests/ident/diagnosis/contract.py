@@ -1,7 +1,5 @@
 """A checker of the diagnosis's JSON against what was promised: its schema, and what no schema says."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

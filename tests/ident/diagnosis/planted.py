@@ -1,7 +1,5 @@
 """Recordings of a three-joint arm whose torque is written out here, so that what is wrong with it is known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 
@@ -61,9 +59,14 @@ def spring_on_3(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return at_joint(2, 1.5 * np.sin(2 * q[:, 2]))
 
 
-def load_friction_on_2(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """τ₂ = 0.08 |τ_rigid,₂| sign(dq₂)."""
-    return at_joint(1, 0.08 * np.abs(arm.inverse_dynamics(q, dq, ddq)[:, 1]) * np.tanh(dq[:, 1] / SLIP))
+def load_friction(share: float) -> Plant:
+    """τ₂ = share |τ_rigid,₂| sign(dq₂)."""
+    return lambda arm, q, dq, ddq: at_joint(
+        1, share * np.abs(arm.inverse_dynamics(q, dq, ddq)[:, 1]) * np.tanh(dq[:, 1] / SLIP)
+    )
+
+
+load_friction_on_2 = load_friction(0.08)
 
 
 def gain_on_2(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:

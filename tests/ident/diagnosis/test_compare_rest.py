@@ -1,7 +1,5 @@
 """Laws of comparing by holds: poses alone tell what gravity tells; what is used of each joint is reported."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,8 +1,5 @@
 """A constant of the arm is the same in every run."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +19,8 @@ from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe_limits, limit_rows
 from tests.ident.diagnosis.planted import (
-    SLIP,
     analyse,
-    at_joint,
+    load_friction,
     load_friction_on_2,
     named,
     named_groups,
@@ -115,15 +111,6 @@ def test_a_heavier_link_is_so_in_every_run(short_arm: ArmModel) -> None:
     assert hidden.spread < 0.1
     assert abs(hidden.most - 1.0) < 0.1
     assert hidden.most - hidden.least <= tuned.most - tuned.least
-
-
-def load_friction(share: float) -> Callable[[ArmModel, Array, Array, Array], Array]:
-    """τ₂ = share |τ_rigid,₂| sign(dq₂)."""
-
-    def law(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-        return at_joint(1, share * np.abs(arm.inverse_dynamics(q, dq, ddq)[:, 1]) * np.tanh(dq[:, 1] / SLIP))
-
-    return law
 
 
 @pytest.mark.parametrize(("multiple", "is_named"), [(0.2, False), (1.2, True)])

@@ -1,7 +1,5 @@
 """From sessions to a verdict: refusals, sessions that say too little, and the form of the answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Variance components: friction from run to run, and how wrong the URDF is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -162,13 +160,6 @@ def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spre
         products, size = evidence.times(j, weights), np.abs(sums).max()
         assert np.allclose(products, sums @ weights, rtol=0, atol=1e-10 * size)
         assert np.allclose(evidence.total[j].over(), sums.sum(axis=0), rtol=0, atol=1e-10 * size)
-
-
-def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) -> None:
-    """Law: sums depend on the variation that is counted, not on the way to it."""
-    free = healthy.evidence.with_run_spread(np.full(3, 0.3)).with_run_spread(healthy.evidence.spread)
-    for one, other in zip(free.total, healthy.evidence.total, strict=True):
-        assert np.allclose(one.half, other.half, rtol=0, atol=1e-9 * np.abs(other.half[0]).max())
 
 
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:

@@ -1,7 +1,5 @@
 """A discrepancy: it sees nothing in noise, what a law leaves, and less beside the right law than beside a wrong one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

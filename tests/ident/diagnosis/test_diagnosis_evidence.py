@@ -1,7 +1,5 @@
 """Block sums say the same as the rows that they are made of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a candidate must show for a name, and what is told of one that shows less."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import reduce
 from types import SimpleNamespace

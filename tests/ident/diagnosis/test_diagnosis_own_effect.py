@@ -1,7 +1,5 @@
 """An effect from outside the package goes all the way: diagnosed, patched, asked for again, computed by the module."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -106,23 +104,6 @@ def test_its_law_goes_into_the_module(
     told = json.loads(diagnosis.read_text())["findings"][0]["parameters"]["amplitude_Nm"]
     assert told["low"] < 2.0 < told["high"]
     np.testing.assert_allclose(extra[:, 2], told["value"] * np.sin(3 * q[:, 2]), atol=1e-9)
-
-
-def test_an_arm_simulated_with_its_module_has_it(
-    catalogue: tuple[Effect, ...], diagnosis: Path, short_arm: ArmModel, tmp_path: Path
-) -> None:
-    """Law: an arm that moves by the module's torque is diagnosed as the arm was that the module was made for."""
-    write_patch(Diagnosed.load(diagnosis, catalogue), short_arm, tmp_path / "patch")
-    module = load_module(tmp_path / "patch" / "extra_torque.py")
-
-    def simulated(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-        return np.asarray(module.extra_torque(q, dq, ddq))
-
-    again = analyse(short_arm, simulated, [find_effect(name, catalogue) for name in ("magnet", "spring_torque")])
-    assert named(again) == {("magnet", "joint_3")}
-    (found,) = again.diagnosis.findings
-    told = json.loads(diagnosis.read_text())["findings"][0]["parameters"]["amplitude_Nm"]["value"]
-    assert found.estimate.parameters["amplitude_Nm"].value == pytest.approx(told, rel=0.05)
 
 
 def test_what_lies_outside_its_range_is_not_named(short_arm: ArmModel, tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Effects put into healthy recordings by a formula: each is named, at its joint, with its size; others are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The second pass: figures between the points of the grid."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +8,6 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
@@ -19,7 +16,7 @@ from ident.diagnosis.selection.name_probability import is_certain, solve_effects
 from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import Interval, SessionContext, Variant
+from ident.effects.base import Interval, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import LAW_SHARE, TABLE
 from ident.robot.arm import ArmModel
@@ -160,42 +157,7 @@ def mirrored(sums: Array) -> Array:
     return sums * sign[:, None] * sign
 
 
-RANGE, AMPLITUDE = 0.006, 4.0  # [rad], [N m]
-
-
-def stop_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """A slider that is held by one spring: 4 N m after 6 mrad, more than dry friction that turns round at once."""
-    state, torque = 0.0, np.zeros(len(q))
-    for k in range(1, len(q)):
-        state = min(max(state + q[k, 0] - q[k - 1, 0], -RANGE), RANGE)
-        torque[k] = AMPLITUDE * state / RANGE
-    return at_joint(0, torque)
-
-
-@pytest.fixture(scope="module")
-def analysis(short_arm: ArmModel) -> Analysis:
-    return analyse(short_arm, stop_on_1, [find_effect("presliding_hysteresis")])
-
-
 DROP = 1.92
-
-
-def waves(falls: tuple[float, float]) -> Profile:
-    """Friction of one or two waves a turn, of 1 N m and of 3 N m, known to 0.1 N m each."""
-    effect = find_effect("position_dependent_friction")
-    points = [
-        Group(effect, 0, Variant({"order": order}), np.arange(2 * k, 2 * k + 2)) for k, order in enumerate((1, 2))
-    ]
-    coefficients = np.array([1.0, 0.0]), np.array([3.0, 0.0])
-    return Profile(points[0], tuple(points), -np.array(falls), coefficients, 2 * (100.0 * np.eye(2),), DROP)
-
-
-def figures(grid: Profile) -> dict[str, tuple[float, float]]:
-    effect, best = find_effect("position_dependent_friction"), grid.group
-    told = effect.parameters(None, 0, best.variant, grid.coefficients[0], 0.01 * np.eye(2))  # type: ignore[arg-type]
-    session: SessionContext = None  # type: ignore[assignment]
-    found = grid.widened(told, session, np.full(2, 0.1)) | grid.inner_parameters()
-    return {name: (one.low, one.high) for name, one in found.items()}
 
 
 @pytest.mark.parametrize(

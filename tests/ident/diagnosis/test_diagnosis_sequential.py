@@ -1,7 +1,5 @@
 """Looking again and again: the chance of a false name is spent, not had anew; what is missing is told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from math import pi

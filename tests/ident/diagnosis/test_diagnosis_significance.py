@@ -1,7 +1,5 @@
 """The tests keep their error rate, and find what is there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What tuning takes away: a load that the tuned inertias swallow is still told to be there."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 
