@@ -3,8 +3,6 @@
 Source: Deque, axe-core (the rules of WCAG 2 and best practice).
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """What tests of files of strangers share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -8,8 +8,6 @@ A room is a package, or a module that stands alone, at the top of `ident` or `pl
 room's import of another's, an arrow of a trace one file's call into another file, or its first import of it.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """Holds a result file to the schema that is published for it."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A law that is one function in one file and one row of the table is an effect of every command."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

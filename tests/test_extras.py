@@ -1,7 +1,5 @@
 """Nothing is used that is not declared; a missing extra is one line that says what to install."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

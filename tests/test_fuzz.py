@@ -1,7 +1,5 @@
 """What `make fuzz` looks for, on a few fixed inputs: every reader takes what is spoilt, special, or no file at all."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

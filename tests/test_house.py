@@ -1,7 +1,5 @@
 """The layout keeps what was reached: measured by tests/layout.py against the budget of tests/layout.toml."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Nor does a check, a diagnosis or a fit without a net need more than the core. La
 torch, cvxpy, MuJoCo and the like take seconds of processor time to load.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Every option of every command refuses what it can't use in one line, whatever it is given."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The commands come from the command line itself: a new one that writes results has to be added to `LINES`.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The published schemas: one for each kind of file, and they refuse what does not hold to them."""
 
-from __future__ import annotations
-
 import pytest
 
 from ident.errors import InputError

@@ -3,8 +3,6 @@
 An audit hook of Python's own hears every file that is opened and every program that is started.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -9,8 +9,6 @@ the middle of wide randomisation. Fresh from the system's entropy unless a seed 
 so many seconds of processor time.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import secrets

@@ -10,8 +10,6 @@ the first name and place are the true ones; *alone*: strict, and nothing else is
 true figure holds it; *alarms*: anything told where nothing changed. FILE gets a line of JSON for each pair.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import secrets

@@ -9,8 +9,6 @@ its joint and its class single; "extra" counts findings of what is not there; D 
 which motions are judged, and of random motion the median of three draws. FOLDER keeps the diagnoses as JSON.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

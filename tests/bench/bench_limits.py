@@ -6,8 +6,6 @@ same arm with one effect at multiples of its limit are diagnosed.
 About ten seconds of processor time a session.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace

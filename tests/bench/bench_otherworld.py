@@ -9,8 +9,6 @@ with `motor_inertia_kgm2`, `viscous_Nms_rad` and `coulomb_Nm` of every joint. An
 its answer, then the shares of all with 95 % intervals, and how far the tuned losses are off.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

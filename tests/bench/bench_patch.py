@@ -10,8 +10,6 @@ tuned losses, and as it is) and the tuned arm's, in torque, energy and replay; t
 mean. FOLDER keeps diagnoses and models: what is there is not made again.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

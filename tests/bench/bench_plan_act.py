@@ -13,8 +13,6 @@ the largest effort as a share of the limit that the plan had to keep, as the log
 samples) and as it is without the sensors' noise; the drives of the simulated arm end at it. FILE gets a line a plan.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

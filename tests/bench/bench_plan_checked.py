@@ -13,8 +13,6 @@ URDF's own frame are computed anew. FILE gets a line a task as it is done; the s
 long run can be made in pieces. Told beside spent: processor seconds of the result, and of the call.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

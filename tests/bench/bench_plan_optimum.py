@@ -16,8 +16,6 @@ done, and the summary speaks of all its lines: so a long run can be made in piec
 Three joints: the TM5-900 with its wrist held. Six: the whole TM5-900. Seven: the Panda of example-robot-data.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

@@ -5,8 +5,6 @@
 One thread throughout. A trajectory of table 3's task has 30 nodes; a net's work is two operations a weight and node.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -8,8 +8,6 @@ degrees of freedom, lognormal, or depend on the day before (correlation 0.3), wh
 in one figure of an arm after 12 to 40 sessions: steps of 2, 3 or 5 spreads, and drifts of 0.2 spreads a week.
 """
 
-from __future__ import annotations
-
 import argparse
 import secrets
 from collections.abc import Callable

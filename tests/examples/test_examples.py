@@ -1,7 +1,5 @@
 """What the README, the documentation and the example scripts show a reader does what they say."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

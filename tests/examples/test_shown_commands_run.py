@@ -3,8 +3,6 @@
 What lasts long is cut short (`CUT`), nothing else is changed: the names of the pages are those of the folder.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Writes one good file of every kind that a command takes."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

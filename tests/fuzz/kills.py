@@ -4,8 +4,6 @@ Laws: whoever looks after the kill sees what was there before, or what is new, w
 untouched; and the run after the kill leaves what a run without one leaves, and nothing else.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Every kind of file that a command takes: a good one, its reader, and what must hold of whatever is read."""
 
-from __future__ import annotations
-
 import json
 import re
 import zlib

@@ -4,8 +4,6 @@ Laws: exit 0, 2 or 3, one line where a value is refused, no traceback, and nothi
 takes a value is stopped once it has worked for a moment.
 """
 
-from __future__ import annotations
-
 import gc
 import importlib
 import os

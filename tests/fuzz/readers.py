@@ -1,7 +1,5 @@
 """Spoilt files into readers, in forked processes that are watched: a crash or a hang takes one input, not the run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import mmap

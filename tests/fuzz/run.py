@@ -5,8 +5,6 @@
 Each input follows from (seed, number); what ends badly is kept with its evidence, and the same seed gives it again.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import secrets

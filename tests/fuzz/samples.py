@@ -1,7 +1,5 @@
 """Small good files, as text."""
 
-from __future__ import annotations
-
 SESSION_TOML = """robot = "tm5-900"
 sample_rate_hz = 50.0
 [payload]

@@ -1,7 +1,5 @@
 """Ways to spoil a file, by what it holds (rows, cells, keys, numbers) and by its bytes; all follow from a generator."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

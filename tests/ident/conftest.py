@@ -1,7 +1,5 @@
 """Recordings that several test folders share: real ones, and one of a made-up two-joint arm."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Iterable

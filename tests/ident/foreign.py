@@ -1,7 +1,5 @@
 """Recordings as other tools write them, shared by the tests: LeRobot's data sets, bags of ROS, mappings of columns."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

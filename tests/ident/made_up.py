@@ -1,7 +1,5 @@
 """Made-up arms and motions with exactly known states, shared by the tests of the identification's core."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One bad sample, a hundred, a thousand: figures, verdict and names of the clean recordings, or one line of refusal."""
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 

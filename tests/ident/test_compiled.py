@@ -1,7 +1,5 @@
 """Laws of compiled loops: where their machine code is kept."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

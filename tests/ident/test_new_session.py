@@ -1,7 +1,5 @@
 """A foreign table becomes a session: what `ident new` writes opens, and says what the table truly holds."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Commands as processes: signals, closed pipes, full disks, consoles of other alphabets. One line, no traceback."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """Laws of progress: a listener hears of stages, a share that grows to one, and the time left; nobody else hears."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from itertools import count, pairwise

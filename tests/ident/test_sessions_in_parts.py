@@ -1,7 +1,5 @@
 """A long session is read in parts: together they are the session, and each waits for its turn."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace

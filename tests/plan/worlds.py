@@ -1,7 +1,5 @@
 """Arms, models and tasks that the planner's tests share."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

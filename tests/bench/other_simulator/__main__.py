@@ -13,8 +13,6 @@ An effect's size is set by a pilot: what its torque leaves when each joint's sig
 are fitted to it, in units of the torque's noise at the joint where it shows most.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -1,7 +1,5 @@
 """What is drawn: a world, an arm's losses, a hidden effect."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

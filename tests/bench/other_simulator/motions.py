@@ -1,7 +1,5 @@
 """References of all runs of a session: splines, Fourier sums, slow sweeps and chirps in turn."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.bench.other_simulator.drawn import World

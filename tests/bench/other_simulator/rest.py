@@ -10,8 +10,6 @@ square in nats. What no arm has by so much (the zero of a vertical axis) is draw
 Every seventh session has nothing in it.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Recordings of a session and its answer."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One arm in one world: MuJoCo's rigid body, LuGre bristles, springy and loose gears, a PD controller."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -11,8 +11,6 @@ peak memory are the whole program's, imports included, on one thread. `lines` co
 peers' programs all that is neither comment nor import; armgap is one command. Recordings: IDENT_REAL_DATA.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os

@@ -1,7 +1,5 @@
 """A peer to compare with: OMPL's RRTConnect for the path, TOPP-RA for its time. OMPL is installed by who wants it."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Recordings on which armgap and its peers are measured side by side: real arms, the shipped arm, a known truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ Source: thanhndv212/figaroh-examples, examples/ur10/identification_truth.py and 
 whose figures, seeds and order of draws stand here; masses and lengths are those of the UR10e's URDF beside them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The Python door of `ident`: what a command does, a few lines do; tables in memory are as good as files."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Tasks for the workers, importable by their processes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

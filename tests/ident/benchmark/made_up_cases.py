@@ -1,7 +1,5 @@
 """Answers and results of diagnoses, made up for the scoring."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ident.simulation.request import Answer, TrueEffect

@@ -1,7 +1,5 @@
 """Which cases are drawn."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

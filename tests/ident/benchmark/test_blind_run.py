@@ -1,7 +1,5 @@
 """A whole small check: sealed first, diagnosed apart, resumed, scored."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """All cases together: counts, intervals, calibration, and the page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores by the worlds of the cases."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """A made-up but faithful session of the TM5-900: exciting motion, rigid body, rotors, friction and noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

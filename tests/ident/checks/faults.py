@@ -1,7 +1,5 @@
 """Faults as they occur in real logs, put into healthy recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

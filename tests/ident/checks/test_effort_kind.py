@@ -1,7 +1,5 @@
 """What the effort channel holds: gravity taken out is found and put back, and nothing else is taken for it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

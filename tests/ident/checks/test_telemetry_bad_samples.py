@@ -1,7 +1,5 @@
 """Law: one bad value anywhere is found, told and cut out; what is left is the clean session without that row."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 

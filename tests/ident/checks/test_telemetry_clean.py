@@ -1,7 +1,5 @@
 """Healthy recordings raise no alarm: neither made-up nor real ones."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every fault is found under its name, on its joint, and nothing else is claimed; what is safe is mended."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

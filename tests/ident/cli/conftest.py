@@ -1,7 +1,5 @@
 """The `ident` command in this process: what it prints, writes and returns."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The `ident` command in this process: what it prints, writes and returns where all is well, and when it is stopped."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

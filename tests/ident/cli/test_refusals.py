@@ -1,7 +1,5 @@
 """What the `ident` command refuses: the user's mistakes end in one line that names the place and the remedy."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

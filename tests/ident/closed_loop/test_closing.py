@@ -1,7 +1,5 @@
 """The loop that closes a gap: what it ends on, what it asks for, and how an arm behind a command is read."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path

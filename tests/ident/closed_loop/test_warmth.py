@@ -1,7 +1,5 @@
 """Warmth along runs: as the catalogue's law has it, going on from run to run, and followed by the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Sessions that all tests of effects share, and the fit by which effects find their figures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

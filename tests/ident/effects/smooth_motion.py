@@ -1,7 +1,5 @@
 """Sessions of made-up smooth motion, as the effects see them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

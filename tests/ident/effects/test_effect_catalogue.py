@@ -1,7 +1,5 @@
 """Laws that hold for every effect, and the open catalogue."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar

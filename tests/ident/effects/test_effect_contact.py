@@ -1,7 +1,5 @@
 """Pushes from outside: by the Jacobian, in their window, and where to look for them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Elastic joints and play, against two bodies simulated step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

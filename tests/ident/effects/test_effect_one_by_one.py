@@ -1,7 +1,5 @@
 """Effects one by one: planted torques are found again with their parameters, and what can't show says why."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

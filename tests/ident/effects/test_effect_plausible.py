@@ -1,7 +1,5 @@
 """Figures that no arm has are no finding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Masses and gravity: arms that are really different, told from the nominal arm's columns."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

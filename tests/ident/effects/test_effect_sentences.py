@@ -1,7 +1,5 @@
 """Numbers in sentences and on cards are those of the fitted law, evaluated at the states that the sentence names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """The arm that all tests of patches share, and a short rich session of it."""
 
-from __future__ import annotations
-
 import pytest
 
 from ident.effects.base import SessionContext

@@ -1,7 +1,5 @@
 """Diagnoses written by hand: what `ident diagnose --json` would say of an arm with known losses and effects."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

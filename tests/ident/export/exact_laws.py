@@ -1,7 +1,5 @@
 """The laws of effects evaluated beside the written module: by their columns, or by the arm changed as they say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from unittest.mock import patch
 

@@ -1,7 +1,5 @@
 """Of all candidates the nearest file is written, joint by joint."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -172,13 +170,6 @@ def sprung(arm: ArmModel) -> Law:
 def misread(arm: ArmModel) -> Law:
     gain = np.ones(6) + np.eye(6)[1] * FIGURES["torque_gain_error"]["gain"]
     return lambda q, dq, ddq: gain * healthy(arm)(q, dq, ddq)
-
-
-def rough(arm: ArmModel) -> Law:
-    """Stribeck friction of joint 2."""
-    return lambda q, dq, ddq: (
-        healthy(arm)(q, dq, ddq) + 4.0 * np.eye(6)[1] * np.tanh(dq / 0.01) * np.exp(-((dq / 0.5) ** 2))
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Written files: loaded back, they differ from the tuned arm by what the effects say, and by nothing else."""
 
-from __future__ import annotations
-
 import ast
 import json
 import tomllib

@@ -1,7 +1,5 @@
 """Text from files stays text: whatever a robot, a joint, a session or a diagnosis is called, nothing of it is run."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

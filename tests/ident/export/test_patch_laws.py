@@ -1,7 +1,5 @@
 """Laws of the written module: the same torque as the effects' own columns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

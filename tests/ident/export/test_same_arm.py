@@ -1,7 +1,5 @@
 """An arm is known by what it is, not by its name; ranges are written for trainers."""
 
-from __future__ import annotations
-
 import ast
 import json
 import xml.etree.ElementTree as ET

@@ -3,8 +3,6 @@
 Least squares within what an arm can be: the conditions of a least value hold, and both solvers agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

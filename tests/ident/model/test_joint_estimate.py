@@ -5,8 +5,6 @@ Tests of variances that joints share: what little is known of one is lent by the
 Effort without friction: rows near reversals count, losses are zero; and never where a joint has friction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Laws of the losses' torque.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws that a diagnosis names, as part of a model."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Laws of the residual net, and of the nets of single joints that it is made of."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Figures of an arm over its sessions: alarms of what changed, and the ranges that they leave for a simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

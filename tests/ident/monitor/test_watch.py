@@ -1,7 +1,5 @@
 """`ident watch` as a lab runs it: every session once, whatever happens, and a store that others read."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Laws of motions: one filter for all, an even grid, and what is too short."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A made-up recording of two joints, and its native table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

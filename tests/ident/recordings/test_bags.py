@@ -1,7 +1,5 @@
 """ROS 2 bags: every storage, order of joints and spread over messages gives the same run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files as other tools write them: their own columns reach a recording through [columns], or by their own names."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path

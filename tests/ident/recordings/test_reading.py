@@ -1,7 +1,5 @@
 """Which files make a session and whose joints they hold; what is written in binary tables is read back."""
 
-from __future__ import annotations
-
 import warnings
 import zipfile
 from pathlib import Path

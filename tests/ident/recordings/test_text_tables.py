@@ -1,7 +1,5 @@
 """CSV and foreign text tables: whatever the layout, the same numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws of the rigid arm: inverse dynamics, its derivatives, and the regressor, τ = Y π."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -219,16 +217,6 @@ INERTIALS = np.fromstring(
 """,
     sep=" ",
 ).reshape(6, 10)
-# Collision boxes: extents and centre in the link frame [m], links 0 to 6.
-BOXES = (
-    ((0.17681, 0.17682, 0.066), (0.0, 0.0, 0.033)),
-    ((0.128, 0.139, 0.15), (0.0, -0.0055, 0.004)),
-    ((0.557, 0.128, 0.15), (0.2145, 0.0, -0.15)),
-    ((0.5235, 0.128, 0.1182), (0.19775, 0.0, -0.0159)),
-    ((0.096, 0.113, 0.1005), (0.0, 0.003, 0.00225)),
-    ((0.09059, 0.1176, 0.09449), (0.0, 0.0003, -0.00245)),
-    ((0.08668, 0.14819, 0.11661), (0.0, 0.03076, -0.00605)),
-)
 
 
 def _dh_pose(q: np.ndarray) -> np.ndarray:

@@ -4,8 +4,6 @@ Semi-implicit Euler at 10 kHz; dry friction sticks where it can bear what pulls 
 comes from it by itself. Goals are held from sample to sample and act late by whole steps; the log rounds to counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

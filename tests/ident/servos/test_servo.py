@@ -1,7 +1,5 @@
 """What goal and position tell of a servo, and what they don't: on servos stepped by other code than the estimator's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What is printed fits the terminal."""
 
-from __future__ import annotations
-
 from io import StringIO
 
 import numpy as np

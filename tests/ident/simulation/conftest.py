@@ -1,7 +1,5 @@
 """The individual arm on which effects are switched on and off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A small laboratory: one arm without noise, on which an effect is switched on and off."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Laws of the plant's friction: it sticks, it slides at its level, and it never gives energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ from ident.simulation.laws import (
     warm_up,
 )
 from ident.simulation.loop import fresh_state
-from ident.simulation.sensing import Sensing, read_encoder, read_torque, torque_noise
+from ident.simulation.sensing import Sensing, read_encoder, torque_noise
 
 
 def joint(**values):
@@ -111,10 +109,6 @@ RATED, RATIO = np.array([157.0, 43.0]), np.array([100.0, 80.0])
 TICKS = np.arange(4001) * 1e-3
 TIMES = np.arange(1000) * 4e-3
 WAVE = np.column_stack([20.0 * np.sin(2.0 * TICKS), 5.0 * np.cos(3.0 * TICKS)])
-
-
-def read(sensing, clock=0.0, seed=0):
-    return read_torque(sensing, TICKS, WAVE, np.zeros_like(WAVE), TIMES, clock, np.random.default_rng(seed))
 
 
 def true(times=TIMES):

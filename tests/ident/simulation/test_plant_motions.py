@@ -1,7 +1,5 @@
 """Laws of the motions: from rest to rest, smooth, within limits, free of self-collision, and each of its kind."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects planted onto recordings: as large as asked, by physics that closes, distinguished from what was there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -8,7 +8,7 @@ from ident.simulation.causes import Circumstances, find_cause
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.simulator import choose_step
-from ident.simulation.visibility import TOLERANCE, VisibilityMeter, compare, find_size, gather, moves_alike
+from ident.simulation.visibility import TOLERANCE, VisibilityMeter, compare, gather, moves_alike
 from ident.trajectories.kinds import plan_motions
 
 SENSORS = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation", "supply_sag")
@@ -84,17 +84,6 @@ def test_the_answer_tells_the_amplitude_that_was_reached():
     options = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0, effects=(request,), coarse=True)
     made = simulate(options).answer
     assert made.effects[0].visible_Nm["joint_3"] / made.noise_floor_Nm["joint_3"] == pytest.approx(1.0, rel=TOLERANCE)
-
-
-def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):
-    """The size found, what it shows, and all sizes tried."""
-    tried = []
-
-    def shown(size):
-        tried.append(size)
-        return law(size)
-
-    return *find_size(shown, wanted, start, (small, large), tolerance), tried
 
 
 def test_play_is_compared_with_the_same_gear_without_play(hardware, motions, meters):

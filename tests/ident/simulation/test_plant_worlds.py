@@ -1,7 +1,5 @@
 """Laws of worlds: drawn within their bounds, the same from the same seed, and what they say is what the log shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque, its derivatives and named friction; energy by every metric, and the laws that rest-to-rest motion obeys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """The first three joints of the TM5-900 and all six, what the diagnosis sees of them, and what they may do."""
 
-from __future__ import annotations
-
 import pytest
 
 from ident.robot.arm import ArmModel

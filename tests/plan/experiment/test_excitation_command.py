@@ -1,7 +1,5 @@
 """`plan excite` from its options to its files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

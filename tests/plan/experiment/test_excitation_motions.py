@@ -1,7 +1,5 @@
 """Motions that are proposed: within limits, distinguished from chance, and how far apart they bring two effects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws of scenes: gaps, distances and gradients, sweeps, and motions proven free; pairs that are checked."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import coal

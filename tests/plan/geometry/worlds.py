@@ -1,7 +1,5 @@
 """Scenes of all kinds of obstacles that the tests of geometry share."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

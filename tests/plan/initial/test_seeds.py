@@ -1,7 +1,5 @@
 """Seeds: the midplane's points, trees, pruning, and what is said of those that fail."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

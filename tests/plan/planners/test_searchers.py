@@ -1,7 +1,5 @@
 """The planners that sample, and brute force: what every one of them owes, and what each is for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

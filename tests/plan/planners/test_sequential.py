@@ -1,7 +1,5 @@
 """The default planner: its coefficients, derivatives, steps and turns; what it may do more never makes it worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decision vectors, limits, makers' limits, penalties and singular positions."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 from pathlib import Path

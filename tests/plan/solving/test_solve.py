@@ -1,7 +1,5 @@
 """Plans that certify themselves, tasks that have none, what no plan can cost less than, and goals that are poses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A two-joint arm with friction, models of it with and without loss parameters, and their evaluations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Reads a page as a browser would, for the tests of the report."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 VOID = {"meta", "link", "br", "path", "use", "wbr", "rect"}

@@ -1,7 +1,5 @@
 """The page of a diagnosis, made from the contract's record alone."""
 
-from __future__ import annotations
-
 import copy
 import json
 from itertools import product

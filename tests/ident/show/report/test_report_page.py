@@ -1,7 +1,5 @@
 """The page: whole, self-contained, well-formed; its figures are those of the evaluation."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sections: what they compute before a template shows it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The timeline, read back: what was written is what the models and recordings say."""
 
-from __future__ import annotations
-
 import subprocess
 import warnings
 from pathlib import Path
