@@ -51,9 +51,3 @@ def test_batch_equals_single() -> None:
     times = (knots[:-1, None] + s * one.durations[0][:, None]).reshape(-1) - 1e-12
     for order, values in enumerate(one.at(np.maximum(times, 0.0))):
         assert np.allclose(batch[order][4], values, atol=1e-8)
-
-
-def test_ends_at_rest() -> None:
-    """Start and end have no velocity: unlike a natural spline."""
-    _, dq, _ = random_splines(5, 3).states(np.array([0.0, 1.0]))
-    assert np.abs(dq[:, [0, -1]]).max() < 1e-12

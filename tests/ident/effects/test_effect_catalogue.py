@@ -6,10 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from smooth_motion import edit_runs
 
 from ident.arrays import Array
-from ident.effects.base import Effect, RunContext, SessionContext, StatesEffect, Variant
+from ident.effects.base import Effect, SessionContext, StatesEffect, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.effects.effect_info import TABLE, read_row
 from ident.effects.session_context import friction_level, rated_torque
@@ -40,18 +39,6 @@ NAMES = {
     "encoder_offset": "offset_rad",
     "external_contact": "start_s end_s force_N link",
 }
-ODD = ("stribeck_friction", "nonlinear_viscous_friction", "load_dependent_friction", "position_dependent_friction")
-EVEN = (
-    "asymmetric_friction",
-    "torque_ripple",
-    "spring_torque",
-    "payload",
-    "link_inertial_error",
-    "gravity_misalignment",
-    "torque_offset",
-    "encoder_offset",
-    "external_contact",
-)
 
 each_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.id)
 
@@ -111,27 +98,6 @@ def test_columns_of_a_part_of_a_session_are_those_of_the_whole(effect: Effect, s
             whole = effect.columns(session, joint, variant)[2:]
             for a, b in zip(whole, effect.columns(part, joint, variant), strict=True):
                 np.testing.assert_allclose(b, a, atol=1e-9 * np.abs(a).max(initial=1e-9))
-
-
-def backwards(run: RunContext) -> RunContext:
-    """The same path at the same places, in the other direction."""
-    motion = replace(run.motion, dq=-run.motion.dq)
-    return RunContext(motion, run.arm, run.rigid, run.link, -run.friction, -run.direction)
-
-
-@pytest.mark.parametrize("name", ODD + EVEN)
-def test_parity_is_that_of_the_signature(name: str, session: SessionContext) -> None:
-    """Backwards on the same path, friction turns its sign and gravity, inertia and springs keep theirs."""
-    effect, mirrored = find_effect(name), edit_runs(session, backwards)
-    sign = -1.0 if name in ODD else 1.0
-    for joint in asked(effect, session):
-        for variant in effect.variants(session, joint):
-            there = np.concatenate(effect.columns(session, joint, variant))
-            back = np.concatenate(effect.columns(mirrored, joint, variant))
-            if name == "load_dependent_friction":
-                # Driving and backdriving change places; what is odd is their sum.
-                there, back = there[:, :2].sum(axis=1), back[:, :2].sum(axis=1)
-            np.testing.assert_allclose(back, sign * there, atol=1e-9 * np.abs(there).max())
 
 
 @each_effect

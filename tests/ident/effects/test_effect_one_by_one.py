@@ -308,25 +308,3 @@ def test_a_spring_that_turns_at_its_rest_has_no_slope_there(session: SessionCont
         constant, linear, square, cube = size * np.polynomial.polynomial.polyfromroots([turn, turn, 5.0])
         cubic = np.array([linear, constant - size * rng.integers(2), square, cube])
         assert effect.parameters(session, 1, bent, cubic, np.zeros((4, 4)))["stiffness_Nm_rad"].value == 0.0
-
-
-def test_hysteresis_is_full_friction_far_from_reversals(session: SessionContext) -> None:
-    """Beyond 60 mrad of travel in one direction a stop operator says no more than Coulomb friction."""
-    effect = find_effect("presliding_hysteresis")
-    q = session.runs[0].motion.q[:, 0]
-    stretch = int(np.argmax(np.abs(session.runs[0].motion.dq[:, 0])))
-    heading = np.sign(q[stretch] - q[stretch - 1])
-    assert abs(q[stretch] - q[stretch - 20]) > 0.06
-    for variant in effect.variants(session, 0):
-        np.testing.assert_allclose(effect.columns(session, 0, variant)[0][stretch], heading)
-
-
-def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
-    """With coefficients that aren't negative, torque that scales with the load leaves most of itself unexplained."""
-    from scipy.optimize import nnls
-
-    effect = find_effect("load_dependent_friction")
-    columns = np.concatenate(effect.columns(session, 1, effect.variants(session, 1)[0]))
-    load = np.concatenate([run.link[:, 1] for run in session.runs])
-    _, left = nnls(columns, load)
-    assert left > 0.9 * np.linalg.norm(load)

@@ -125,11 +125,3 @@ def test_a_shifted_centre_is_no_mass(session: SessionContext, recover: Recover) 
     found = recover(find_effect("link_inertial_error"), session, 1, torque)
     np.testing.assert_allclose(found["moment_change_x_kgm"].value, 0.01 * mass, rtol=0.05)
     assert abs(found["mass_change_kg"].value) < 0.05 * mass
-
-
-def test_a_tilt_shows_on_a_vertical_joint(session: SessionContext) -> None:
-    """Joint 1 feels no gravity on a level base, and does on a tilted one; inertia has no part in it."""
-    effect = find_effect("gravity_misalignment")
-    columns = effect.columns(session, 0, effect.variants(session, 0)[0])[0]
-    assert np.abs(columns[:, 0]).max() > 1.0
-    assert np.abs(session.runs[0].arm.gravity(session.runs[0].motion.q)[:, 0]).max() < 1e-9

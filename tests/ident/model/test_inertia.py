@@ -155,14 +155,6 @@ def test_both_solvers_find_the_same_losses(seed: int) -> None:
     assert np.all((found[4:] > 0) | (slope[4:] > 0))
 
 
-def test_without_bounds_it_is_least_squares() -> None:
-    rng = np.random.default_rng(5)
-    table, target = rng.normal(size=(9, 4)), rng.normal(size=9)
-    free = np.linalg.lstsq(table, target, rcond=None)[0]
-    assert np.allclose(solve_bounded(table.T @ table, table.T @ target, ()), free, atol=1e-6)
-    assert np.allclose(solve_partly_non_negative(table, target, ()), free)
-
-
 def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], nominal: ArmModel, real: ArmModel) -> None:
     """Multisines on all joints: below 20. All joints in step on one sine: over 1000."""
     assert fits["base"].inertia.condition_number < 20.0

@@ -14,7 +14,6 @@ from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.named_fit import NamedLaws, read_named_laws
 from ident.motion.motion import Motion
 from ident.schemas.publish import make_schema
-from plan.dynamics.power import torque_of_model
 from tests.ident.made_up import made_motions, two_joint_arm
 
 ARM = two_joint_arm()
@@ -103,17 +102,6 @@ def test_what_is_plain_friction_is_refused(runs: list[Motion]) -> None:
     named, offset = NamedLaws((NamedLaw("asymmetric_friction", 0),)), FitOptions(net="none", offset=True)
     with pytest.raises(RecordingError, match=r"can't tell asymmetric_friction of joint_1 from .* offset"):
         fit_hybrid(runs, ARM, offset, named=named)
-
-
-def test_a_plan_knows_the_laws(fitted: FitResults) -> None:
-    """A planner's torque is the model's to 1e-9 N m, all joints moving or the last one held."""
-    model, rng = fitted.model, np.random.default_rng(4)
-    q, dq, ddq = (rng.normal(size=(50, 2)) * scale for scale in (1.0, 1.0, 5.0))
-    planned = torque_of_model(model, 2, []).torque(q[None], dq[None], ddq[None])[0]
-    assert planned == pytest.approx(model.torque(q, dq, ddq), abs=1e-9)
-    still = [np.column_stack([part[:, 0], np.full(50, value)]) for part, value in ((q, 0.4), (dq, 0.0), (ddq, 0.0))]
-    held = torque_of_model(model, 1, [0.4]).torque(*(part[None, :, :1] for part in still))[0]
-    assert held[:, 0] == pytest.approx(model.torque(*still)[:, 0], abs=1e-9)
 
 
 def _record(**changes: Any) -> dict[str, Any]:

@@ -268,18 +268,6 @@ def test_gear_ratios_are_told(tm5: ArmModel) -> None:
         assert ArmModel.from_urdf(tm5.urdf.replace(">100<", f">{wrong}<"), tm5.source).gear_ratios is None
 
 
-def test_power_is_the_rate_of_energy(tm5: ArmModel) -> None:
-    """τ·dq = d(T + V)/dt on a free motion: the sign of gravity and of every inertia is right (to 1e-5 W of 100 W)."""
-    time = np.arange(0, 1, 1e-4)
-    size, rate = np.linspace(0.3, 0.8, 6), np.linspace(2, 5, 6)
-    q = size * np.sin(rate * time[:, None])
-    dq, ddq = size * rate * np.cos(rate * time[:, None]), -size * rate**2 * np.sin(rate * time[:, None])
-    data = tm5.model.createData()
-    energy = [pin.computeMechanicalEnergy(tm5.model, data, a, b) for a, b in zip(q, dq, strict=True)]
-    power = (tm5.inverse_dynamics(q, dq, ddq) * dq).sum(axis=1)
-    assert np.allclose(np.gradient(energy, time)[1:-1], power[1:-1], atol=1e-5 * np.abs(power).max())
-
-
 def test_locking_step_by_step_is_locking_at_once(tm5: ArmModel) -> None:
     """Two reductions after each other, under tilted gravity, are one."""
     tilted = tm5.with_gravity(np.array([3.0, 0.0, -9.0]))

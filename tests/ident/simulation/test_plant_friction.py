@@ -159,11 +159,3 @@ def test_rest_holds_any_torque_below_the_level(share):
         travel.append(x)
     assert travel[0] < 2e-3
     assert travel[1] > 1.0
-
-
-def test_sliding_friction_is_its_level():
-    """After some presliding the bristle's torque is the level, against the motion."""
-    z, torque = 0.0, 0.0
-    for _ in range(2000):
-        z, torque = bristle(z, 0.3, 10.0, 5e4, 100.0, DT)
-    assert torque == pytest.approx(10.0, rel=1e-3)

@@ -237,13 +237,6 @@ def test_the_answer_is_written_on_request(tmp_path):
         write_simulation(simulation, tmp_path / "s", answer=True, sealed=True)
 
 
-def test_a_foreign_folder_is_not_replaced(tmp_path):
-    (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="thesis"):
-        simulate_to(tmp_path, TINY)
-    assert (tmp_path / "thesis.tex").read_text() == "years of work"
-
-
 def test_an_envelope_opens_with_its_key_only(tmp_path):
     """Nothing leaks by length either: one effect or none, the envelope is as long."""
     key, file = b"a secret of some length", tmp_path / ENVELOPE_NAME

@@ -11,7 +11,6 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
-from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import METRICS, ChainTorque, differentiate_torque, energy, find_kinks, rounded, torque_of_model
 from plan.solving.bound import lower_bound
 from plan.spline import Splines
@@ -229,13 +228,3 @@ def test_quadrature_is_good_enough(splines: Splines) -> None:
     """Eight points a section give the absolute energy to 1 % of forty points."""
     few, many = (energy(model(), splines, "absolute", points=points)[0] for points in (8, 40))
     assert few == pytest.approx(many, rel=1e-2)
-
-
-@pytest.mark.parametrize("net", [joint_nets(), dense_net()], ids=["default", "paper"])
-def test_net_adds_to_the_rest(net: CompiledDenseNet | CompiledJointNets) -> None:
-    """The model with a net is the model without plus the net's torque."""
-    q, dq, ddq = random_states(3)
-    rigid = three_joints().inverse_dynamics(q, dq, ddq)
-    with_net, without = model(net).torque(q, dq, ddq), model().torque(q, dq, ddq)
-    assert with_net - without == pytest.approx(net.torque(q, dq, ddq, rigid), abs=1e-9)
-    assert np.abs(with_net - without).max() > 0.1

@@ -189,15 +189,3 @@ def test_points_inside_are_told_from_points_outside(tmp_path: Path) -> None:
     assert middle == pytest.approx([0.5] * 3)
     points = np.random.default_rng(6).uniform(-1, 1, (200, 3))
     assert [holds(solid, point) for point in points] == [bool(np.all(np.abs(point) < 0.5)) for point in points]
-
-
-def test_a_payload_takes_torque(tmp_path: Path) -> None:
-    """Two kilograms in the hand raise the torque that holds the arm."""
-    torques = []
-    for more in ("", "[payload]\nmass_kg = 2\ncom_m = [0, 0, 0.05]\n"):
-        (tmp_path / "scene.toml").write_text(TASK + more)
-        problem = set_up(load_task(tmp_path / "scene.toml"))
-        still = np.zeros((1, 1, 3))
-        torques.append(problem.model.torque(problem.start[None, None], still, still)[0, 0])
-    lever = np.abs(torques[1] - torques[0])[1]
-    assert 2.0 < lever < 2.0 * 9.81 * 1.1

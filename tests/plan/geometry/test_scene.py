@@ -6,8 +6,6 @@ import coal
 import numpy as np
 import pytest
 
-from ident.robot.arm import ArmModel
-from plan.geometry.arm_shapes import arm_shapes
 from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.compiled import compile_bodies
 from plan.geometry.scene import Scene
@@ -192,17 +190,6 @@ def test_separation_is_that_of_coal_and_of_the_theorem(apart: float) -> None:
         assert exact >= BAND or ours == pytest.approx(exact, abs=1e-4)
     assert 0.1 < np.mean(overlap) < 0.9  # the check would say nothing if all pairs were alike
     assert near > 20
-
-
-def test_boxes_enclose_meshes() -> None:
-    """A mesh's box holds every vertex of the mesh."""
-    arm = ArmModel.load("ur10")
-    boxes = arm_shapes(arm).boxes
-    for box, shape in zip(boxes, arm.geometry.geometryObjects, strict=True):
-        if hasattr(shape.geometry, "vertices"):
-            points = shape.geometry.vertices() @ shape.placement.rotation.T + shape.placement.translation
-            inside = np.abs((points - box.centre) @ box.rotation)
-            assert np.all(inside <= box.half + 1e-6)
 
 
 def test_proof_sees_between_samples() -> None:

@@ -240,13 +240,6 @@ def test_a_joint_that_waits_does_not_turn(local: LocalModel) -> None:
     assert {1, 2} & set(turns.joints[turns.inside])
 
 
-def test_goes_round_what_is_in_the_way() -> None:
-    """A box on the line is passed with the clearance asked for, every instant proven."""
-    task = problem(MONITOR, duration=1.0)
-    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
-    assert certify(task, best.splines).broken == []
-
-
 @pytest.mark.parametrize("objective", ["energy", "time"])
 def test_better_than_few_vias(objective: str) -> None:
     """Free knots reach at least what five via points reach, and what they reach is allowed."""
