@@ -33,7 +33,6 @@ INLINE = re.compile(r"`((?:ident|plan) [a-z]+ [^`…]+)`")
 
 def shown_commands() -> list[str]:
     """Commands of ours on the pages: lines indented as code, without what is remarked behind them, and those within a
-
     sentence that say more than their name.
     """
     found = []

@@ -24,7 +24,6 @@ def _score(train: Session, test: Session, arm: ArmModel, options: FitOptions) ->
 
 def test_ur10e_is_explained_on_unseen_runs(real_data: Path) -> None:
     """Currents × literature gains, base inertias: R² where the joint moves ≥ 0.99 on joints 1 to 3, ≥ 0.98 on 4 to 6,
-
     and each rung of the ladder raises it over the one below, all joints together.
     """
     arm = ArmModel.load(real_data / "ur10e/ur10e.urdf")
@@ -37,9 +36,8 @@ def test_ur10e_is_explained_on_unseen_runs(real_data: Path) -> None:
 
 
 def test_panda_is_explained_from_half_to_half(sapienza: Session) -> None:
-    """First half of one run → second half: R² ≥ 0.95 and torque RMSE ≤ 0.25 N m on every joint; with base inertias R²
-
-    ≥ 0.94: rows kept further from stops than once leave joint 7 fewer of them.
+    """First half of one run → second half: R² ≥ 0.95 and torque RMSE ≤ 0.25 N m on every joint; with base inertias R² ≥
+    0.94: rows kept further from stops than once leave joint 7 fewer of them.
     """
     train, test = halves(sapienza.runs[0])
     panda = ArmModel.load("panda")
@@ -62,7 +60,6 @@ def test_pandas_apparent_offsets_are_mass_errors(sapienza: Session) -> None:
 
 def test_second_pandas_bag_is_read_and_explained(real_data: Path) -> None:
     """The other unit's bag, 30 Hz and 24 s, other joint names: first half → second half R² ≥ 0.94 on joints 2 to 7,
-
     bias counted as error.
 
     Joint 1 carries half a newton metre, of which friction and noise are the larger part: 0.68.

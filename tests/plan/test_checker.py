@@ -32,6 +32,18 @@ def folder(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return HybridModel(arm, arm, heavier, LOSS, inertia="base").save(tmp_path_factory.mktemp("checked") / "model")
 
 
+def limits_of(arm: ArmModel, n: int, clearance: float) -> dict[str, Any]:
+    """What the first joints of the arm may do."""
+    names = {"lower": arm.lower, "upper": arm.upper, "speed": arm.velocity_limit, "torque": arm.effort_limit}
+    return {**{name: values[:n] for name, values in names.items()}, "clearance": clearance}
+
+
+def straight_line(plan: dict[str, Any]) -> list[list[float]]:
+    """Via points at three and seven tenths of the line from start to goal."""
+    ends = plan["start_rad"], plan["goal_rad"]
+    return [[(1 - s) * a + s * b for a, b in zip(*ends, strict=True)] for s in (0.3, 0.7)]
+
+
 def test_the_checker_knows_the_arm(arm: ArmModel, folder: Path) -> None:
     """Its torque is the model's own, at random states."""
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 6))
@@ -44,23 +56,14 @@ def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -
     scene["task"]["objective"] = "energy"
     plan = solve(DATA / "obstacle.toml", folder, method="cma", evaluations=1500, gap=False).to_dict()
     assert plan["status"] == "solved"
-    limits = {
-        "lower": arm.lower[:3],
-        "upper": arm.upper[:3],
-        "speed": arm.velocity_limit[:3],
-        "torque": arm.effort_limit[:3],
-        "clearance": 0.005,
-    }
+    limits = limits_of(arm, 3, 0.005)
     model, world = Model(folder), World(URDF, [], scene)
 
     def found(**changes: Any) -> str:
         return "; ".join(faults({**json.loads(json.dumps(plan)), **changes}, scene, model, world, limits))
 
     assert found() == ""
-    straight = [
-        [(1 - s) * a + s * b for a, b in zip(plan["start_rad"], plan["goal_rad"], strict=True)] for s in (0.3, 0.7)
-    ]
-    assert "and monitor" in found(via_points_rad=straight, times_s=[0.3, 0.7])
+    assert "and monitor" in found(via_points_rad=straight_line(plan), times_s=[0.3, 0.7])
     assert "energy is" in found(energy_J={**plan["energy_J"], "absolute": 1.01 * plan["energy_J"]["absolute"]})
     faster = found(times_s=[0.2 * t for t in plan["times_s"]], duration_s=0.2)
     assert "speed" in faster
@@ -86,8 +89,7 @@ def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_pa
     assert any(note.startswith("link_6 and link_3 are ") for note in plan["notes"])
     assert "instead of the 30 mm asked for" in result.summary()
     scene["task"]["objective"] = "energy"
-    limits = {name: getattr(arm, name) for name in ("lower", "upper")}
-    limits |= {"speed": arm.velocity_limit, "torque": arm.effort_limit, "clearance": 0.03}
+    limits = limits_of(arm, 6, 0.03)
     world = World(URDF, [], scene)
     assert faults(plan, scene, Model(folder), world, limits) == []
     assert "link_6 and post" in "; ".join(faults(plan, scene, Model(folder), world, {**limits, "clearance": 0.06}))
@@ -113,12 +115,9 @@ def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp
     plan = solve(path, folder, evaluations=300, gap=False).to_dict()
     assert plan["status"] == "solved"
     scene["task"]["objective"] = "energy"
-    limits = {name: getattr(arm, name)[:3] for name in ("lower", "upper")}
-    limits |= {"speed": arm.velocity_limit[:3], "torque": arm.effort_limit[:3], "clearance": 0.005}
+    limits = limits_of(arm, 3, 0.005)
     world = World(URDF, [], scene, tmp_path)
     assert faults(plan, scene, Model(folder), world, limits) == []
-    plan["via_points_rad"] = [
-        [(1 - s) * a + s * b for a, b in zip(plan["start_rad"], plan["goal_rad"], strict=True)] for s in (0.3, 0.7)
-    ]
+    plan["via_points_rad"] = straight_line(plan)
     plan["times_s"] = [0.3 * plan["duration_s"], 0.7 * plan["duration_s"]]
     assert any("and monitor" in line for line in faults(plan, scene, Model(folder), world, limits))

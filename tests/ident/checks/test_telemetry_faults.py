@@ -174,7 +174,6 @@ def test_a_fault_is_told_and_mended(fault: str, clean: Session, arm: ArmModel) -
 
 def test_a_refusal_obeys_the_settings_that_it_was_given(clean: Session, arm: ArmModel) -> None:
     """Law: where more is asked than any torque explains, no sign is called flipped; where nothing is motion enough,
-
     clean recordings are too little.
     """
     flipped = spoil(clean, lambda run: run.replace(effort=-run.effort))

@@ -257,7 +257,6 @@ def test_ripple_of_an_unknown_gear_is_found_over_the_angle(
     session: SessionContext, recover: Recover, turns: float
 ) -> None:
     """Law: 0.6 N m of ripple beside 1 N m of noise stands out at its cycles a turn, once refined to a tenth of what the
-
     joint's travel tells apart; noise alone shows no line.
     """
     effect, unknown, rng = find_effect("torque_ripple"), replace(session, gear_ratios=None), np.random.default_rng(0)

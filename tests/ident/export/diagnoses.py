@@ -9,9 +9,8 @@ import numpy as np
 from ident.diagnosis.baseline_record import LINK_KEYS
 from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
+from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 
-COULOMB = np.array([8.0, 8.0, 6.0, 2.0, 2.0, 2.0])
-VISCOUS = np.array([10.0, 10.0, 8.0, 3.0, 3.0, 2.0])
 ROTOR = np.array([1.2, 1.2, 0.8, 0.15, 0.15, 0.15])
 # What an arm's effects would be reported with.
 FIGURES: dict[str, dict[str, float]] = {

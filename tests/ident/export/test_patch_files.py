@@ -40,9 +40,8 @@ def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **cha
 
 @pytest.mark.parametrize("taken_kg", [-1.0, -1.48])
 def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: float) -> None:
-    """Less than the last link's own mass is left, then less than its and the hand's: what is read back was meant,
-
-    and no link weighs less than nothing; also where the URDF that the arm was read from is gone, whatever axis it had.
+    """Less than the last link's own mass is left, then less than its and the hand's: what is read back was meant, and
+    no link weighs less than nothing; also where the URDF that the arm was read from is gone, whatever axis it had.
     """
     whole = ArmModel.load("panda")
     urdf = whole.urdf.replace('_hand_joint" type="fixed">', '_hand_joint" type="fixed"><axis xyz="0 0 0"/>')

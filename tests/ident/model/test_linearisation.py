@@ -151,7 +151,6 @@ def test_a_lubricant_that_thins_is_no_slow_turning(three_joints: ArmModel) -> No
 @pytest.mark.parametrize("alike", [1, 16])
 def test_samples_that_err_alike_count_once(alike: int) -> None:
     """Law: a smoother turning that leaves 0.6 % less of 3000 samples is nine nats better where each errs for itself;
-
     where sixteen err alike it is not, and the sharper one is taken.
     """
     samples = np.full((60, 1), 50.0)

@@ -49,9 +49,8 @@ def _same(a: ResidualNet, b: ResidualNet) -> bool:
 
 
 def test_paper_preset_is_the_papers_net() -> None:
-    """Layers 256-512-1024-512-256 tanh, dropout 0.5, Adam without decay, 100 epochs, 70/30; 1.32 M weights for
-
-    three joints, and a linear output.
+    """Layers 256-512-1024-512-256 tanh, dropout 0.5, Adam without decay, 100 epochs, 70/30; 1.32 M weights for three
+    joints, and a linear output.
     """
     options = PRESETS["paper"]
     net = DenseNet(9, 3, options.hidden, options.dropout)
@@ -83,7 +82,6 @@ class _Interrupted(Exception):
 
 def test_a_resumed_training_is_the_uninterrupted_one(tmp_path: Path) -> None:
     """Stopped after epoch 13 and started again, the training goes on from epoch 10's checkpoint to the same weights,
-
     bit for bit.
     """
     state, options = _states(3), replace(DENSE, epochs=15)
@@ -187,7 +185,6 @@ def test_a_damaged_net_is_a_model_error(damage: Callable[[Path], object], words:
 
 def test_a_friction_law_is_learnt() -> None:
     """On an unseen motion the default net takes away at least 90 % of the mean square of a Stribeck bump that grows
-
     with the load, measured with a tenth of its size in noise.
     """
     rng, train = np.random.default_rng(7), [_states(seed, 1500) for seed in (10, 11, 12)]

@@ -39,9 +39,8 @@ def test_no_robot_at_all_is_told() -> None:
 
 @pytest.mark.parametrize("jitter", [0.0, 0.35], ids=["even", "jittered"])
 def test_a_known_motion_is_reproduced_on_an_even_grid(jitter: float) -> None:
-    """Positions at uneven times become states on an even grid: the true ones within 5.5 of the standard
-
-    deviations that the smoother tells (about 2 µrad, 0.2 mrad/s, 0.03 rad/s²) at every sample.
+    """Positions at uneven times become states on an even grid: the true ones within 5.5 of the standard deviations that
+    the smoother tells (about 2 µrad, 0.2 mrad/s, 0.03 rad/s²) at every sample.
     """
     rng = np.random.default_rng(1)
     time = 0.01 * (np.arange(1500) + jitter * rng.uniform(-1, 1, 1500))

@@ -102,9 +102,8 @@ def test_no_filter_where_there_can_be_none(order: int, cutoff: float) -> None:
 @pytest.mark.parametrize("padding", [0, 1, 39])
 @pytest.mark.parametrize("order", [2, 4, 5, 7])
 def test_equals_scipy(shape: tuple[int, ...], padding: int, order: int) -> None:
-    """Law: whatever the shape, the extension and the number of sections, the numbers are those of `sosfiltfilt`;
-
-    the signals that are filtered stay what they were.
+    """Law: whatever the shape, the extension and the number of sections, the numbers are those of `sosfiltfilt`; the
+    signals that are filtered stay what they were.
     """
     sections = butter(order, 10.0, fs=125.0, output="sos")
     values = np.random.default_rng(3).normal(size=shape).cumsum(axis=0)
@@ -142,7 +141,6 @@ def slow_run(rng: np.random.Generator, seconds: float = 20.0) -> tuple[Recording
 
 def test_slow_motions_lose_the_noise_above_them() -> None:
     """Law: where a motion is slower than the smoother's corner, cutting brings its acceleration nearer to the truth: to
-
     less than two thirds of the error; the ends of the run are no worse than the smoother's.
     """
     run, truth = slow_run(np.random.default_rng(3))
@@ -215,7 +213,6 @@ def test_a_joint_at_rest_stays_at_rest() -> None:
 
 def test_bias_of_a_smooth_reversal_is_below_the_noise() -> None:
     """0.5 rad swings at 0.5 Hz, 250 Hz, 20 µrad: at reversals the mean error over 40 noises is below 3 standard errors
-
     of the mean: the smoother adds no bias that a smooth motion would show.
     """
     time, omega = np.arange(0, 20, 0.004), np.pi

@@ -133,10 +133,9 @@ def test_m11_at_the_papers_task(arm: ArmModel, pose: tuple[int, ...], exact: flo
 
 
 def test_where_lumping_breaks(arm: ArmModel) -> None:
-    """Over joints 2 and 3 within limits and the vendor's wrist postures (set R) the lumped model is off by
-
-    2.5 to 2.7 N m in gravity, a factor of 7.8 to 8.6 in M11 (arm upright, where lumped M11 is 0.037 kg m²), and it
-    lacks an M12 of up to 0.79 and an M13 of up to 0.27 kg m².
+    """Over joints 2 and 3 within limits and the vendor's wrist postures (set R) the lumped model is off by 2.5 to 2.7 N
+    m in gravity, a factor of 7.8 to 8.6 in M11 (arm upright, where lumped M11 is 0.037 kg m²), and it lacks an M12 of
+    up to 0.79 and an M13 of up to 0.27 kg m².
     """
     two, three = np.meshgrid(np.arange(-180, 181, 5.0), np.arange(-155, 156, 5.0))
     q = np.deg2rad(np.stack([np.zeros(two.size), two.ravel(), three.ravel()], axis=1))

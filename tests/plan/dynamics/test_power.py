@@ -59,7 +59,6 @@ def random_states(n: int, count: int = 40) -> np.ndarray:
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_planner_sees_the_fitted_model(preset: str) -> None:
     """A hybrid model's torque and the planner's are equal to single precision, wrist frozen or not, and beyond the
-
     training of its net too.
     """
     from dataclasses import replace

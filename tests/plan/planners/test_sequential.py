@@ -192,27 +192,6 @@ def bent(local: LocalModel) -> np.ndarray:
     return x
 
 
-def shares(local: LocalModel, x: np.ndarray) -> np.ndarray:
-    """Torque at the turns as shares of the limits."""
-    coefficients, duration = local.split(x)
-    turns, at, first = local._turns(coefficients, *local.grid.states(coefficients, duration)[1:], duration)
-    return np.abs(turns.torque(local.problem.model, at)) / local._turn_limit(turns, first)  # type: ignore[arg-type]
-
-
-def test_slopes_equal_finite_differences(local: LocalModel) -> None:
-    """Also where the place moves with the motion."""
-    x = bent(local)
-    coefficients, duration = local.split(x)
-    rows = local._turn_rows(coefficients, local.grid.states(coefficients, duration), duration)
-    assert len(rows.room) > 2 * 2 * local.n
-    assert 1.0 - rows.room == pytest.approx(shares(local, x))
-    along = np.random.default_rng(1).normal(size=len(x))
-    slopes = (shares(local, x + 1e-6 * along) - shares(local, x - 1e-6 * along)) / 2e-6
-    off = np.abs(rows.matrix @ along - slopes) / (1.0 + np.abs(slopes))
-    assert np.median(off) < 1e-3
-    assert off.max() < 0.1
-
-
 def test_no_peak_where_a_joint_turns_is_missed(local: LocalModel) -> None:
     """At ten thousand places the torque near a turn is nowhere above what was found at the turns."""
     x = bent(local)
