@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.regression.least_squares import Prior, hold_signs, signs_of
 from ident.diagnosis.regression.positive import positive
 
 
@@ -127,10 +127,11 @@ class HeldOut:
         for part, local in zip(parts, layout.local, strict=True):
             places, into = _spots(local, used)
             grams[:, into[:, None], into] += part.without(places)
-        values = np.array([self._solve(gram, used) for gram in grams])
+        signed = signs_of(layout.tuned, groups)
+        values = np.array([self._solve(gram, used, signed) for gram in grams])
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
         if once.any():  # what happened once can't be learnt from other runs
-            values[:, once] = self._solve(self._whole[np.ix_(used, used)], used)[once]
+            values[:, once] = self._solve(self._whole[np.ix_(used, used)], used, signed)[once]
         return FoldWeights(used, values)
 
     def _score_of(self, found: FoldWeights) -> HeldOutScore:
@@ -144,12 +145,15 @@ class HeldOut:
                     squared[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
-    def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:
+    def _solve(
+        self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Bool[Array, " z"]
+    ) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
         self.prior.add_to(information, self.evidence.layout)
         power = np.diag(information).copy()
         noise = self.evidence.settings.noise_ridge * self.evidence.noise_power[used[:-1]]
         information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9
+        hold_signs(information, gram[:-1, -1], signed)
         estimate: Array = np.linalg.solve(positive(information), gram[:-1, -1])
         return np.concatenate([-estimate, [1.0]])

@@ -26,6 +26,8 @@ from ident.model.inertia import solve_partly_non_negative
 RIDGE = 1e-9
 # Ridge, in multiples of its encoder noise, of an unknown whose column is nothing else: it stays at zero.
 FIXED = 1e3
+# Ridge, in multiples of its power, of an unknown that its sign holds at zero.
+OFF = 1e6
 # Whitened squares of a column below which it is zero but for rounding.
 LEAST_POWER = 1e-100
 # A URDF as it is mostly believed.
@@ -193,6 +195,7 @@ def project(
     prior: Prior,
     groups: Sequence[Group] = (),
     columns: Int[Array, " c"] | None = None,
+    signed: bool = True,
 ) -> Projection:
     """Solves the baseline and some groups.
 
@@ -200,11 +203,12 @@ def project(
         gram: Whitened sums, of all blocks or some.
         evidence: Where they come from.
         prior: What the URDF says of the base parameters.
-        groups: Candidates that are part of the model; their signs are not enforced here.
+        groups: Candidates that are part of the model.
         columns: Which columns are to be seen after it, in their order, the torque last; all if None. A few cost a
             fraction of the work.
+        signed: Whether coefficients that can't be negative are zero where they would be.
     """
-    inside, factor = _factorise(gram, evidence, prior, groups)
+    inside, factor = _factorise(gram, evidence, prior, groups, signed)
     every = slice(None) if columns is None else columns
     across, total = gram[inside][:, every], gram if columns is None else gram[np.ix_(columns, columns)]
     slopes = cho_solve(factor, across)
@@ -221,7 +225,7 @@ def project(
 
 
 def _factorise(
-    gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups: Sequence[Group]
+    gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups: Sequence[Group], signed: bool
 ) -> tuple[Int[Array, " z"], tuple[Array, bool]]:
     """A model's columns and the factor of its information."""
     layout = evidence.layout
@@ -229,7 +233,25 @@ def _factorise(
     information = gram[np.ix_(inside, inside)].copy()
     prior.add_to(information, layout)
     information[np.diag_indices(len(inside))] += ridge_of(gram, evidence, inside)
+    if signed:
+        hold_signs(information, gram[inside, -1], signs_of(layout.tuned, groups))
     return inside, cho_factor(positive(information))
+
+
+def signs_of(tuned: int, groups: Sequence[Group]) -> Bool[Array, " z"]:
+    """Which columns of a model of the baseline and some groups have a coefficient that can't be negative."""
+    own = [np.isin(np.arange(len(group.columns)), group.signed) for group in groups]
+    return np.concatenate([np.zeros(tuned, dtype=bool), *own])
+
+
+def hold_signs(information: Float[Array, "z z"], target: Float[Array, " z"], signed: Bool[Array, " z"]) -> None:
+    """Adds, in place, what keeps at zero those signed unknowns that would come out negative.
+
+    Else a model would have what no law has: friction by load that is negative one way is a gain of the torque.
+    """
+    if signed.any() and (np.linalg.solve(positive(information), target)[signed] < 0.0).any():
+        off = np.flatnonzero(signed & (solve_signed(positive(information), target, signed) <= 0.0))
+        information[off, off] += OFF * np.abs(information[off, off])
 
 
 def carried_noise(evidence: Evidence, columns: Any, inside: Int[Array, " z"], slopes: Float[Array, "z k"]) -> Array:

@@ -168,14 +168,18 @@ def solve_effects(
     views = [_off_their_bounds(evidence, prior, fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     used = [replace(one, columns=one.columns[kept]) for one, kept in zip(fine.groups, free, strict=True)]
-    models = [project(gram, evidence, prior, used) for prior in dict.fromkeys(priors)]
+    models = [project(gram, evidence, prior, used, signed=False) for prior in dict.fromkeys(priors)]
     covariances = [robust_covariance(evidence, model) for model in models]
     inflation = measure_inflation(evidence, models[0], covariances[0])
     if any(absorbed):
         reach = models[1].spread[:, : evidence.layout.rank]
         off = fine.search.settings.fixed_factor**4 * reach @ fine.search.prior.base @ reach.T
         covariances[1] = covariances[1] + off  # what the URDF's tolerance does to them
-    whole = models[0] if all(kept.all() for kept in free) else project(gram, evidence, fine.search.prior, fine.groups)
+    whole = (
+        models[0]
+        if all(kept.all() for kept in free)
+        else project(gram, evidence, fine.search.prior, fine.groups, signed=False)
+    )
     bound = np.diag(whole.spread)
     at = first = evidence.layout.tuned
     solved = []
