@@ -180,16 +180,16 @@ def solve_effects(
         if all(kept.all() for kept in free)
         else project(gram, evidence, fine.search.prior, fine.groups, signed=False)
     )
-    bound = np.diag(whole.spread)
+    bound = covariances[0] if whole is models[0] else robust_covariance(evidence, whole)
     at = first = evidence.layout.tuned
     solved = []
     for group, kept, hidden in zip(fine.groups, free, absorbed, strict=True):
         part, every = slice(at, at + int(kept.sum())), slice(first, first + len(kept))
         at, first = part.stop, every.stop
         scale = evidence.scale[group.columns]
-        beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[every] / scale**2))
+        beta = np.zeros(len(scale))
         beta[kept] = models[hidden].estimate[part] / scale[kept]
-        cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
+        cells = (covariances[hidden][part, part] if kept.all() else bound[every, every]) / np.outer(scale, scale)
         signed = np.isin(np.arange(len(beta)), group.signed)
         solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
     return solved, inflation
