@@ -18,6 +18,8 @@ from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, compute_rows
+from ident.diagnosis.selection.name_probability import solve_effects
+from ident.diagnosis.selection.refine import Refined
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import SpooledArrays
@@ -336,3 +338,19 @@ def test_a_law_in_the_model_keeps_its_signs(short_arm: ArmModel) -> None:
         assert search.score_beside(gram, gain, [friction]) > 0.5 * alone
         scores = search.held_out.score([friction]), search.held_out.score([friction, gain])
         assert scores[1].gain_over(scores[0])[0] > 0.25 * alone
+
+
+def test_friction_by_load_beside_a_gain_is_known_in_its_sum(short_arm: ArmModel) -> None:
+    """Law: a gain adds to one way what it takes from the other: each alone is hardly known, their sum is, be one of them
+    at its bound or not.
+    """
+    search = search_of(analyse(short_arm, gain_on_2))
+    at_2 = {group.effect.id: group for group in search.evidence.layout.groups if group.joint == 1}
+    friction = next(
+        group
+        for group in search.evidence.layout.groups
+        if (group.effect.id, group.joint) == ("load_dependent_friction", 1) and len(group.columns) == 2
+    )
+    (beta, cells), _ = solve_effects(Refined(search, (friction, at_2["torque_gain_error"])), [False, False])[0]
+    assert (beta == 0.0).any()
+    assert np.sqrt(cells.sum()) < 0.2 * np.sqrt(np.diag(cells)).sum()
