@@ -341,7 +341,7 @@ def test_a_law_in_the_model_keeps_its_signs(short_arm: ArmModel) -> None:
 
 
 def test_friction_by_load_beside_a_gain_is_known_in_its_sum(short_arm: ArmModel) -> None:
-    """Law: a gain adds to one way what it takes from the other: each alone is hardly known, their sum is, be one of them
+    """Law: a gain adds to one way what it takes from the other: each alone is hardly known, their sum is, one of them
     at its bound or not.
     """
     search = search_of(analyse(short_arm, gain_on_2))
