@@ -188,7 +188,7 @@ class _Look:
         by_noise = needed * np.sqrt((1.0 if absorbed else self.inflation) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
-        by_size = 1.0 / np.sqrt(max(self._that_matters(group, absorbed, closed, joints), 1e-300))
+        by_size = 1.0 / np.sqrt(max(self._that_matters(absorbed, closed, joints), 1e-300))
         return _Typical(group, beta, self._figure(group, beta), float(by_noise), float(by_size))
 
     def is_impossible(self, one: _Typical) -> bool:
@@ -243,14 +243,12 @@ class _Look:
 
     def _nats(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
         """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
-        held, cost = self.search.settings, self.search.cost_of(group)
+        cost = self.search.cost_of(group)
         if group.prior is not None:
             known = self.views[0].rest(group.columns)
             scaled = beta * self.search.evidence.scale[group.columns]
             return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, known)
-        if absorbed:
-            return held.absorbed_nats + cost
-        return max(float(np.log(len(self.search.evidence.layout.groups) / held.family_error)), cost)
+        return self.search.settings.least_nats + cost
 
     def _closed(self, view: Projection, columns: Array, beta: Array, joint: int) -> float:
         """Mean square of the torque at a joint that coefficients explain beyond a model [N² m²]."""
@@ -261,17 +259,17 @@ class _Look:
         rows, weights = rows[rows >= 0], weights[rows >= 0]
         return max(float(weights @ self.plain[joint].part(rows)[0] @ weights) / float(self.counts[joint]), 0.0)
 
-    def _that_matters(self, group: Group, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
+    def _that_matters(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""
-        held, floor, gap = self.search.settings, self.floor[joints] ** 2, self.gap[joints]
-        ratios = [float(np.max(closed / np.maximum(held.least_own_share * gap, 1e-12)))]
-        if not absorbed:
-            left = self.last[joints] ** 2
-            fall = 0.0 if group.effect.bursts else (1.0 - held.least_rms_fall) ** -2 - 1.0
-            share = held.least_gap_fall / (1.0 - held.least_gap_fall)
-            least = np.maximum(fall * left, share * (left - floor))
-            ratios.append(float(np.max(closed / np.maximum(least, 1e-12))))
-        return min(ratios)
+        held = self.search.settings
+        ratio = float(np.max(closed / np.maximum(held.least_own_share * self.gap[joints], 1e-12)))
+        if absorbed:
+            return ratio
+        left = self.last[joints] ** 2
+        share = held.least_gap_fall / (1.0 - held.least_gap_fall)
+        fall = (1.0 - held.least_rms_fall) ** -2 - 1.0
+        least = np.maximum(fall * left, share * (left - self.floor[joints] ** 2))
+        return min(ratio, float(np.max(closed / np.maximum(least, 1e-12))))
 
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:

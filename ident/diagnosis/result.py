@@ -63,7 +63,6 @@ class Finding(Explained):
                 "share": self.share,
             },
             "evidence": {
-                "p_value": self.named.gates.p_value,
                 "log_score_gain": self.named.gates.log_score[0],
                 "log_score_error": self.named.gates.log_score[1],
                 "log_evidence": self.named.gates.evidence,

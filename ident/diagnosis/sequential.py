@@ -2,8 +2,8 @@
 
 A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
 once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
-shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Where evidence
-and not a p-value decides, the same share is required in nats.
+shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Evidence must
+be greater by the share's logarithm.
 
 Source: Lan and DeMets 1983 (error spending).
 """
@@ -22,8 +22,9 @@ from ident.errors import InputError
 # The first look: fewer runs can't be left out whole (as in the block sums); each later one has this many times the
 # runs of the one before, so that all looks together cost about three times the last (both chosen).
 FIRST_RUNS, GROWTH = 5, 1.5
-# The least p-value that flips can give is this share of what a look may spend (chosen: else no name could pass it).
-RESOLUTION = 0.5
+# Chance of a false name that a single look may spend, and the share of the least p-value that draws can give of it
+# (chosen: else no name could pass).
+SINGLE_LOOK, RESOLUTION = 0.05, 0.5
 NOISES = ("encoder", "torque")
 
 
@@ -86,11 +87,12 @@ def look_until(
         raise InputError("--until", f"{sure:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
     looks: list[RepeatedLook] = []
     for number, runs in enumerate(count_runs(total), start=1):
-        spent = spend(settings, min(1.0 - sure, settings.selection.family_error), number)
+        error = min(1.0 - sure, SINGLE_LOOK)
+        spent = spend(settings, error, number)
         diagnosis = look(runs, spent)
         seconds = float(diagnosis.session["duration_s"])
         missing = tuple(find_missing(diagnosis, sure))
-        looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, spent.selection.family_error, missing))
+        looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, error * share_of_look(number), missing))
         if not missing:
             break
     return RepeatedLooks(sure, tuple(looks), diagnosis)
@@ -105,21 +107,22 @@ def count_runs(total: int) -> Iterator[int]:
     yield total
 
 
+def share_of_look(number: int) -> float:
+    """Share of the chance of a false name that one of many looks, counted from one, may spend."""
+    return 6.0 / (pi * number) ** 2
+
+
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
     """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
-    share = 6.0 / (pi * number) ** 2
-    held, nats = settings.selection, -log(share * error / settings.selection.family_error)
+    held, nats = settings.selection, -log(share_of_look(number) * error / SINGLE_LOOK)
     slow = held.slow_error * exp(-nats)
     wandering = settings.regression.wandering
     wandering = wandering.but(draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
     selection = held.but(
-        family_error=share * error,
         slow_error=slow,
-        flips=max(held.flips, ceil(1.0 / (RESOLUTION * share * error))),
-        absorbed_nats=held.absorbed_nats + nats,
+        least_nats=held.least_nats + nats,
         inertial_odds=held.inertial_odds * exp(nats),
         event_nats=held.event_nats + nats,
-        burst_nats=held.burst_nats + nats,
     )
     return replace(settings, selection=selection, regression=settings.regression.but(wandering=wandering))
 

@@ -165,7 +165,6 @@ def find_nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] 
     return {
         "effect": item.group.effect.id,
         "joints": [joints[most]],
-        "p_value": gates.p_value,
         "log_evidence": gates.evidence,
         "rms_fall": gates.rms_fall,
     }

@@ -46,8 +46,6 @@ class Effect(ABC):
     inertia_like: ClassVar[bool] = False
     # Whether it happens once: other runs say nothing of its size, and it can't be held out.
     event: ClassVar[bool] = False
-    # Whether it acts in short bursts, so that a mean over the session says little of its size.
-    bursts: ClassVar[bool] = False
     # Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large it seems in a
     # run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
     beyond_bound: ClassVar[bool] = False

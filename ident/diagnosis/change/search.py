@@ -35,11 +35,10 @@ from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.regression.run_spread import squares_left
+from ident.diagnosis.regression.run_spread import block_scores, squares_left
 from ident.diagnosis.selection.name_probability import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.sign_flips import block_scores
 from ident.effects.intervals import NORMAL_95
 
 # Odds that a change must have to be named, if something has changed as likely as not.
@@ -125,9 +124,6 @@ class ChangeSearch(Search):
 
     design: PairedDesign  # both sets of runs
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each
-
-    def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
-        return {group.key: 0.0 for group in short}
 
     @cached_property
     def least(self) -> float:

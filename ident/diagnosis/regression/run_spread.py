@@ -52,6 +52,12 @@ def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, 
     return sums
 
 
+def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
+    """Score of every column in every block, after the model: Φ̃_bᵀ r_b."""
+    raw = block_sums_left(evidence, projection)
+    return raw - raw[:, projection.inside] @ projection.slopes
+
+
 def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
     """Relative standard deviation of each joint's friction from run to run.
 

@@ -1,4 +1,4 @@
-"""What each candidate shows beside others: its evidence, its test, its held-out scores, and by these its gates."""
+"""What each candidate shows beside others: its evidence, its held-out scores, and by these its gates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
-from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
 from ident.effects.intervals import SizePrior
 
 # Share of an event's power in the block that has most of it, from which on it is in a block: filters' tails are not.
@@ -54,7 +53,7 @@ class Candidates:
     evidence: Evidence  # sums of the session
     prior: Prior  # the URDF's tolerance
     held_out: HeldOut  # scores on runs left out
-    seed: int = 0  # of the sign flips
+    seed: int = 0  # of what is drawn
     barred: frozenset[Key] = frozenset()  # candidates that can't be it, whatever they explain
     absurd: frozenset[Key] = frozenset()  # those of them whose parameters no arm has
     # Those of them that another name's law includes: no second name, but perhaps the right one.
@@ -73,12 +72,6 @@ class Candidates:
         others = [other for k, other in enumerate(groups) if k != slot]
         projection = project(gram, self.evidence, self.prior, others)
         return self.judge(gram, projection, others, [(self.score_of(projection, groups[slot]), groups[slot])])[0]
-
-    def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
-        """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
-        p_values = self.p_values(projection, groups)
-        hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and self.least_seen(projection, g))}
-        return hidden | {key for key, value in p_values.items() if value <= self.settings.family_error}
 
     def score_of(self, projection: Projection, group: Group) -> float:
         """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost.
@@ -193,7 +186,6 @@ class Candidates:
     ) -> list[Named]:
         """What candidates, given with their evidence, show beside the chosen effects, of which `tuned` is the model."""
         fixed = project(gram, self.evidence, self.fixed.prior, chosen)
-        p_values = self.p_values(tuned, [group for _, group in short])
         without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
 
         def judged(score: float, group: Group, absorbed: bool) -> Named:
@@ -202,7 +194,7 @@ class Candidates:
                 without[absorbed] = scorer.score(), scorer.score(chosen)
             first, before = without[absorbed]
             after = scorer.score([*chosen, group])
-            gates = self._gates(group, p_values[group.key], score, absorbed, (first, before, after))
+            gates = self._gates(group, score, absorbed, (first, before, after))
             if group.effect.event:
                 gates = replace(
                     gates,
@@ -218,24 +210,6 @@ class Candidates:
                 item = judged(score, group, True)
             found.append(item)
         return found
-
-    def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
-        """Least family-wise p-value of each short-listed effect over its grid."""
-        scores = block_scores(self.evidence, projection)
-        folds = self.evidence.fold_of_block
-        by_run = np.array([scores[folds == fold].sum(axis=0) for fold in np.unique(folds)])
-        wanted = {group.key for group in short}
-        quick = [g for g in self.evidence.layout.groups if not g.effect.by_run]
-        slow = [g for g in self.evidence.layout.groups if g.effect.by_run]
-        least: dict[Key, float] = {}
-        rng = np.random.default_rng(self.seed)
-        for group, value in zip(quick, family_p_values(scores, quick, rng, self.settings), strict=True):
-            if group.key in wanted:
-                least[group.key] = min(least.get(group.key, 1.0), float(value))
-        if any(group.key in wanted for group in slow):
-            found = family_p_values_by_run(by_run, projection.rest, slow, rng, self.settings)
-            least.update({key: value for key, value in found.items() if key in wanted})
-        return least
 
     def _event_fall(self, without: Projection, beside: Projection, group: Group) -> float:
         """Share that an event explains of what its blocks of time have beyond usual ones, at the joint where most.
@@ -259,7 +233,6 @@ class Candidates:
     def _gates(
         self,
         group: Group,
-        p_value: float,
         score: float,
         absorbed: bool,
         scores: tuple[HeldOutScore, HeldOutScore, HeldOutScore],
@@ -273,10 +246,10 @@ class Candidates:
         first = _reducible(start, floor[joints])
         gap = closed / _reducible(old, floor[joints])
         most = int(np.argmax(fall))
-        if group.effect.event:
-            p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
+        held = self.settings
+        # Where sizes are known, a belief about the URDF that is free to change has the last word (`inertial_nats`).
+        least = held.least_nats if group.prior is None or not absorbed else held.unlikely_nats
         return Gates(
-            p_value=p_value,
             log_score=scores[2].gain_over(scores[1], joints),
             closed=scores[2].closed_over(scores[1], joints),
             rms_fall=float(fall[most]),
@@ -284,10 +257,8 @@ class Candidates:
             own_share=float(closed[most] / first[most]),
             evidence=score,
             absorbed=absorbed,
-            # Where sizes are known, a belief about the URDF that is free to change has the last word (`inertial_nats`).
-            absorbed_nats=self.settings.absorbed_nats if group.prior is None else self.settings.unlikely_nats,
+            least_nats=held.event_nats if group.effect.event else least,
             event=group.effect.event,
-            bursts=group.effect.bursts,
             settings=self.settings,
         )
 

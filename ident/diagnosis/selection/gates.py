@@ -1,20 +1,17 @@
 """The gates that a name must pass, and what came of the candidates.
 
-1. The sign-flip test over all candidates: family-wise error 5 %. What shows in a handful of stretches can't pass it,
-   however large: where half of a joint's error on runs that it never saw is gone, none is required.
+1. Its log evidence, in which blocks of time count as far as they agree, pays for its coefficients, its grid and its
+   place, and leaves some nats beyond.
 2. On held-out runs the log score gains, or the squared torque error falls, by more than one standard error, at the
-   joints where the effect acts: what is open at others says nothing of it.
-3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
-   10 % or more of what is left above the noise. What comes in bursts drowns in a mean over the session: there the
-   evidence must make up for the 2 %.
+   joints where the effect acts (what is open at others says nothing of it). At one of them the error falls by 2 %, and
+   by a tenth of what lies above the noise.
+3. It closes some share of the gap that there was before anything was named: less may be what is left of a cause whose
+   law is not quite the catalogue's. Beside a cause of seven times its size no other is named at the same joint.
 
 An effect that acts like wrong inertias (a payload, another link's mass, a scaled torque) is no gap at all once every
 inertia may be tuned: the tuned model explains it, by changes that are too large to be believed. Such an effect is
-judged by the evidence, in which the URDF's tolerances count, and its size against the URDF fixed.
-
-Whatever it is, an effect must close some share of the gap that there was before anything was named: less may be what is
-left of a cause whose law is not quite the catalogue's. Beside a cause of seven times its size no other is named at the
-same joint.
+judged by the evidence, in which the URDF's tolerances count, and its size against the URDF fixed. What happens once
+no other run foretells: it must explain what its own blocks of time have beyond usual ones.
 """
 
 from __future__ import annotations
@@ -36,42 +33,37 @@ T = TypeVar("T")
 class Gates:
     """What an effect showed when it was tested."""
 
-    p_value: float  # family-wise, of the sign-flip test
     log_score: tuple[float, float]  # gain on held-out runs [nats], and its standard error
     closed: tuple[float, float]  # fall of the squared error on held-out runs, as a share, and its standard error
     rms_fall: float  # largest share by which a joint's held-out error falls
-    # The same as a share of the mean square above the noise that was left; of what happens once, of what the blocks of
+    # Share that goes of the mean square above the noise that was left; of what happens once, of what the blocks of
     # time in which it does have beyond usual ones.
     gap_fall: float
     own_share: float  # share of its joint's gap that it closes, of what there was before anything was named
-    evidence: float  # log evidence [nats]: with its share the only gate of an absorbed effect, and one of an event
-    absorbed: bool  # whether it is one
-    absorbed_nats: float = USUAL_SELECTION.absorbed_nats  # least evidence that an absorbed effect needs
+    evidence: float  # log evidence [nats]
+    absorbed: bool  # whether tuning absorbs it, so that held-out runs can't judge it
+    least_nats: float = USUAL_SELECTION.least_nats  # least evidence that it needs
     event: bool = False  # whether it happened once
-    bursts: bool = False  # whether it comes in bursts
     settings: SelectionSettings = USUAL_SELECTION  # what it is held to
 
     @property
     def passed(self) -> bool:
-        held = self.settings
+        if self.evidence < self.least_nats:
+            return False
         if self.event:
-            return self.evidence >= held.event_nats and self.gap_fall >= held.event_gap_fall
-        counts = self.own_share >= held.least_own_share
-        if self.absorbed:
-            return self.evidence >= self.absorbed_nats and counts
-        large = self.rms_fall >= held.least_rms_fall or (self.bursts and self.evidence >= held.burst_nats)
-        large = large and self.gap_fall >= held.least_gap_fall and counts
-        beyond_chance = self.p_value <= held.family_error or self.rms_fall >= held.foretold_fall
+            return self.gap_fall >= self.settings.event_gap_fall
+        held = self.settings
         foretells = any(gain > error for gain, error in (self.log_score, self.closed))
-        return beyond_chance and foretells and large
+        large = self.rms_fall >= held.least_rms_fall and self.gap_fall >= held.least_gap_fall
+        return self.own_share >= held.least_own_share and (self.absorbed or (foretells and large))
 
     @property
     def beyond_chance(self) -> bool:
         """Whether chance alone would hardly have made it so good, passed or not."""
         held = self.settings
-        nats = held.event_nats if self.event else held.unlikely_nats
+        nats = self.least_nats if self.event else held.unlikely_nats
         foretells = self.log_score[0] > 0.0 and self.rms_fall >= held.least_hint_fall
-        return self.passed or (self.p_value <= held.unlikely and self.evidence >= nats and foretells)
+        return self.passed or (self.evidence >= nats and foretells)
 
 
 @dataclass(frozen=True, eq=False)

@@ -273,11 +273,10 @@ def weigh_rivals(
     best = standing.best_by_key(projection, others, group)
     share = group.effect.doubt.share / NORMAL_95
     unit = excess + held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
-    least = best[group.key][0] - held.rival_nats * unit
+    least = max(best[group.key][0] - held.rival_nats * unit, held.least_nats)
     near_it = [rival for score, rival in best.values() if score > least]
-    # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
-    allowed = search.significant_keys(projection, near_it) | {group.key}
-    rivals = [rival for _, rival in best.values() if rival.key in allowed and rival.key != group.key]
+    rivals = [rival for rival in near_it if rival.key != group.key]
+    allowed = {rival.key for rival in near_it} | {group.key}
     apart, added = _beside(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
     # Nor is one ahead that would not get the name itself.

@@ -103,7 +103,7 @@ class Search(Candidates):
         for item in tried:
             if item.gates.passed:
                 return item
-            if item.gates.p_value <= self.settings.family_error:
+            if item.gates.evidence >= item.gates.least_nats:
                 other = self.steadier(projection, chosen, item.group)
                 if other is not item.group:
                     again = self.judge(gram, projection, chosen, [(self.score_of(projection, other), other)])[0]
@@ -164,15 +164,13 @@ class Search(Candidates):
         return current
 
     def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
-        """Whether a rival is significant, and better on held-out runs than the holder of a name by one error.
+        """Whether a rival is better on held-out runs than the holder of a name by one error.
 
         A holder that tuning absorbs is not swapped: held-out runs can't judge it.
         """
         if holder.effect.event or rival.effect.event:
             return False
         if holder.effect.inertia_like and self.least_seen(projection, holder):
-            return False
-        if self.p_values(projection, [rival])[rival.key] > self.settings.family_error:
             return False
         old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
         gain, error = new.gain_over(old)

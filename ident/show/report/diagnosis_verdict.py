@@ -270,7 +270,7 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
     if nearest := record.get("nearest"):
         parts.append(
             f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
-            f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen parts by "
+            f"chance (log evidence {nearest['log_evidence']:.0f}); it lowers the error on unseen parts by "
             f"{percent(nearest['rms_fall'])}."
         )
     return " ".join(parts)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from math import pi
+from math import exp
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from ident.api.diagnosing import first_runs
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.sequential import find_missing, look_until, spend
+from ident.diagnosis.sequential import find_missing, look_until, share_of_look, spend
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, find_effect
@@ -28,15 +28,16 @@ def empty(verdict: str, runs: int) -> Diagnosis:
 
 
 def test_all_looks_together_spend_the_error_once() -> None:
-    """Law: the shares of any number of looks add up to less than the whole; each look's test can reach its share."""
-    spent = [spend(USUAL, 0.04, number).selection for number in range(1, 200)]
-    assert 0.0397 < sum(one.family_error for one in spent) < 0.04
-    assert spent[0].family_error == pytest.approx(0.04 * 6.0 / pi**2)
-    assert all(1.0 / (1.0 + one.flips) < one.family_error for one in spent)
+    """Law: the shares of any number of looks add up to less than the whole; each look asks for its share in nats."""
+    shares = [share_of_look(number) for number in range(1, 200)]
+    assert 0.99 < sum(shares) < 1.0
+    spent = [spend(USUAL, 0.05, number).selection for number in range(1, 200)]
+    chances = [exp(USUAL.selection.least_nats - one.least_nats) for one in spent]
+    assert chances == pytest.approx(shares)
     late = spend(USUAL, 0.04, 9)
     assert late.selection.slow_error < spent[0].slow_error < USUAL.selection.slow_error
     assert 1.0 / late.regression.wandering.draws < late.selection.slow_error
-    for name in ("event_nats", "absorbed_nats", "inertial_odds"):
+    for name in ("event_nats", "least_nats", "inertial_odds"):
         assert all(getattr(later, name) > getattr(one, name) for one, later in pairwise(spent))
 
 
@@ -50,7 +51,8 @@ def test_it_stops_when_it_is_sure() -> None:
 
     found = look_until(look, 30, 0.9)
     assert [runs for runs, _ in asked] == [5, 8]
-    assert asked[1][1].selection.family_error < asked[0][1].selection.family_error
+    assert asked[1][1].selection.least_nats > asked[0][1].selection.least_nats
+    assert found.looks[1].family_error < found.looks[0].family_error < 0.05
     assert found.enough
     assert found.to_dict()["runs"] == 8
     assert describe_looks(found.to_dict()).startswith("sure after 8 runs (1.3 min)")

@@ -98,11 +98,11 @@ def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
     """What tuning hides, and the candidate that came nearest, stand under the verdict."""
     record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
     where = ["joint_2", "joint_3"]
-    record["nearest"] = {"effect": "torque_delay", "joints": where, "p_value": 0.001, "rms_fall": 0.012}
+    record["nearest"] = {"effect": "torque_delay", "joints": where, "log_evidence": 9.0, "rms_fall": 0.012}
     record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
     text = written(tmp_path, record).replace("\xa0", " ")
     assert "what they hide acts most on joint_2" in text
-    assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
+    assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (log evidence 9)" in text
     assert "by 1.2 %" in text
     assert "no effect of the catalogue explains it" in text
 
