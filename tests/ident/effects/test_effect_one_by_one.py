@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
 from ident.arrays import Array
@@ -307,3 +308,12 @@ def test_a_spring_that_turns_at_its_rest_has_no_slope_there(session: SessionCont
         constant, linear, square, cube = size * np.polynomial.polynomial.polyfromroots([turn, turn, 5.0])
         cubic = np.array([linear, constant - size * rng.integers(2), square, cube])
         assert effect.parameters(session, 1, bent, cubic, np.zeros((4, 4)))["stiffness_Nm_rad"].value == 0.0
+
+
+def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
+    """With coefficients that aren't negative, torque that scales with the load leaves most of itself unexplained."""
+    effect = find_effect("load_dependent_friction")
+    columns = np.concatenate(effect.columns(session, 1, effect.variants(session, 1)[0]))
+    load = np.concatenate([run.link[:, 1] for run in session.runs])
+    _, left = nnls(columns, load)
+    assert left > 0.9 * np.linalg.norm(load)
