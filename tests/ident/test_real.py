@@ -58,8 +58,7 @@ def test_pandas_apparent_offsets_are_mass_errors(sapienza: Session) -> None:
     assert abs(offsets["consistent"][3]) < 0.5
 
 
-# Bags at 30 and 125 Hz, and the least R² of each joint; joint 1 of the second Panda carries half a newton metre, of
-# which friction and noise are the larger part.
+# Each robot's bag, and the least R² of its joints; of the second Panda's first joint friction and noise are the most.
 BAGS = {
     "panda": ("panda/unisa_fer/panda_exciting_trajectory.db3", [0.68, *[0.94] * 6]),
     "ur10": ("ur10_cb/ur10_exciting_trajectory.db3", [*[0.98] * 5, 0.89]),

@@ -6,7 +6,7 @@ import pytest
 from ident.effects.base import Effect, SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.export.controllers import describe_arm
-from ident.laws.acting import acting_torque, read_log, undo_log
+from ident.laws.acting import KNOWN, acting_torque, read_log, undo_log
 from ident.laws.motion import Losses, MovingArm, rigid_torque
 from ident.model.linearisation import Sliding
 from ident.robot.arm import ArmModel
@@ -19,6 +19,7 @@ from tests.ident.made_up import random_states, sliding_arm
 def test_the_module_evaluates_the_law(effect: Effect, session: SessionContext) -> None:
     """From a diagnosis' record alone the module gives the law's torque to 1 % of its largest, over random draws."""
     rng = np.random.default_rng(4)
+    assert effect.id in KNOWN
     for _ in range(3):
         variant, change, beta = drawn(effect, session, rng)
         found, wanted = in_module(session, change, variant, beta)
