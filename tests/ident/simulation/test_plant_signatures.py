@@ -206,6 +206,18 @@ def test_ripple_is_a_line_that_follows_the_speed(hardware, speed):
     assert frequency[int(np.argmax(amplitude))] == pytest.approx(order * speed / (2.0 * np.pi), rel=0.08)
 
 
+def test_tilt_gives_gravity_to_the_vertical_joint(hardware):
+    """Joint 1 is vertical: without tilt it carries no gravity; with it, a torque that turns with the joint."""
+    motion = there_and_back(POSE, 0, 1.5, [0.5])
+    (change,), (run,) = changes(hardware, [motion], "gravity_misalignment", 5, 0.04)
+    going = run.velocity[:, 0] > 0.45
+    angle, torque = run.position[going, 0], change[going, 0]
+    columns = np.column_stack([np.cos(angle), np.sin(angle)])
+    fitted = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+    assert np.ptp(torque) > 0.5
+    assert np.std(torque - fitted) < 0.1 * np.std(torque)
+
+
 def test_offset_is_there_at_rest_too_and_drifts(hardware):
     motions = path_and_back(hardware.arm)
     (first, second), _ = changes(hardware, motions, "torque_offset", J, 1.0, pause=120.0)
