@@ -21,7 +21,7 @@ from ident.recordings.columns import NamedColumns, take_run, unequal
 from ident.recordings.lerobot import is_dataset, read_dataset
 from ident.recordings.parquet import column_numbers, open_table
 from ident.recordings.recording import Recording, Session, TelemetryIssue
-from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
+from ident.recordings.session_toml import SessionFile, settings_of
 from ident.recordings.text import open_text
 from ident.safe_read import require_regular
 
@@ -101,16 +101,6 @@ def load_parts(
         yield whole.replace(runs=whole.runs[len(before) :])
         notes, before = [], list(whole.runs[-1:])
         del batch, whole  # a part is let go before the next is read
-
-
-def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
-    """The settings of a session; no recording is read.
-
-    Raises:
-        RecordingError: The session.toml can't be used.
-    """
-    settings_path = Path(session_file) if session_file else find_session_file(path)
-    return load_session_file(settings_path) if settings_path else SessionFile()
 
 
 def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:

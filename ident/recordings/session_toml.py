@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ NAME = "session.toml"
 # Beside the drive gains that nobody measured.
 GUESSED = "guessed"
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
+# Keys that go with the session as they are: for people, and for `watch`.
+FREE = ("date", "notes", "origin")
 
 # By key what the reference shows of it: `unit`, `default`, `meaning`, and a line of the file as an `example`.
 KEYS = tomllib.loads(Path(__file__).with_name("session_keys.toml").read_text(encoding="utf-8"))
@@ -45,7 +47,7 @@ class SessionFile:
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
-    metadata: Mapping[str, Any] = field(default_factory=dict)  # everything else in the file
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # what of `FREE` the file has
     with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
     gravity: tuple[float, float, float] | None = None  # gravity in the base's frame [m/s²]; None for the URDF's
     guessed: bool = False  # whether the drive gains are nobody's measurement
@@ -56,24 +58,22 @@ class SessionFile:
         return str(self.path) if self.path else NAME
 
 
-def find_session_file(path: Path) -> Path | None:
-    """The session.toml that belongs to a folder or a single file, if there is one."""
-    candidates = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
-    return next((candidate for candidate in candidates if candidate.exists() and not candidate.is_dir()), None)
+def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
+    """The settings of a folder or a single file: of the session.toml that belongs to it, if no other is given."""
+    own = [path / NAME] if path.is_dir() else [path.with_suffix(".toml"), path.parent / NAME]
+    found = [Path(session_file)] if session_file else [one for one in own if one.exists() and not one.is_dir()]
+    return load_session_file(found[0]) if found else SessionFile()
 
 
 def load_session_file(path: Path) -> SessionFile:
     """Reads and checks a session.toml.
 
     Raises:
-        RecordingError: The file can't be read, or a key has a wrong value or looks misspelt.
+        RecordingError: The file can't be read, or a key is unknown or has a wrong value.
     """
     data = read_toml(path, "give a session.toml that can be read", RecordingError)
-    for key in data:
-        guess = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.75)
-        if key not in KEYS and guess:
-            raise RecordingError(path, f"unknown key {key!r}", f"did you mean {guess[0]!r}?")
     keys = _Keys(path, data)
+    keys.require_known(data, KEYS)
     guessed = keys.table("drive_gain_Nm_per_A").pop(GUESSED, False)
     if not isinstance(guessed, bool):
         raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
@@ -108,7 +108,7 @@ def load_session_file(path: Path) -> SessionFile:
         time_factor=TIME_UNITS[times or "s"],
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,
         guessed=guessed,
-        metadata={key: value for key, value in data.items() if key not in KEYS},
+        metadata={key: data[key] for key in FREE if key in data},
     )
 
 
@@ -117,6 +117,13 @@ class _Keys:
 
     def __init__(self, path: Path, data: dict[str, Any]) -> None:
         self.path, self.data = path, data
+
+    def require_known(self, found: Collection[str], known: Collection[str], where: str = "") -> None:
+        """Refuses a key that nobody reads, which would leave its setting as it is without a word."""
+        for key in sorted(set(found) - set(known)):
+            near = difflib.get_close_matches(key, known, n=1)
+            remedy = f"did you mean {near[0]!r}?" if near else f"keys are: {', '.join(sorted(known))}"
+            raise RecordingError(self.path, f"{where}unknown key {key!r}", remedy)
 
     def table(self, key: str) -> dict[str, Any]:
         table = self.data.get(key, {})
@@ -166,6 +173,7 @@ class _Keys:
         if "payload" not in self.data:
             return None
         table = self.table("payload")
+        self.require_known(table, ("mass_kg", "com_m"), "[payload] ")
         mass = self.number(table.get("mass_kg"), "[payload] mass_kg")
         if mass < 0:
             raise RecordingError(self.path, f"[payload] mass_kg = {mass:g}", "a mass is not negative")

@@ -41,8 +41,7 @@ def test_a_bag_gives_back_the_run(storage: StoragePlugin, lone: bool, run: Recor
     if lone:
         (data,) = (file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
         path = data.rename(tmp_path / data.name)
-    session = load_session(path)
-    read = session.runs[0]
+    read = load_session(path).runs[0]
     assert read.issues == ()
     np.testing.assert_allclose(read.time, run.time, atol=1e-9)
     for channel, values in run.channels().items():
@@ -91,8 +90,7 @@ def test_a_slower_publisher_is_interpolated_and_told(run: Recording, tmp_path: P
     messages = [(k, joint_state(run, k, j)) for k in range(len(run) - 1) for j in "ab" if j == "a" or k % 2 == 0]
     read = load_session(write_bag(tmp_path / "bag", messages)).runs[0]
     assert [issue.severity for issue in read.issues] == ["note"]
-    expected = run.at(slice(0, len(read))).position
-    assert np.abs(read.position - expected).max() < 0.02**2 / 8 * 1.01
+    assert np.abs(read.position - run.at(slice(0, len(read))).position).max() < 0.02**2 / 8 * 1.01
 
 
 def test_joints_without_torque_are_left_out_and_told(run: Recording, tmp_path: Path) -> None:

@@ -44,8 +44,7 @@ def test_settings_stand_beside_a_single_file_or_are_given(run: Recording, tmp_pa
     (tmp_path / "session.toml").write_text("[payload]\nmass_kg = 1\n")
     given = tmp_path / "other"
     given.write_text('robot = "panda"\n')
-    session = load_session(tmp_path / "run.csv")
-    assert session.payload.mass_kg == 1.0
+    assert load_session(tmp_path / "run.csv").payload.mass_kg == 1.0
     (tmp_path / "run.toml").write_text("[payload]\nmass_kg = 2\n")
     assert load_session(tmp_path / "run.csv").payload.mass_kg == 2.0  # type: ignore[union-attr]
     assert load_session(tmp_path / "run.csv", session_file=given).robot == "panda"
@@ -128,13 +127,13 @@ def test_a_session_survives_a_round_trip(run: Recording, tmp_path: Path) -> None
     """Runs, payload, robot and the rest of session.toml; a gain that is in the effort is not applied again."""
     later = run.replace(name="run2", time=run.time + 10.0, current=run.effort / 7.0)
     session = Session(
-        "s", (run, later), payload=Payload(1.5, (0.0, 0.1, 0.2)), robot="panda", metadata={"note": "made up"}
+        "s", (run, later), payload=Payload(1.5, (0.0, 0.1, 0.2)), robot="panda", metadata={"origin": "made up"}
     )
     write_session(session, tmp_path / "out")
     read = load_session(tmp_path / "out")
     assert [r.name for r in read.runs] == ["run", "run2"]
     expected = (read.payload, read.robot, read.metadata, read.common_clock)
-    assert expected == (session.payload, "panda", {"note": "made up"}, True)
+    assert expected == (session.payload, "panda", {"origin": "made up"}, True)
     np.testing.assert_array_equal(read.runs[1].effort, run.effort)
 
 
