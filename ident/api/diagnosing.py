@@ -98,8 +98,7 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     examined: list[Examined] = []
 
     def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:
-        own = replace(options, session_file=None, settings=spent)
-        found = examine(first_runs(sessions, runs), robot, own)
+        found = examine(first_runs(sessions, runs), robot, replace(options, session_file=None, settings=spent))
         examined[:] = [found]
         return found.diagnosis
 

@@ -15,6 +15,7 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
+from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
@@ -89,8 +90,9 @@ def patch(
         raise InputError("diagnosis", what, "give a Diagnosis, its record or its JSON file")
     opened = None
     if chosen.on is not None:
-        # Filtered as what was diagnosed.
-        opened = open_sessions(chosen.on, arm, chosen.topic, chosen.session_file, diagnosed.cutoff, learning=False)
+        # Filtered as what was diagnosed, as far as the rate allows it.
+        motion = MotionSettings(**{**vars(FOR_DIAGNOSIS), "cutoff_hz": diagnosed.cutoff})
+        opened = open_sessions(chosen.on, arm, chosen.topic, chosen.session_file, learning=False, motion=motion)
         if opened.arm.joint_names != diagnosed.joints:
             what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis "
             session = opened.reports[0].session
@@ -141,9 +143,7 @@ def verify(model: Model, sessions: Sources, limits: str | Path, **options: Any) 
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(sessions, loaded, chosen.topic, chosen.session_file, chosen.cutoff, learning=False)
     name = loaded.robot.name if loaded is model else Path(str(model)).name
-    scores = evaluate(loaded, opened.groups, name).sessions
-    checks = tuple(check for score in scores for check in wanted.check(score))
+    checks = tuple(check for score in evaluate(loaded, opened.groups, name).sessions for check in wanted.check(score))
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
     origin = Provenance("ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps)
-    arm = loaded.robot.name, loaded.joint_names
-    return Verification(name, *arm, checks, seen, chosen.in_sample, provenance=origin)
+    return Verification(name, loaded.robot.name, loaded.joint_names, checks, seen, chosen.in_sample, provenance=origin)

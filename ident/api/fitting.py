@@ -50,8 +50,7 @@ def fit_hybrid(
         else open_sessions(source, robot, **vars(read), accept=options.accept, motion=options.motion)
     )
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
-    data = opened.data_records()
-    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, step, checkpoint, laws)
+    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)

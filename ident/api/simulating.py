@@ -165,8 +165,7 @@ def plant(
     if not isinstance(effect, Effect):
         what = f"a {type(effect).__name__} is no effect"
         raise InputError("effect", what, "give an object of a class of ident.Effect")
-    given = [simulate(robot=str(robot), runs=10)] if source is None else source
-    read = inspect_sources(Given(given, robot))
+    read = inspect_sources(Given([simulate(robot=str(robot), runs=10)] if source is None else source, robot))
     session, names = next(iter(read.reports)).session, read.arm.joint_names
     if joint is not None and joint not in names:
         raise InputError("joint", f"there is no {joint!r}", f"give one of: {', '.join(names)}")

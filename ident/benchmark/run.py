@@ -98,7 +98,7 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
     if analysis is None:
         raise InputError(twin.name, f"its verdict is {oracle.verdict}", "simulate another case")
     arm = arm.keeping(twin.joints)
-    opened = open_sessions([other], options.robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
+    opened = open_sessions([other], options.robot, learning=False, motion=FOR_DIAGNOSIS)
     held_out = within_band(opened.motions, moved_inertia(arm, opened.motions))
     models = {
         "edited": edited_arm(diagnosis, arm, true),

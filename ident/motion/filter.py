@@ -137,12 +137,12 @@ class Lowpass:
         """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept.
 
         Raises:
-            RecordingError: The corner is no frequency of a motion.
+            RecordingError: The corner asked for is no frequency of a motion, or too high for the rate.
         """
-        if cutoff is not None and not cutoff >= LEAST_CUTOFF_HZ:
-            what = f"{cutoff:g} Hz is no corner of a filter for motions"
-            raise RecordingError("--cutoff", what, f"give {LEAST_CUTOFF_HZ:g} Hz or more, or leave it out")
         corner = min(cutoff or settings.cutoff_hz, settings.cutoff_share * rate)
+        if cutoff is not None and not LEAST_CUTOFF_HZ <= cutoff <= 1.001 * corner:
+            what, highest = f"{cutoff:g} Hz is no corner of a filter at {rate:.4g} Hz", settings.cutoff_share * rate
+            raise RecordingError("--cutoff", what, f"give {LEAST_CUTOFF_HZ:g} to {highest:.3g} Hz, or leave it out")
         return cls(rate, corner, max(1, int(rate / (settings.oversampling * corner))))
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:

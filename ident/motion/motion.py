@@ -249,7 +249,7 @@ def prepare(
 
     Args:
         session: The recordings.
-        cutoff: Corner of the common filter [Hz]; that of the settings if None; a fifth of the sampling rate at most.
+        cutoff: Corner of the common filter [Hz]; that of the settings, as far as the sampling rate allows it, if None.
         settings: How a recording becomes a motion.
 
     Raises:

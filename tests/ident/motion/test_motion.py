@@ -24,7 +24,7 @@ def _run(time: np.ndarray, name: str = "run", effort: np.ndarray | None = None) 
     return Recording(name, ("a", "b"), time, q + noise, q * 10.0 if effort is None else effort)
 
 
-@pytest.mark.parametrize("cutoff", [float("nan"), -1.0, -0.0, 1e-300])
+@pytest.mark.parametrize("cutoff", [float("nan"), -1.0, -0.0, 1e-300, 50.1])
 def test_a_corner_that_is_no_frequency_is_told(cutoff: float) -> None:
     with pytest.raises(RecordingError, match="--cutoff"):
         Lowpass.design(250.0, cutoff)
@@ -64,8 +64,7 @@ def test_short_runs_are_left_out() -> None:
     single = _run(np.array([20.0]), "single")
     motions = prepare(Session("s", (long, rest, single)))
     assert [motion.name for motion in motions] == ["long"]
-    alone = prepare(Session("s", (long,)))[0]
-    assert np.array_equal(motions[0].dq, alone.dq)
+    assert np.array_equal(motions[0].dq, prepare(Session("s", (long,)))[0].dq)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 50])
@@ -128,8 +127,7 @@ def test_motions_come_back(motions: tuple[Motion, ...]) -> None:
 
 def test_short_sessions_stay_in_memory(motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: up to the limit the motions are handed back themselves; beyond it they are spooled, all of them."""
-    held = hold(iter(motions))
-    assert all(one is other for one, other in zip(held, motions, strict=True))
+    assert all(one is other for one, other in zip(hold(iter(motions)), motions, strict=True))
     monkeypatch.setattr(spooling, "HELD_SAMPLES", 2 * len(motions[0].time))
     assert isinstance(hold(motions[:2]), tuple)
     spooled = hold(motions)
