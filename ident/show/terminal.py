@@ -12,7 +12,6 @@ from rich.console import Console
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
-from ident.diagnosis.heldout_gain import of_a_slide
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.console import print_issues
@@ -25,8 +24,8 @@ from ident.show.report.diagnosis_verdict import (
     energy_pair,
     first_action,
     in_order_of_joints,
+    in_units_of,
     order_of,
-    unit_at,
 )
 from ident.show.report.words import (
     TABLES,
@@ -115,9 +114,7 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     if action := first_action(record):
         say(f"  first: {action}")
     for one in in_order_of_joints(record):
-        slides = {unit_at(joint, record) for joint in one["joints"]} == {"N"}
-        line = of_a_slide(describe(one, runs)) if slides else describe(one, runs)
-        say(f"{line}\n    do: {order_of(one, record)}")
+        say(f"{in_units_of(one['joints'], record, describe(one, runs))}\n    do: {order_of(one, record)}")
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
     gaps = [describe_gap(joint, one, after.get(joint)) for joint, one in record["gap"].items()]
     lines = [*describe_reservations(record), describe_unnamed(record), *gaps]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.report.diagnosis_verdict import energy_pair, in_order_of_joints, order_of, verdict_section
+from ident.show.report.diagnosis_verdict import energy_pair, in_order_of_joints, in_units_of, order_of, verdict_section
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
@@ -82,7 +83,8 @@ def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | 
     picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
     for one in in_order_of_joints(record):
         before, after = (energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
+        units = partial(in_units_of, one["joints"], record)
+        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one)), units))
     title = "What causes it, and what to do"
     return Section("findings", title, "findings.html", {"findings": cards}) if cards else None
 
@@ -94,7 +96,7 @@ def where_section(record: Mapping[str, Any]) -> Section | None:
     places, maps, untuned = (from_start(record, key) for key in ("where", "maps", "maps_fixed"))
     places = [one for one in places if one["p_value"] <= USUAL_MAP.significant]
     values = {
-        "sentences": [describe_place(one) for one in places[:MOST_SENTENCES]],
+        "sentences": [in_units_of([one["joint"]], record, describe_place(one)) for one in places[:MOST_SENTENCES]],
         "map": map_table(maps, record["joints"]),
         "fixed": map_table(untuned, record["joints"]),
     }
@@ -130,8 +132,7 @@ def map_table(strips: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dic
     table = {(strip["joint"], strip["axis"]): strip for strip in strips}
     shown = [joint for joint in joints if any(joint == own for own, _ in table)]
     rows = [{"joint": j, "strips": [_strip(table[j, a]) if (j, a) in table else None for a in axes]} for j in shown]
-    heads = [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes]
-    return {"axes": heads, "rows": rows}
+    return {"axes": [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes], "rows": rows}
 
 
 def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,12 @@ names as they are shown. A torque that is off by a factor elsewhere is reported 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.heldout_gain import of_a_slide
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
@@ -52,7 +53,7 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
-        "units": "; of joints that slide ".join(sorted({unit_at(one, record) for one in record.get("gap", {})})[::-1]),
+        "units": units_of(record),
         # The model untuned is the user's own where one was given.
         "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
     }
@@ -88,12 +89,19 @@ def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
     if where := record.get("where"):
         found = {where[0]["joint"]: where[0].get("beyond_noise_Nm", 0.0)}
     joint, size = max(found.items(), key=lambda one: one[1], default=("", 0.0))
-    return joint, f"{significant(size)} {unit_at(joint, record)}"
+    return joint, f"{significant(size)} {in_units_of([joint], record, 'N m')}"
 
 
-def unit_at(joint: str, record: Mapping[str, Any]) -> str:
-    """The unit of what a joint is off by."""
-    return str(record.get("gap", {}).get(joint, {}).get("unit", "N m"))
+def in_units_of(joints: Iterable[str], record: Mapping[str, Any], text: str) -> str:
+    """What is said of some joints, in the units of those that slide where all of them do."""
+    units = {record.get("gap", {}).get(joint, {}).get("unit", "N m") for joint in joints}
+    return of_a_slide(text) if units == {"N"} else text
+
+
+def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
+    """A unit of all joints, with that of those that slide beside it."""
+    found = {in_units_of([joint], record, unit) for joint in record.get("gap", {})}
+    return "; of joints that slide ".join(sorted(found)[::-1])
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -235,19 +243,18 @@ def describe_findings(record: Mapping[str, Any]) -> str:
         before, after, floor = squares.sum(axis=0)
         share, since = (before - after) / max(before - floor, 1e-12), ", counted from the model before tuning"
     closes = f"On parts that the fit never saw they close {percent(share)} of what can be closed{since}"
-    return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
+    return f"{closes}. Torque error [{units_of(record)}]: {', '.join(parts)}." if parts else f"{closes}."
 
 
 def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
-    lines = []
-    for one in record.get("reservations", []):
-        if one["effect"]:
-            what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
-            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
-        else:
-            lines.append(f"Doubt: {one['reason']}.")
-    return lines
+    what = "Not believed: {} in {} would fit, but {}."
+    return [
+        what.format(effect_name(one["effect"]), join_words(one["joints"]), with_units(one["reason"]))
+        if one["effect"]
+        else f"Doubt: {one['reason']}."
+        for one in record.get("reservations", [])
+    ]
 
 
 def describe_unnamed(record: Mapping[str, Any]) -> str:
@@ -284,7 +291,7 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
     named = [joint for joint in before if any(joint in one["joints"] for one in record["findings"])]
     parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
-    window = f"after {1e3 * forward['window_s']:.0f} ms by [mrad]"
+    window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
     return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
 
 

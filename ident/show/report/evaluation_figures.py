@@ -88,8 +88,7 @@ def draw_bars(
 ) -> dict[str, Any]:
     """Grouped bars: one group a session, one bar a model, black lines one standard deviation each way."""
     ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
-    lines = max(tick.count("\n") for tick in ticks)
-    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * lines)
+    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * max(tick.count("\n") for tick in ticks))
     width = 0.8 / len(models)
     for k in range(len(models)):
         x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width

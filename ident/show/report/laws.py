@@ -86,8 +86,7 @@ def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
     for item, one in zip(series, columns, strict=True):
         whole = item.run.motion.filtered(one @ beta)
         torque.append(np.asarray(whole if whole.ndim == 1 else whole[:, joint]))
-    left = [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)]
-    return _Law(joint, torque, left, series)
+    return _Law(joint, torque, [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)], series)
 
 
 def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | None:
@@ -100,8 +99,7 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
         assert analysis.diagnosis.details is not None, "an analysis has fitted something"
         tuned, runs = analysis.diagnosis.details.baseline[joint], [item.run for item in law.items]
         friction = [tuned.coulomb * run.direction[:, j] + tuned.viscous * run.motion.dq[:, j] for run in runs]
-        own = [np.asarray(run.motion.filtered(one)) for run, one in zip(runs, friction, strict=True)]
-        plain = law.gathered(own)
+        plain = law.gathered([np.asarray(run.motion.filtered(one)) for run, one in zip(runs, friction, strict=True)])
     sign = np.ones_like(x)
     if effect.drawn == "odd":
         sign = np.sign(law.gathered([np.asarray(item.speed[:, j]) for item in law.items]))
@@ -113,10 +111,10 @@ def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | N
     found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
     if len(found[0]) < 2:
         return None
-    length = "m" if analysis.baseline.nominal.sliding_joints[j] else "rad"
-    unit = f"{length}{unit}" if unit in ("", "/s") else unit
+    length, load = ("m", "N") if analysis.baseline.nominal.sliding_joints[j] else ("rad", "N m")
+    unit = {"N m": load, "s": "s"}.get(unit, f"{length}{unit}")
     what = "friction" if effect.drawn else "torque without the law"
-    figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [N m]", WIDE, left=0.65, bottom=0.45)
+    figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [{load}]", WIDE, left=0.65, bottom=0.45)
     for part in _unbroken(found[0]):
         axes.fill_between(part[:, 0], part[:, 1], part[:, 3], color=DATA, alpha=0.25, linewidth=0)
     axes.plot(found[0][:, 0], found[0][:, 2], "o", color=DATA, markersize=3.5)
@@ -146,8 +144,10 @@ def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
     item, inside, joint = law.items[k], law.where()[k], analysis.diagnosis.joints[law.joint]
     if inside.sum() < LEAST_SAMPLES:
         return None
-    time = item.time - item.time[0]
-    figure, axes = make_panel(f"time in {item.run.motion.name} [s]", "torque left [N m]", WIDE, left=0.65, bottom=0.45)
+    time, load = item.time - item.time[0], "N" if analysis.baseline.nominal.sliding_joints[law.joint] else "N m"
+    figure, axes = make_panel(
+        f"time in {item.run.motion.name} [s]", f"torque left [{load}]", WIDE, left=0.65, bottom=0.45
+    )
     for values, colour, width in ((law.left[k], PLAIN, 0.8), (law.left[k] - law.torque[k], LAW, 0.8)):
         axes.plot(*thin(time, np.where(inside, values, np.nan)), color=colour, linewidth=width)
     axes.plot(*thin(time, np.where(inside, law.torque[k], np.nan)), color=DATA, linewidth=1.4, linestyle=":")

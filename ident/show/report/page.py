@@ -129,8 +129,7 @@ def confusion_section(counts: Mapping[str, Mapping[str, float]]) -> Section | No
 
 def facts_section(facts: Mapping[str, Any]) -> Section | None:
     """Names and values, nested ones flattened; folded, for those who need it."""
-    values = {"facts": list(_flat(facts))}
-    return Section("provenance", "Provenance", "facts.html", values) if facts else None
+    return Section("provenance", "Provenance", "facts.html", {"facts": list(_flat(facts))}) if facts else None
 
 
 def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:

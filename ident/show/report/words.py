@@ -184,8 +184,7 @@ def interval_words(axis: str, low: float, high: float) -> str:
     """Where on an axis."""
     if axis == "direction":
         return "both ways" if low < 0 < high else "forwards" if low + high > 0 else "backwards"
-    unit = axis_unit(axis)
-    return f"{significant(low)} to {significant(high)} {unit}".strip()
+    return f"{significant(low)} to {significant(high)} {axis_unit(axis)}".strip()
 
 
 def join_words(words: Sequence[str]) -> str:

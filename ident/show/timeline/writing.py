@@ -176,8 +176,7 @@ def show_timeline(
 
 def run_starts(motions: Sequence[Motion]) -> list[float]:
     """Start of each run on the timeline [s]."""
-    lengths = [motion.time[-1] - motion.time[0] + PAUSE for motion in motions]
-    return [0.0, *np.cumsum(lengths)[:-1].tolist()]
+    return [0.0, *np.cumsum([motion.time[-1] - motion.time[0] + PAUSE for motion in motions])[:-1].tolist()]
 
 
 def _marked_curves(curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]) -> list[Curve]:
@@ -226,8 +225,7 @@ def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Mo
     for k, (link, box) in enumerate(boxes.items()):
         path = f"/arm/{rr.escape_entity_path_part(link)}"
         shade = 90 + 110 * k // len(boxes)
-        shape = rr.Boxes3D(**box, colors=[shade, shade + 20, 235], fill_mode="solid")
-        recording.log(path, shape, static=True)
+        recording.log(path, rr.Boxes3D(**box, colors=[shade, shade + 20, 235], fill_mode="solid"), static=True)
         turn, place = poses[link]
         columns = rr.Transform3D.columns(translation=place, quaternion=Rotation.from_matrix(turn).as_quat())
         recording.send_columns(path, [index], columns)

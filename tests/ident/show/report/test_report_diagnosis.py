@@ -76,6 +76,15 @@ def test_page_tells_the_whole_record(tmp_path: Path) -> None:
         assert seen in text
 
 
+def test_a_joint_that_slides_is_of_forces_and_metres(tmp_path: Path) -> None:
+    """Law: its card, its place and its torque are; those of joints that turn are as ever."""
+    record = json.loads(json.dumps(RECORD))
+    record["gap"]["joint_2"]["unit"] = "N"
+    text, words = written(tmp_path, record), ("joint_2 1.1 → 0.47 N;", "0.20 m/s", "[N m; of joints that slide N]")
+    assert all(seen in text for seen in words)
+    assert "rad/s" not in text
+
+
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [("no_gap", "No gap"), ("none_of_catalogue", "no effect of the catalogue"), ("not_testable", "can't tell")],

@@ -74,8 +74,7 @@ def test_the_net_is_told_with_what_it_did_on_runs_held_back(source: ReportInput)
 def test_thinning_keeps_the_extremes(samples: int, seed: int) -> None:
     """A thinned line has its points in order, no more than asked, and the same least and largest value."""
     y = np.random.default_rng(seed).standard_normal(samples)
-    x = np.arange(samples, dtype=float)
-    thin_x, thin_y = thin(x, y, 200)
+    thin_x, thin_y = thin(np.arange(samples, dtype=float), y, 200)
     assert len(thin_x) <= 200
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(y[thin_x.astype(int)], thin_y)
