@@ -298,8 +298,7 @@ def _own_law(kind: base.Effect) -> str:
 
 def _call(name: str, value: Arm | Losses) -> str:
     """A constructor's call with plain lists."""
-    fields = [f"{key}={_plain(item)}" for key, item in vars(value).items()]
-    return f"{name}(\n    " + ",\n    ".join(fields) + ",\n)"
+    return f"{name}(\n    " + ",\n    ".join([f"{key}={_plain(item)}" for key, item in vars(value).items()]) + ",\n)"
 
 
 def _plain(item: Array | None) -> str:
