@@ -84,8 +84,7 @@ def test_diagnose_of_a_flipped_sign(run: Run, spoilt: Path, tmp_path: Path) -> N
     outputs = ("--html", tmp_path / "d.html", "--json", tmp_path / "d.json", "--rrd", tmp_path / "d.rrd")
     ended = run("diagnose", spoilt, *ROBOT, *outputs)
     assert ended.status == 0, ended.err
-    record = check_diagnosis(json.loads((tmp_path / "d.json").read_text()))
-    assert record["verdict"] == "refused"
+    assert check_diagnosis(json.loads((tmp_path / "d.json").read_text()))["verdict"] == "refused"
     assert "refused" in ended.out
     assert "joint_2" in (tmp_path / "d.html").read_text()
     assert_untouched(tmp_path, "session", "d.html", "d.json")

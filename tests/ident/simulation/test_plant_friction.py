@@ -77,8 +77,7 @@ def at_speed(speed, seconds=2.0):  # type: ignore[no-untyped-def]
 
 
 def test_a_seal_is_viscous_when_slow_and_a_spring_when_quick() -> None:
-    slow = follow(at_speed(0.2), seal=10.0, seal_relaxation=0.1)
-    assert slow[-1] == pytest.approx(-10.0 * 0.2 * 0.1, rel=1e-2)
+    assert follow(at_speed(0.2), seal=10.0, seal_relaxation=0.1)[-1] == pytest.approx(-10.0 * 0.2 * 0.1, rel=1e-2)
     t = np.arange(2000) * TICK
     quick = 0.01 * np.sin(2 * np.pi * 20.0 * t)
     torque = follow(quick, seal=10.0, seal_relaxation=1.0)
@@ -124,8 +123,7 @@ def test_noise_has_the_stated_size_and_colour():
     sensing = Sensing.typical(RATED, RATIO)
     noise = torque_noise(sensing, 40000, 4e-3, np.random.default_rng(1))
     np.testing.assert_allclose(noise.std(axis=0), sensing.noise_floor, rtol=0.05)
-    neighbours = (noise[1:] * noise[:-1]).mean(axis=0) / noise.var(axis=0)
-    assert (neighbours > 0.2).all()
+    assert ((noise[1:] * noise[:-1]).mean(axis=0) / noise.var(axis=0) > 0.2).all()
 
 
 def test_encoders_count():
