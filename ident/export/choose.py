@@ -33,7 +33,7 @@ from ident.laws.motion import Losses
 from ident.motion.motion import Motion
 
 WINDOW = 0.25  # [s]
-MOST_WINDOWS = 96  # of all runs together
+MOST_WINDOWS = 24  # of all runs together: more of a short run lie over each other, and make sure of chance
 # Measures by which files are compared, their names in a record, and errors that are none: [N m], [J], [rad].
 MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "position_rms_rad"}
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
