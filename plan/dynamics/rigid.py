@@ -7,7 +7,6 @@ needs them fused with the reading of trajectories. Vectors are tuples of three: 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -236,26 +235,3 @@ def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
             if not chain.sliding[j]:
                 angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = joint_axis(chain, rot, j)
     return at, axes, linear, angular
-
-
-def manipulability_of(arm: ArmModel) -> Callable[[Float[Array, "T n"]], Float[Array, " T"]]:
-    """Yoshikawa's measure √det(J Jᵀ) of the tip, as a share of its largest value over the joints' range.
-
-    J holds the tip's velocity, and its turning too from six joints on (levers measured in the arm's reach, so that
-    both parts have one unit). Zero is singular. With fewer than three joints there is nothing to lose: 1 throughout.
-    """
-    if arm.n < 3:
-        return lambda q: np.ones(len(q))
-    # The last link's origin in the last joint's frame; with a frozen wrist, that is the wrist's end.
-    tip = np.array([frame for frame in arm.model.frames if frame.parentJoint == arm.n][-1].placement.translation)
-    reach = np.linalg.norm(arm.chain.offsets, axis=1).sum() + np.linalg.norm(tip)
-
-    def measure(q: Float[Array, "T n"]) -> Float[Array, " T"]:
-        linear, angular = frame_states(arm.chain, np.ascontiguousarray(q, dtype=float), arm.n, np.eye(3), tip)[2:]
-        jacobian = linear if arm.n < 6 else np.concatenate([linear / reach, angular], axis=2)
-        if jacobian.shape[1] == jacobian.shape[2]:
-            return np.abs(np.linalg.det(jacobian))
-        return np.sqrt(np.maximum(np.linalg.det(jacobian.transpose(0, 2, 1) @ jacobian), 0.0))
-
-    largest = measure(random_positions(arm, 2000)).max()
-    return lambda q: measure(q) / largest

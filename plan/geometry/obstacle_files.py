@@ -147,7 +147,7 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     """The points of a cloud's file, in the file's own unit and axes.
 
     Args:
-        path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns.
+        path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three.
 
     Raises:
         InputError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
@@ -218,23 +218,8 @@ def _read_array(path: Path) -> Array:
     return np.array(found, dtype=float)
 
 
-def _read_table(path: Path) -> Array:
-    """Rows of numbers parted by commas, semicolons or blanks; a first row of names is passed over."""
-    with path.open(encoding="utf-8-sig") as lines:
-        head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    parts = next((mark for mark in ",;" if mark in head), None)
-    try:
-        np.array(head.split(parts), dtype=float)
-        named = 0
-    except ValueError:
-        named = 1
-    with path.open(encoding="utf-8-sig") as lines:
-        return np.loadtxt(lines, delimiter=parts, skiprows=named, ndmin=2, comments="#")
-
-
 READERS: dict[str, Callable[[Path], Array]] = {
     ".ply": _read_ply,
     ".pcd": _read_pcd,
     ".npy": _read_array,
-    **dict.fromkeys((".csv", ".txt", ".xyz"), _read_table),
 }

@@ -145,7 +145,6 @@ class Reference(Planner):
         without_symbols = {
             "obstacles": bool(problem.scene.obstacles),
             "rules of the way": problem.way.given,
-            "the penalty of singular poses": problem.avoid_singular,
         }
         for what, is_there in without_symbols.items():
             if is_there:

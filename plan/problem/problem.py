@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -12,7 +11,6 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
-from plan.dynamics.rigid import manipulability_of
 from plan.geometry.pairs import find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
@@ -36,10 +34,6 @@ SQUEEZE = 0.05
 TIME_NODES = np.linspace(0.0, 1.0, 25)
 # A motion with a jerk limit may start with the acceleration that the limit builds within this time, a controller's [s].
 TICK = 1e-3
-# Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost,
-# where the task asks for one: a motion that is planned and run in joint angles passes singular positions at no cost.
-SINGULAR = 0.02
-SINGULAR_PENALTY = 0.2
 NO_RULES = WayRules()
 # Label of the paper's initial trajectory.
 STRAIGHT = "straight"
@@ -71,8 +65,7 @@ class Limits:
 class BatchEvaluation:
     """What a batch of candidates costs and breaks."""
 
-    # Energy by the metric [J] or duration [s], with the penalty for singular positions where one is asked for.
-    cost: Float[Array, " B"]
+    cost: Float[Array, " B"]  # energy by the metric [J] or duration [s]
     collision: Float[Array, " B"]  # shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst)
     # Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too, and of the way's
     # rules.
@@ -116,7 +109,6 @@ class PlanningProblem:
     label: str = STRAIGHT  # where the initial trajectory comes from
     grows: bool = True  # whether a planner may insert via points and move stamps beyond what is named free
     trained: TrainingRange | None = None  # where the model was fitted; None where that is not known
-    avoid_singular: bool = False  # whether singular positions are fined, as in the paper's section 2.2
     # What the arm carries, and the frame on which each of it hangs, for results.
     carried: tuple[dict[str, object], ...] = ()
     way: WayRules = NO_RULES  # what the motion has to keep on its way beside limits and clearance
@@ -205,7 +197,7 @@ class PlanningProblem:
         if self.rules is not None:
             rates = rates + [self.rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)]
         return BatchEvaluation(
-            cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
+            cost=cost,
             collision=shortfall / 0.02 + np.maximum(-clearance, 0.0) / 0.05,
             speed=rates,
             torque=_excess(peak / (SHARE * limits.torque)),
@@ -263,17 +255,6 @@ class PlanningProblem:
     def _join(self, vias: Array, logarithms: Array) -> Array:
         parts = [vias.reshape(-1)] if self.searches_vias else []
         return np.concatenate([*parts, logarithms] if self.searches_times else parts)
-
-    @cached_property
-    def _manipulability(self) -> tuple[Callable[[Array], Array], float]:
-        """The measure, and what counts as singular below: less where start or goal are themselves near there."""
-        measure = manipulability_of(self.scene.arm)
-        return measure, max(float(min(SINGULAR, 0.9 * measure(self.ends).min())), 1e-300)
-
-    def _singular(self, q: Float[Array, "B T n"]) -> Float[Array, " B"]:
-        """How singular each trajectory gets, 0 (not) to 1, from every third node."""
-        some, (measure, below) = q[:, ::3], self._manipulability
-        return np.maximum(1.0 - measure(some.reshape(-1, self.n)).reshape(some.shape[:2]) / below, 0.0).max(axis=1)
 
 
 def _excess(ratio: Float[Array, "B n"]) -> Float[Array, " B"]:

@@ -131,7 +131,6 @@ class Task(Surroundings):
     makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
     taught: TaughtVias | None = None  # via points of the file itself
     pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
-    avoid_singular: bool = False  # whether singular positions are fined
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
     other_poses: tuple[Pose, ...] = ()  # further poses likewise
     way: WayRules = NO_RULES  # what the motion has to keep on its way
@@ -172,7 +171,6 @@ def load_task(path: str | Path) -> Task:
         makers=limits["makers"],
         taught=taught,
         pose=poses[0] if poses else None,
-        avoid_singular=task["avoid_singular"],
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
         way=read_rules(top),

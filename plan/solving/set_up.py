@@ -97,7 +97,6 @@ def set_up(
         radius=task.reach,
         grows=free is None,
         trained=trained,
-        avoid_singular=task.avoid_singular,
         way=task.way,
         carried=carried,
         not_the_arms=frozenset(robot.locked_joints),

@@ -64,7 +64,6 @@ def test_what_has_no_symbols_is_refused() -> None:
     cases = {
         "obstacles": problem(MONITOR),
         "rules": replace(problem(), way=WayRules(speed=1.0)),
-        "singular": replace(problem(), avoid_singular=True),
         "net": problem(model=model(dense_net())),
     }
     for word, task in cases.items():

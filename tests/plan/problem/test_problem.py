@@ -1,4 +1,4 @@
-"""Decision vectors, limits, makers' limits, penalties and singular positions."""
+"""Decision vectors, limits, makers' limits and penalties."""
 
 import tomllib
 from dataclasses import replace
@@ -6,19 +6,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.dynamics.power import energy
-from plan.dynamics.rigid import manipulability_of
 from plan.geometry.pairs import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
 from plan.problem.makers_limits import TABLE, find_makers_limits
-from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
+from plan.problem.problem import SHARE, TIME_NODES
 from plan.problem.task_file import load_task
 from plan.solving.set_up import set_up
-from tests.plan.worlds import MONITOR, problem, three_joints
+from tests.plan.worlds import MONITOR, problem
 
 
 def test_every_limit_is_seen() -> None:
@@ -75,46 +72,6 @@ def test_an_obstacle_nearer_than_asked_is_refused_by_name() -> None:
     assert f"{task.scene.pair_name(int(np.argmin(distances)))} are " in refused[0]
     assert "task.clearance_m" in refused[1]
     assert why_refused(task.scene, task.start, distances.min()) is None
-
-
-def test_manipulability_is_yoshikawas() -> None:
-    """The measure is √det(J Jᵀ) of Pinocchio's Jacobian at the tip, up to one factor."""
-    arm = three_joints()
-    measure = manipulability_of(arm)
-    q = np.random.default_rng(0).uniform(-2, 2, (20, 3))
-    data, tip = arm.model.createData(), arm.model.nframes - 1
-    known = []
-    for row in q:
-        jacobian = pin.computeFrameJacobian(arm.model, data, row, tip, pin.LOCAL_WORLD_ALIGNED)[:3]
-        known.append(np.sqrt(np.linalg.det(jacobian @ jacobian.T)))
-    ratio = measure(q) / np.array(known)
-    assert ratio == pytest.approx(np.full(20, ratio[0]))
-
-
-def test_singular_motions_cost_more() -> None:
-    """Where that is asked for, passing a singular position adds a share of the cost; starting in one does not."""
-
-    def straightened(task: PlanningProblem) -> PlanningProblem:
-        vias = np.array(task.vias)
-        vias[0, 2] = find_singular_elbow(task)
-        return replace(task, vias=vias)
-
-    task = problem(duration=4.0)
-    through = straightened(task)
-    q = through.decode(through.initial).states(np.linspace(0, 1, 40))[0]
-    assert manipulability_of(three_joints())(q[0]).min() < 0.02
-    assert through._singular(q)[0] > 0
-    assert task._singular(task.decode(task.initial).states(np.linspace(0, 1, 40))[0])[0] == 0
-    plain, fined = (replace(through, avoid_singular=asked).initial_evaluation.cost[0] for asked in (False, True))
-    assert plain == pytest.approx(energy(through.model, through.decode(through.initial), "absolute")[0][0])
-    assert 1.01 * plain < fined <= 1.2001 * plain
-
-
-def find_singular_elbow(task: PlanningProblem) -> float:
-    """Elbow angle at which the first via point is singular."""
-    angles = np.linspace(-1.5, 1.5, 4001)
-    q = np.column_stack([np.full(4001, task.vias[0, 0]), np.full(4001, task.vias[0, 1]), angles])
-    return float(angles[np.argmin(manipulability_of(three_joints())(q))])
 
 
 TASK = """robot = "{robot}"
@@ -214,12 +171,3 @@ def test_torque_limit_is_met_at_its_share() -> None:
         limits = replace(task.limits, torque=np.full(3, factor * peak / SHARE))
         assert bool(replace(task, limits=limits).initial_evaluation.torque[0] > 0) == broken
     assert tau.shape[1] == 3 * len(TIME_NODES)
-
-
-def test_six_joints_lose_a_direction() -> None:
-    """With the fifth joint at zero the TM5-900's wrist is singular; the measure says so."""
-    arm = ArmModel.load("tm5-900")
-    q = np.radians([[20.0, 30.0, -60.0, 10.0, 0.0, 0.0], [20.0, 30.0, -60.0, 10.0, 90.0, 0.0]])
-    singular, regular = manipulability_of(arm)(q)
-    assert singular < 1e-9
-    assert regular > 0.02
