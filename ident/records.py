@@ -1,10 +1,18 @@
-"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`, its JSON Schema."""
+"""What the result files hold: one class is the value in memory, its JSON and, by `ident schema`, its JSON Schema.
+
+And numbers that decide: each with its unit, its meaning and where it comes from, in one small group a stage. A number
+is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size below which nothing matters in practice,
+or a limit on work), or `calibrated` on development sets of simulated arms or on recordings of real ones.
+"""
 
 from __future__ import annotations
 
+import sys
+import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 
 @dataclass(frozen=True)
@@ -27,3 +35,51 @@ def as_record(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [as_record(one) for one in value]
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def number(default: Any = None, unit: str = "", meaning: str = "", source: str = "") -> Any:
+    """A field of `Settings` that says what it is; without arguments a row of its class's table says it."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
+
+
+@dataclass(frozen=True)
+class Settings(Record):
+    """Base of a stage's numbers, and of groups of such stages.
+
+    A class that names a `table` has its numbers there, a row each, in the `settings.toml` beside its module; it is a
+    dataclass of these and of the groups that it lists itself.
+    """
+
+    if TYPE_CHECKING:  # its numbers by name, which no type checker knows
+
+        def __init__(self, **numbers: Any) -> None: ...
+        def __getattr__(self, name: str) -> Any: ...
+
+    def __init_subclass__(cls, table: str = "", module: str = "") -> None:
+        if table:
+            path = Path(module or sys.modules[cls.__module__].__file__ or "")
+            rows = tomllib.loads(path.with_name("settings.toml").read_text(encoding="utf-8"))[table]
+            for name, row in rows.items():
+                setattr(cls, name, number(tuple(v) if isinstance(v := row.pop("value"), list) else v, **row))
+            cls.__annotations__ = dict.fromkeys(rows, Any) | vars(cls).get("__annotations__", {})
+            dataclass(frozen=True)(cls)
+
+    def but(self, **numbers: Any) -> Self:
+        """The same with some other numbers."""
+        return replace(self, **numbers)
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""
+        found: list[dict[str, Any]] = []
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Settings):
+                found += [{**each, "name": f"{one.name}.{each['name']}"} for each in value.describe()]
+            else:
+                found.append({"name": one.name, "value": value, **one.metadata})
+        return found
+
+
+def read_group(module: str, table: str) -> Any:
+    """A table of the `settings.toml` beside a module as `Settings` without a class: an attribute a number."""
+    return type(table, (Settings,), {}, table=table, module=module)()

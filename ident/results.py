@@ -201,7 +201,7 @@ class Result:
 
     def summary(self) -> str:
         """The result in plain lines, as the command prints it."""
-        as_text = import_module("ident.show.panels").as_text
+        as_text = import_module("ident.show.results").as_text
         return str(as_text(lambda console: import_module(self.SHOWN_BY).write(console, self)))
 
     def plot(self) -> Figure:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ident.arrays import in_a_line
-from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
-from ident.checks.report import REPORTED_BY_A_FIT, as_mounted, check_accepted, overrule
+from ident.checks.inspection import inspect_parts, inspect_sessions
+from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, as_mounted, check_accepted, overrule
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import USUAL_MOTION, MotionSettings

@@ -6,7 +6,7 @@
 Each name is loaded when it is first asked for, so that importing the package costs nothing.
 """
 
-from ident.lazy import lazily
+from ident import lazily
 
 TYPE_CHECKING = False  # `typing` itself would take longer to load than all of this
 if TYPE_CHECKING:

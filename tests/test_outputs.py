@@ -111,8 +111,8 @@ PAGES = {"plan paper"}
 @pytest.fixture
 def at(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ident.show.timeline.show_timeline", lambda *given: None)  # no window opens in a test
-    monkeypatch.setattr("ident.show.timeline.require_screen", lambda: None)
+    monkeypatch.setattr("ident.show.timeline.writing.show_timeline", lambda *given: None)  # no window opens in a test
+    monkeypatch.setattr("ident.show.timeline.writing.require_screen", lambda: None)
     return Place(corpus, tmp_path)
 
 

@@ -15,10 +15,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from ident.api.inspecting import inspect
+from ident.command_options import FitOptions
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import write_export, write_patch
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.fit import fit_hybrid
+from ident.model.hybrid import HybridModel
 from ident.process import USER
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path

@@ -1,16 +1,19 @@
-"""Diagnoses recordings: what `ident diagnose` does."""
+"""Diagnoses recordings, and compares two sets of one arm: what `ident diagnose` and `ident compare` do."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.api.fitting import load_model
-from ident.command_options import DiagnoseOptions
+from ident.checks.inspection import inspect_sessions
+from ident.checks.report import as_mounted
+from ident.command_options import ComparisonOptions, DiagnoseOptions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
@@ -20,10 +23,14 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
+from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Session
-from ident.results import Provenance
-from ident.sessions import Given, Robot, Sources, inspect_sources
+from ident.results import Provenance, stamp_sessions
+from ident.sessions import Given, Robot, Sources, inspect_sources, load_robot
+
+if TYPE_CHECKING:
+    from ident.diagnosis.change.result import ArmComparison
 
 Catalogue = str | Path | Sequence[Effect]
 
@@ -134,3 +141,31 @@ def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
         if effect.id in {known.id for known in CATALOGUE}:
             raise InputError("catalogue", f"the id {effect.id!r} is taken", "give the effect another id")
     return (*CATALOGUE, *own)
+
+
+def compare(before: Sources, after: Sources, robot: Robot | None = None, **options: Any) -> ArmComparison:
+    """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be tested.
+
+    Args:
+        before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
+        robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
+        options: Fields of `ident.command_options.ComparisonOptions`: `cutoff`, `seed`, `topic`, `session_file`.
+
+    Raises:
+        InputError: Recordings or robot can't be used.
+    """
+    from ident.diagnosis.change.from_reports import compare_reports  # a diagnosis needs nothing of it
+
+    chosen = ComparisonOptions.of("compare", options)
+    earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
+    arm = load_robot(robot, (*earlier, *later))
+    reports = inspect_sessions((*earlier, *later), arm)
+    arm = as_mounted(arm, reports[0].session)
+    for run in (run for report in reports for run in report.session.runs if len(run) > 1):
+        Lowpass.design(1.0 / run.sample_interval, chosen.cutoff, FOR_DIAGNOSIS)  # refuses what the rate does not allow
+    found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
+    used = None if np.isnan(found.cutoff) else found.cutoff
+    settings = {"cutoff_hz": used, "seed": chosen.seed, "robot": arm.name, "sessions_before": len(earlier)}
+    settings["arm_sha256"] = arm.keeping(found.joints).content
+    stamps = stamp_sessions((*earlier, *later))
+    return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.command_options import FilterOptions
+from ident.command_options import FilterOptions, FitOptions
 from ident.errors import ModelError
-from ident.model import hybrid
-from ident.model.hybrid import FitOptions, FitResults, HybridModel
-from ident.model.named_fit import read_named_laws
+from ident.model import fit as fitting
+from ident.model.fit import FitResults, read_named_laws
+from ident.model.hybrid import HybridModel
 from ident.progress import step
 from ident.results import Provenance, Result
 from ident.sessions import Opened, Robot, Sources, open_sessions
@@ -50,7 +50,7 @@ def fit_hybrid(
         else open_sessions(source, robot, **vars(read), accept=options.accept, motion=options.motion)
     )
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
-    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
+    found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)
@@ -144,7 +144,7 @@ def view(
     Raises:
         InputError: Recordings, robot or model can't be used, or there is no screen.
     """
-    from ident.show import timeline
+    from ident.show.timeline import writing as timeline
 
     if rrd is None:
         timeline.require_screen()

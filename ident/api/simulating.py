@@ -61,9 +61,6 @@ def blind(
     return run_blind(BlindOptions.of("blind", {"cases": cases, "out": Path(out), **options}), say, progress)
 
 
-# Closes the gap of an arm: what `ident close` does.
-
-
 CLOSE_KIND = "close"
 
 
@@ -110,9 +107,6 @@ def close(
     result = Closing(tuple(found)).with_provenance(Provenance("ident close", settings=settings))
     result.save(folder / "close.json")
     return result
-
-
-# Plants an effect in recordings of an arm without it, and sees whether it is found: a test of one's own effect.
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +191,6 @@ def plant(
     rms = float(np.sqrt(np.mean(np.concatenate(torques) ** 2, axis=0)).max())
     where = names[j] if effect.scope == "joint" else ""
     return PlantedEffect(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=further))
-
-
-# Sessions of the simulated arm: what `ident simulate` does.
 
 
 def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Session:

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, TEXT, WORDS, BlindReport
 from ident.errors import plural
-from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.page import Section, confusion_section, facts_section, write_report
 from ident.show.report.words import DASH, effect_name, fixed, parameter_name, percent
+from ident.show.results import draw_bars
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

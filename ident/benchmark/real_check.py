@@ -31,7 +31,7 @@ from ident.files import atomic_write
 from ident.results import Provenance, Result
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
-from ident.show.panels import draw_bars
+from ident.show.results import draw_bars
 from ident.simulation.real.cases import make_cases
 from ident.simulation.real.sources import load_sources, measured_causes
 from ident.workers import run_tasks

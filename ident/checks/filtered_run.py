@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.recordings.recording import Recording, Session
-from ident.settings import Settings, read_group
+from ident.records import Settings, read_group
 
 LIMIT = read_group(__file__, "filter")
 

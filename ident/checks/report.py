@@ -12,7 +12,6 @@ import numpy as np
 
 from ident.errors import InputError, RecordingError
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
-from ident.recordings.save import write_session
 from ident.records import Record
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -115,6 +114,8 @@ class TelemetryReport:
         if not all(len(run) for run in self.session.runs):
             where = str(self.session.path or self.session.name)
             raise RecordingError(where, "nothing that can be used is left of it", "record it again")
+        from ident.recordings.save import write_session
+
         write_session(self.session, folder)
 
 

@@ -74,7 +74,6 @@ def fit(
 ) -> None:
     """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
-    from ident.model.net_options import remove_checkpoint
     from ident.sessions import open_sessions
 
     opened = open_sessions(sessions, robot, **vars(reading), accept=options.accept, motion=options.motion)
@@ -83,7 +82,10 @@ def fit(
     with progress_line(console, "fit"):
         results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named)
     hand_over(results, json_file, lambda: results.model.save(out), places={"model (its URDF: `ident export`)": out})
-    remove_checkpoint(checkpoint)
+    if checkpoint.exists():
+        from ident.model.net_options import remove_checkpoint
+
+        remove_checkpoint(checkpoint)
 
 
 @command
@@ -107,7 +109,7 @@ def evaluate(
 
     def write_page() -> None:
         if html is not None:
-            from ident.show.report import write_evaluation_report
+            from ident.show.report.evaluation import write_evaluation_report
 
             write_evaluation_report(html, [loaded for _, loaded in models], results.models, opened[0].issues)
 
@@ -143,7 +145,8 @@ def diagnose(
     def write_page() -> None:
         if html is None:
             return
-        from ident.show.report import ReportInput, write_diagnosis_report
+        from ident.show.report.diagnosis_pages import write_diagnosis_report
+        from ident.show.report.evaluation import ReportInput
         from ident.show.report.laws import draw_laws
 
         evaluation = None
@@ -156,7 +159,7 @@ def diagnose(
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:
             from ident.show.terminal import gap_curves, gap_marks
-            from ident.show.timeline import write_timeline
+            from ident.show.timeline.writing import write_timeline
 
             issues, marks, curves = examined.diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
             write_timeline(rrd, analysis.baseline.nominal, examined.motions, loaded, issues, marks, curves)
@@ -221,7 +224,7 @@ def compare(
     json_file: JsonFile = None,
 ) -> None:
     """What changed between two sets of sessions of one arm: at which joint, by how much."""
-    from ident.api.comparing import compare as compare_sets
+    from ident.api.diagnosing import compare as compare_sets
     from ident.files import atomic_folder
     from ident.show.report.diagnosis_pages import render_comparison_report
     from ident.show.report.page import save_page

@@ -8,18 +8,21 @@ from pathlib import Path
 from rich.console import Console
 
 from ident.api.diagnosing import diagnose
+from ident.command_options import FitOptions
 from ident.files import write_record
 from ident.model.evaluation import evaluate
-from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
+from ident.model.fit import fit_hybrid
+from ident.model.hybrid import MODEL_KIND, HybridModel
 from ident.outputs import check_outputs
 from ident.progress import step
 from ident.results import Provenance
 from ident.robot.names import data_path
 from ident.sessions import Opened, open_sessions
 from ident.show.console import ladder_table, print_issues, progress_line
-from ident.show.report import write_diagnosis_report, write_evaluation_report
+from ident.show.report.diagnosis_pages import write_diagnosis_report
+from ident.show.report.evaluation import write_evaluation_report
 from ident.show.terminal import print_diagnosis
-from ident.show.timeline import write_timeline
+from ident.show.timeline.writing import write_timeline
 
 TRAINING = ("T1", "T2")
 EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type
 import typer
 from typer.core import TyperGroup
 
-from ident.console import make_console
 from ident.files import deliver, write_record
 from ident.outputs import STANDARD_OUTPUT, check_outputs
 from ident.results import own_version
+from ident.show.console import make_console
 
 if TYPE_CHECKING:
     from click import HelpFormatter

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
 from ident.closed_loop.recorder import Recorder
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
 from ident.closed_loop.loop import (
     MOST_ROUNDS,
     Closed,

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.checks import TelemetryReport
-from ident.checks.report import TOO_LITTLE
+from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis, Finding

@@ -13,7 +13,7 @@ from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
-from ident.settings import Settings
+from ident.records import Settings
 
 
 class VerdictSettings(Settings, table="verdict"):

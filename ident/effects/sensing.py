@@ -15,7 +15,7 @@ from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.session_context import SENSING as LIMIT
 from ident.effects.session_context import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
-from ident.motion.encoder import mean_spectrum
+from ident.motion.filter import mean_spectrum
 
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))

@@ -14,8 +14,8 @@ from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.laws.carried import JointStates, states_of
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
+from ident.records import read_group
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
 
 # Numbers that decide, an attribute each: `settings.toml` has their units, meanings and sources.
 LIMIT = read_group(__file__, "typical")

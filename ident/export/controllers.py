@@ -215,7 +215,7 @@ def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[
 
 
 # A Python module with the named effects' torque that needs NumPy only.
-# Its first part is the text of `ident.export.standalone` and of the friction laws that models carry, its second the
+# Its first part is the text of `ident.laws` and of the friction laws that models carry, its second the
 # numbers of arm and effects, its third what a user calls.
 
 

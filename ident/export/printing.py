@@ -9,9 +9,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.console import styled
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
+from ident.show.console import styled
 
 WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
 # By state of the file: greys before, then ever nearer to what is written.
@@ -85,7 +85,7 @@ def write(console: Console, result: Any) -> None:
 
 def draw(result: Any) -> Any:
     """Torque error of each file where it was measured, or each quantity in shares of its limit."""
-    from ident.show.panels import draw_bars
+    from ident.show.results import draw_bars
 
     record = result.to_dict()
     if "checks" not in record:

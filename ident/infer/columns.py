@@ -24,8 +24,8 @@ from ident.infer.guess import ForeignTable, Reason, Signals
 from ident.recordings.columns import listed, map_by_ending
 from ident.recordings.lerobot import ENDINGS, joint_name
 from ident.recordings.recording import Recording, Session
+from ident.records import read_group
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
 
 LIMIT = read_group(__file__, "unnamed")
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.recordings.lerobot import is_dataset, longest_episode
-from ident.recordings.load import open_run
+from ident.recordings.lerobot import longest_episode
+from ident.recordings.load import is_dataset, open_run
 from ident.recordings.recording import Recording
 from ident.records import Record
 

@@ -33,8 +33,7 @@ from ident.infer.units import (
 )
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import ANGLES, TIME, listed
-from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import METADATA, SUFFIXES, is_run
+from ident.recordings.load import METADATA, SUFFIXES, is_dataset, is_run
 from ident.recordings.session_toml import GUESSED, NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel

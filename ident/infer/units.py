@@ -14,9 +14,9 @@ from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
 from ident.infer.columns import follow, words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
-from ident.recordings.units import ANGLE_UNITS, TIME_UNITS
+from ident.recordings.session_toml import ANGLE_UNITS, TIME_UNITS
+from ident.records import read_group
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
 
 LIMIT = read_group(__file__, "units")
 

@@ -1,55 +1,94 @@
-"""HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder."""
+"""HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder.
+
+It knows where it was fitted: how far each joint went, how fast, how hard; and how well its torque is known there.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-import platform
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
 
-from ident.arrays import Array, Float
-from ident.command_options import LUMPED, FitOptions
+from ident.arrays import Array, Float, freeze
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
-from ident.model.identification import Identified, InertiaFigure, identify
-from ident.model.inertia import InertiaResults
-from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
-from ident.model.named_fit import NamedLaws, identify_named
-from ident.model.training_range import TrainingRange, find_training_range
-from ident.motion.motion import Motion
-from ident.motion.out_of_core import few, runs_recorded, select_joints
-from ident.progress import stage
+from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.recordings.recording import Payload
-from ident.results import Result
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
-from ident.robot.lumped import build_lumped_arm
 from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:
     from ident.model.residual_net import ResidualNet
 
-
-LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
-
-
-def read_versions() -> dict[str, str]:
-    """Version of each library, and of Python; `unknown` where one is not installed as a package."""
-    there = {name: next(iter(importlib.metadata.distributions(name=name)), None) for name in LIBRARIES}
-    found = {name: "unknown" if one is None else one.version for name, one in there.items()}
-    return {"python": platform.python_version(), **found}
-
-
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
 MODEL_KIND = "model"
-FIT_SCHEMA = "ident.fit/1"
+
+
+# What is bounded, and its unit, which a sliding joint reads in metres.
+QUANTITIES = ("position", "speed", "acceleration")
+UNITS = ("rad", "rad/s", "rad/s2")
+KEYS = tuple(f"{name}_{unit.replace('/', '_')}" for name, unit in zip(QUANTITIES, UNITS, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingRange:
+    """The box of states that the training runs of n joints went through."""
+
+    joints: tuple[str, ...]  # names of the joints
+    # Least and largest position [rad], speed [rad/s] and acceleration [rad/s²], shape (3, n).
+    low: Float[Array, "3 n"]
+    high: Float[Array, "3 n"]
+    # Half of the 95 % interval of each joint's torque inside that box, from the covariance of all parameters and from
+    # friction that changes from run to run [N m]. Noise of the effort sensor is not in it.
+    torque_half_width: Float[Array, " n"]
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high", "torque_half_width"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+        n = len(self.joints)
+        parts = (self.low, self.high)
+        if any(part.shape != (3, n) or not np.isfinite(part).all() for part in parts) or np.any(self.low > self.high):
+            raise ValueError("the training range is not three pairs of bounds a joint")
+        if self.torque_half_width.shape != (n,) or not np.all(self.torque_half_width >= 0.0):
+            raise ValueError("a half width of the torque is missing or below zero")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    def first(self, joints: int) -> TrainingRange:
+        """The range of the first joints alone."""
+        low, high = self.low[:, :joints], self.high[:, :joints]
+        return TrainingRange(self.joints[:joints], low, high, self.torque_half_width[:joints])
+
+    def beyond(self, low: Float[Array, "3 n"], high: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
+        """How far a motion's bounds lie outside, as a share of the range's width; zero inside."""
+        width = np.maximum(self.high - self.low, 1e-9)
+        return np.maximum(np.maximum(self.low - low, high - self.high), 0.0) / width
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record of a model's folder."""
+        bounds = {key: np.column_stack([self.low[k], self.high[k]]).tolist() for k, key in enumerate(KEYS)}
+        return {"joints": list(self.joints), **bounds, "torque_half_width_Nm": self.torque_half_width.tolist()}
+
+    @classmethod
+    def from_dict(cls, record: dict[str, Any]) -> TrainingRange:
+        """What `to_dict` wrote.
+
+        Raises:
+            KeyError, ValueError: It is damaged.
+        """
+        bounds = np.array([record[key] for key in KEYS], dtype=float)
+        if bounds.ndim != 3 or bounds.shape[2] != 2:
+            raise ValueError("the training range is not three pairs of bounds a joint")
+        half = np.array(record["torque_half_width_Nm"], dtype=float)
+        return cls(tuple(map(str, record["joints"])), bounds[:, :, 0], bounds[:, :, 1], half)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,105 +282,3 @@ def _read_fit(nominal: ArmModel, links: Any, losses: Any) -> tuple[ArmModel, Los
     same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
     arm = nominal if same else nominal.with_inertial_parameters(numbers.ravel())
     return arm, LossParameters(*(losses[name] for name in (*NAMES, "transition_speed_rad_s")))
-
-
-@dataclass(frozen=True, eq=False)
-class FitResults(Result):
-    """A fitted model and what stands behind it."""
-
-    model: HybridModel
-    identified: Identified
-
-    @property
-    def loss(self) -> LossResults:
-        return self.identified.loss
-
-    @property
-    def inertia(self) -> InertiaResults:
-        return self.identified.inertia
-
-    def to_dict(self) -> dict[str, Any]:
-        """The model's record."""
-        origin = {**self.model.provenance, **self.provenance.to_dict()}
-        return {**self.model.record(), "schema": FIT_SCHEMA, "provenance": origin}
-
-
-def fit_hybrid(
-    motions: Sequence[Motion],
-    robot: ArmModel,
-    options: FitOptions | None = None,
-    data: Sequence[dict[str, Any]] = (),
-    progress: Callable[[int, int, float], None] | None = None,
-    checkpoint: Path | None = None,
-    named: NamedLaws | None = None,
-) -> FitResults:
-    """Fits analytic, loss, named laws and net, in that order.
-
-    Args:
-        motions: Training runs with the robot's joints.
-        robot: The arm.
-        options: What to fit.
-        data: One record a training file (name, sha256), kept with the model.
-        progress: Called after each joint, or epoch, of the net.
-        checkpoint: Folder in which the net's training may stop and go on.
-        named: Laws that a diagnosis named, if any.
-
-    Source: paper, figure 2.
-    """
-    options = options or FitOptions()
-    nominal = build_lumped_arm(robot) if options.links == LUMPED else robot
-    if options.links == LUMPED:
-        motions = select_joints(motions, nominal.joint_names)
-    stage("inertias and losses", 0.0, 0.5)
-    found, named = identify_named(motions, nominal, options, named or NamedLaws())
-    arm, loss = found.inertia.arm, found.loss
-    plain = identify(motions, nominal, options) if found.named else None
-
-    def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
-        laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
-        return loss.params.torque(m.dq, m.ddq) + laws
-
-    net = None
-    if options.net != "none":
-        stage("residual net", 0.5, 1.0)
-        from ident.model.residual_net import PRESETS, fit_net_of_arm
-
-        built = replace(PRESETS[options.net], seed=options.seed)
-        net = fit_net_of_arm(few(motions), arm, known, built, progress, checkpoint)
-    model = HybridModel(
-        robot=robot,
-        nominal=nominal,
-        arm=arm,
-        loss=loss.params,
-        net=net,
-        links=options.links,
-        inertia=options.inertia,
-        figures=loss_figures(loss),
-        named=found.named,
-        alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
-        inertias=found.inertias,
-        trained=find_training_range(few(motions), nominal, found),
-        provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
-    )
-    return FitResults(model, found)
-
-
-def _provenance(
-    motions: Sequence[Motion],
-    options: FitOptions,
-    data: Sequence[dict[str, Any]],
-    found: Identified,
-    net: ResidualNet | None,
-) -> dict[str, Any]:
-    return {
-        "options": {**vars(options), "accept": list(options.accept)},
-        "runs": runs_recorded(motions),
-        "samples": sum(len(motion.time) for motion in motions),
-        "cutoff_hz": motions[0].lowpass.cutoff,
-        **found.record(),
-        "net_parameters": net.parameters if net else 0,
-        "net_gate": [gate.to_dict() for gate in net.gate] if net else [],
-        "data": list(data),
-        "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
-        "versions": read_versions(),
-    }

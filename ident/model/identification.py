@@ -40,7 +40,7 @@ from ident.model.joint_estimate import (
     require_motion,
     require_parted,
 )
-from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults
+from ident.model.loss import NAMES, TRANSITION_GRID, InertiaFigure, LossParameters, LossResults
 from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
@@ -52,18 +52,6 @@ TIED = 0.95
 MOST_TIED = 4
 # An estimate this near to zero, in standard deviations, lies on its bound.
 ON_BOUND = 1e-3
-
-
-@dataclass(frozen=True)
-class InertiaFigure:
-    """One base parameter of the identified arm with its 95 % interval."""
-
-    name: str  # link and number of the independent column; other links' numbers may be added to it
-    # SI units.
-    value: float
-    low: float
-    high: float
-    informed: float  # share of its prior variance that the recordings take away: near 0 it is the URDF's
 
 
 @dataclass(frozen=True, eq=False)

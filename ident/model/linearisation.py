@@ -28,7 +28,7 @@ from ident.errors import RecordingError
 from ident.laws.friction_laws import bent
 from ident.laws.motion import direction, follow
 from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale, solve_partly_non_negative
-from ident.model.loss import TRANSITION_GRID, LossParameters, loss_columns
+from ident.model.loss import TRANSITION_GRID, LossParameters
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -330,3 +330,9 @@ def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) 
         weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
         found[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return found
+
+
+def loss_columns(motion: Motion, transition_speed: Float[Array, " n"]) -> Float[Array, "t n 4"]:
+    """Filtered regressor columns of a run: ddq, dq, direction, one."""
+    slip = direction(motion.dq, transition_speed)
+    return motion.filtered(np.stack([motion.ddq, motion.dq, slip, np.ones_like(motion.dq)], axis=-1))

@@ -14,7 +14,6 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, freeze
 from ident.laws.motion import direction
-from ident.motion.motion import Motion
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
@@ -94,6 +93,18 @@ class LossFigure:
     unit: str
 
 
+@dataclass(frozen=True)
+class InertiaFigure:
+    """One base parameter of the identified arm with its 95 % interval."""
+
+    name: str  # link and number of the independent column; other links' numbers may be added to it
+    # SI units.
+    value: float
+    low: float
+    high: float
+    informed: float  # share of its prior variance that the recordings take away: near 0 it is the URDF's
+
+
 def loss_figures(loss: LossResults) -> tuple[LossFigure, ...]:
     """Those that were fitted, one by one."""
     limits = loss.conf_int()
@@ -105,9 +116,3 @@ def loss_figures(loss: LossResults) -> tuple[LossFigure, ...]:
         for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
         if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
     )
-
-
-def loss_columns(motion: Motion, transition_speed: Float[Array, " n"]) -> Float[Array, "t n 4"]:
-    """Filtered regressor columns of a run: ddq, dq, direction, one."""
-    slip = direction(motion.dq, transition_speed)
-    return motion.filtered(np.stack([motion.ddq, motion.dq, slip, np.ones_like(motion.dq)], axis=-1))

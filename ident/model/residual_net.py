@@ -29,8 +29,8 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
 from ident.model.joint_nets import JointNets, NetBounds, solve_net
+from ident.model.net_gate import JointGate, make_folds, shrink_net
 from ident.model.net_options import PRESETS, NetOptions
-from ident.model.net_shrinkage import JointGate, make_folds, shrink_net
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
@@ -193,7 +193,7 @@ def fit_residual_net(
     checkpoint: Path | None = None,
     interval: float = 1.0,
 ) -> ResidualNet:
-    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_shrinkage`).
+    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_gate`).
 
     Args:
         states: (q, dq, ddq, rigid torque) of every run, each of shape (T, n).

@@ -19,8 +19,7 @@ import pyarrow.parquet as pq
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import MARKER, is_begun
-from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import is_run
+from ident.recordings.load import is_dataset, is_run
 from ident.recordings.session_toml import NAME, load_session_file
 from ident.safe_read import require_regular, require_unpacked
 

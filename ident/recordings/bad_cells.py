@@ -15,6 +15,9 @@ from ident.recordings.recording import Severity, TelemetryIssue
 
 # Channels that a recording may lack.
 OPTIONAL = ("velocity", "acceleration", "position_command", "velocity_command", "effort_command")
+# Cells of a text that hold a number, and words for a value that is missing.
+NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
+MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"
 MOST_CELLS = 0.5  # a row with half of its cells unreadable is no sample
 # Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten leaves no continuous motion.
 FEW_ROWS, MANY_ROWS = 1e-3, 0.1

@@ -22,13 +22,12 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import named_columns
 from ident.recordings.columns import TIME, take_run
+from ident.recordings.load import DATASET
 from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording, TelemetryIssue
-from ident.recordings.session_toml import SessionFile
-from ident.recordings.units import ANGLE_UNITS
+from ident.recordings.session_toml import ANGLE_UNITS, SessionFile
 from ident.safe_read import read_json
 
-INFO = Path("meta/info.json")
 CHANNEL_OF = {
     "observation.state": "position",
     "observation.velocity": "velocity",
@@ -42,11 +41,6 @@ ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
 MOST_RADIANS = 12.6
 EPISODE, CLOCK = "episode_index", "timestamp"
 REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
-
-
-def is_dataset(path: Path) -> bool:
-    """Whether a folder is a LeRobot data set."""
-    return path.is_dir() and (path / INFO).is_file()
 
 
 def data_files(path: Path) -> list[Path]:
@@ -105,9 +99,9 @@ def load_info(path: Path) -> dict[str, Any]:
     Raises:
         RecordingError: It names none.
     """
-    info = read_json(path / INFO, REMEDY, RecordingError)
+    info = read_json(path / DATASET, REMEDY, RecordingError)
     if not isinstance(info.get("features"), dict) or not info["features"]:
-        raise RecordingError(path / INFO, "names no features", REMEDY)
+        raise RecordingError(path / DATASET, "names no features", REMEDY)
     return info
 
 

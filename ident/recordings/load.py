@@ -15,20 +15,19 @@ import numpy as np
 import pyarrow as pa
 
 from ident.errors import RecordingError, first_line
-from ident.recordings.archives import open_arrays
 from ident.recordings.bad_cells import named_columns
 from ident.recordings.columns import NamedColumns, take_run, unequal
-from ident.recordings.lerobot import is_dataset, read_dataset
 from ident.recordings.parquet import column_numbers, open_table
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile, settings_of
-from ident.recordings.text import open_text
 from ident.safe_read import require_regular
 
 BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 # The file that makes a folder a ROS 2 bag.
 METADATA = "metadata.yaml"
+# The file that makes a folder a LeRobot data set.
+DATASET = Path("meta/info.json")
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
 TOPIC = "/joint_states"
@@ -80,6 +79,8 @@ def load_parts(
     settings = replace(settings_of(path, session_file), with_effort=with_effort)
     notes: list[TelemetryIssue] = []
     if is_dataset(path):
+        from ident.recordings.lerobot import read_dataset
+
         found = read_dataset(path, settings)
     else:
         files, notes = find_runs(path, settings)
@@ -135,14 +136,18 @@ def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> Na
     if not path.is_dir():
         require_readable_size(path)
     if path.is_dir() or suffix in BAGS:
-        from ident.recordings.bags import open_bag  # slow to load, and most recordings are tables
+        from ident.recordings.bags import open_bag
 
         return open_bag(path, settings, topic)
     if suffix in TEXTS:
+        from ident.recordings.text import open_text
+
         return open_text(path)
     if suffix == ".parquet":
         return open_table(path)
     if suffix == ".npz":
+        from ident.recordings.archives import open_arrays
+
         return open_arrays(path, always=settings is None or bool(settings.columns))
     raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
 
@@ -165,6 +170,11 @@ def require_readable_size(path: Path) -> None:
     if size > MEMORY_SHARE * memory:
         what = f"is {size / 1e9:.1f} GB large, more than this machine's memory can hold at once"
         raise RecordingError(path, what, "part it into several runs")
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is a LeRobot data set."""
+    return path.is_dir() and (path / DATASET).is_file()
 
 
 def is_run(entry: Path, suffixes: Sequence[str] = SUFFIXES) -> bool:

@@ -12,12 +12,14 @@ from typing import Any
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
-from ident.recordings.units import ANGLE_UNITS, TIME_UNITS
 from ident.safe_read import read_toml
 
 NAME = "session.toml"
 # Beside the drive gains that nobody measured.
 GUESSED = "guessed"
+# Units that files may be in, in s and rad.
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLE_UNITS = {"rad": 1.0, "deg": math.radians(1.0)}
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 # Keys that go with the session as they are: for people, and for `watch`.
 FREE = ("date", "notes", "origin")

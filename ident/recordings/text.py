@@ -14,13 +14,10 @@ import pyarrow.csv as pacsv
 
 from ident.arrays import Array, Bool, Float
 from ident.errors import RecordingError
-from ident.recordings.bad_cells import Cells, cut_short, drop_empty
+from ident.recordings.bad_cells import MISSING, NUMBER, Cells, cut_short, drop_empty
 from ident.recordings.columns import TIME, NamedColumns, Table
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import TelemetryIssue
-
-NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
-MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"
 
 
 def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str]) -> Table:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
-from ident.robot.xacro_files import SUFFIX, expand
 from ident.safe_read import read_text
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
@@ -50,10 +50,13 @@ class ArmModel:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
         path, (_, tip) = find_urdf(robot), split_tip(robot)
-        text = expand(path) if path.suffix == SUFFIX else read_text(path, "give a URDF file", RobotError)
+        if path.suffix == ".xacro":  # few are
+            text = import_module("ident.robot.xacro_files").expand(path)
+        else:
+            text = read_text(path, "give a URDF file", RobotError)
         text, beside = lock_beside(text, tip, str(path)) if tip else (text, {})
         arm = cls.from_urdf(text, path, tip=tip)
-        arm = arm._with_model(arm.model, {**beside, **arm.locked_joints})
+        arm = replace(arm, locked_joints={**beside, **arm.locked_joints})
         if joints is None:
             return arm
         arm._require_joints(joints)
@@ -73,8 +76,9 @@ class ArmModel:
         try:
             model = pin.buildModelFromXML(urdf)
         except (ValueError, RuntimeError) as error:
-            what = f"the URDF parser refused it ({first_line(error)})"
-            raise RobotError(where, what, "check it with check_urdf") from None
+            raise RobotError(
+                where, f"the parser refused it ({first_line(error)})", "check it with check_urdf"
+            ) from None
         _require_serial_arm(model, where, urdf)
         return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed, tip)
 
@@ -116,9 +120,8 @@ class ArmModel:
     def gear_ratios(self) -> Float[Array, " n"] | None:
         """Reduction of each joint from the URDF's transmissions; None where a joint has none."""
         ratios = read_reductions(self.urdf)
-        if any(name not in ratios for name in self.joint_names):
-            return None
-        return freeze([ratios[name] for name in self.joint_names])
+        known = all(name in ratios for name in self.joint_names)
+        return freeze([ratios[name] for name in self.joint_names]) if known else None
 
     @property
     def joint_axes(self) -> Float[Array, "n 3"]:
@@ -230,7 +233,7 @@ class ArmModel:
             cross = pin.skew(lever)
             inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
             model.inertias[i] = inertia
-        return self._with_model(model)
+        return replace(self, model=model)
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
         """The same arm carrying a point mass at the payload's centre of mass, in the last link's frame."""
@@ -239,19 +242,19 @@ class ArmModel:
         body = pin.Inertia(float(payload.mass_kg), np.array(payload.com_m, dtype=float), np.zeros((3, 3)))
         model = pin.Model(self.model)
         model.inertias[self.n] = model.inertias[self.n] + body
-        return self._with_model(model)
+        return replace(self, model=model)
 
     def with_gravity(self, gravity: Float[Array, " 3"]) -> ArmModel:
         """The same arm under another gravity vector in the base frame [m/s²]."""
         model = pin.Model(self.model)
         model.gravity.linear = np.asarray(gravity, dtype=float)
-        return self._with_model(model)
+        return replace(self, model=model)
 
     def with_rotors(self, inertia: Float[Array, " n"]) -> ArmModel:
         """The same arm with rotors on its joints [kg m²]: inverse and forward dynamics feel them, the regressor not."""
         model = pin.Model(self.model)
         model.armature = np.array(inertia, dtype=float)
-        return self._with_model(model)
+        return replace(self, model=model)
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Float[Array, "*T n"]:
         """Joint accelerations of one state or of T states under joint torques [rad/s²]."""
@@ -274,7 +277,7 @@ class ArmModel:
         reduced = ArmModel.from_urdf(self.urdf, self.source, fixed, self.tip)
         reduced = reduced.with_inertial_parameters(self._merged_inertias(reduced, fixed))
         reduced = reduced.with_gravity(self.model.gravity.linear)
-        return reduced._with_model(reduced.model, {**self.locked_joints, **fixed})
+        return replace(reduced, locked_joints={**self.locked_joints, **fixed})
 
     def keeping(self, joints: Sequence[str]) -> ArmModel:
         """The arm with all joints but these fixed at neutral; names that it does not have are passed over."""
@@ -374,10 +377,6 @@ class ArmModel:
             if name not in self.joint_names:
                 remedy = f"its joints are: {', '.join(self.joint_names)}"
                 raise RobotError(self.source or self.name, f"no moving joint {name!r}", remedy)
-
-    def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
-        fixed = self.locked_joints if locked is None else locked
-        return ArmModel(self.name, self.urdf, model, self.joint_names, self.source, fixed, self.tip)
 
 
 def _require_serial_arm(model: pin.Model, where: str, urdf: str) -> None:

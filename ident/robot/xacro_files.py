@@ -23,13 +23,12 @@ from ident.errors import InputError, RobotError
 from ident.robot.xacro_expressions import HarmfulExpression, Lookup, evaluate, require_plain
 from ident.safe_read import DEEPEST, read_text, read_xml, require_no_entities
 
-SUFFIX = ".xacro"
 # Processor time in which the largest descriptions are expanded many times over [s].
 LONGEST_S = 5.0
 # Size of all files of a description together, and of one of numbers; real ones have a tenth of it [bytes].
 LARGEST, LARGEST_YAML = 1 << 22, 1 << 17
 # Kinds of files that descriptions are made of.
-INCLUDED = (SUFFIX, ".urdf", ".xml", ".yaml", ".yml")
+INCLUDED = (".xacro", ".urdf", ".xml", ".yaml", ".yml")
 # Where packages are installed, and where below it.
 INSTALLED = {"AMENT_PREFIX_PATH": "share", "ROS_PACKAGE_PATH": ""}
 # Folders that lie beside the others of a package (`urdf/` beside `config/`) where no package.xml marks it.

@@ -25,9 +25,9 @@ from ident.motion.filter import USUAL_MOTION
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
+from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.settings import read_group
 
 LIMIT = read_group(__file__, "servo")
 

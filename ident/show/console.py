@@ -1,4 +1,4 @@
-"""What the commands print: tables, progress and plain lines."""
+"""What the commands print, tables, progress and plain lines, and where: names from files give a terminal no orders."""
 
 from __future__ import annotations
 
@@ -11,13 +11,35 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ident.console import styled
 from ident.errors import plural, visible
 from ident.progress import listening
 from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
     from ident.model.evaluation import SessionScore
+
+# Where output is no terminal there is no edge: lines are this long [columns].
+WIDE = 160
+
+
+class PlainConsole(Console):
+    """A console without markup: `[x]`, `:x:` and control characters in a text are part of it. Style by `styled`."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(visible(text, lines=True), **options)
+
+
+def make_console() -> PlainConsole:
+    """Standard output; wide where it is no terminal."""
+    console = PlainConsole(markup=False, emoji=False)
+    return console if console.is_terminal else PlainConsole(markup=False, emoji=False, width=WIDE)
+
+
+def styled(*parts: str | tuple[str, str]) -> Text:
+    """A text of plain parts and (part, style) pairs."""
+    shown = (visible(part, lines=True) if isinstance(part, str) else (visible(part[0]), part[1]) for part in parts)
+    return Text.assemble(*shown)
+
 
 # In a log lines are so far apart [s]; from so long on, time is given in minutes [s].
 BETWEEN_LINES, LONG = 5.0, 120.0

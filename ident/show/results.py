@@ -5,27 +5,28 @@ Kinds of results are known by name, so that the words of a fit load no diagnosis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from importlib import import_module
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
-from ident.console import styled
 from ident.errors import plural, visible
 from ident.results import Result
-from ident.show.console import ladder_table, print_issues
+from ident.show.console import WIDE, PlainConsole, ladder_table, print_issues, styled
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, NOISE, TUNED, rung_colours
-from ident.show.panels import draw_bars, framed, panel, words_and_picture
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ident.checks.report import Inspection
     from ident.infer.new_session import NewSession
     from ident.model.evaluation import Evaluation
-    from ident.model.hybrid import FitResults
+    from ident.model.fit import FitResults
 
 
 def write(console: Console, result: Result) -> None:
@@ -104,11 +105,12 @@ def draw_evaluation(result: Evaluation) -> Figure:
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
     from ident.model.identification import describe
-    from ident.model.net_shrinkage import describe_gate
 
     lines = [result.loss.summary(), *describe(result.identified)]
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
+        from ident.model.net_gate import describe_gate
+
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
     console.print("\n".join(lines), soft_wrap=True)
 
@@ -153,6 +155,61 @@ def print_guesses(console: Console, result: NewSession) -> None:
     """The guesses with their evidence, and what the telemetry check finds under them."""
     console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
     print_issues(console, result.to_dict()["telemetry"])
+
+
+# The parts of which results make their words and pictures.
+
+
+PANEL = (6.0, 3.0)  # [inch]
+
+
+def framed(page: str) -> str:
+    """A whole page within another, as high as a screen; its style and its links stay its own."""
+    return f'<iframe srcdoc="{escape(page)}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
+
+
+def words_and_picture(lines: str, figure: Figure) -> str:
+    """Plain lines and a picture as one piece of HTML that stands for itself."""
+    from ident.show.report.figures import to_svg
+
+    title = lines.strip().splitlines()[0] if lines.strip() else "result"
+    return f'<div class="armgap"><pre>{escape(lines)}</pre>{to_svg(figure, title)}</div>'
+
+
+def as_text(write: Callable[[Console], None]) -> str:
+    """What is printed, as text without colours."""
+    stream = StringIO()
+    write(PlainConsole(file=stream, width=WIDE, color_system=None, markup=False, emoji=False, highlight=False))
+    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines())
+
+
+def panel(x_label: str, y_label: str, title: str) -> tuple[Figure, Axes]:
+    """An empty picture that belongs to no window."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PANEL, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.set_title(title, fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def draw_bars(
+    names: Sequence[str], rows: Mapping[str, tuple[str, Sequence[float | None]]], label: str, title: str
+) -> Figure:
+    """Bars side by side, a group a name; a value that is None has none."""
+    figure, axes = panel("", label, title)
+    width = 0.8 / max(1, len(rows))
+    places = np.arange(len(names))
+    for k, (words, (colour, values)) in enumerate(rows.items()):
+        heights = [0.0 if value is None else float(value) for value in values]
+        axes.bar(places + (k - (len(rows) - 1) / 2) * width, heights, width, color=colour, label=words)
+    axes.set_xticks(places, names, rotation=30 if len(names) > 4 else 0, fontsize=7)
+    if rows:
+        axes.legend(fontsize=7)
+    return figure
 
 
 # Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
-from ident.show.console import print_issues
+from ident.show.console import print_issues, styled
 from ident.show.palette import NAMED, NOISE, TUNED
-from ident.show.panels import draw_bars
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     describe_unnamed,
@@ -39,7 +37,8 @@ from ident.show.report.words import (
     percent,
     significant,
 )
-from ident.show.timeline import Curve, Mark
+from ident.show.results import draw_bars
+from ident.show.timeline.series import Curve, Mark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

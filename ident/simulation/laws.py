@@ -134,9 +134,6 @@ def viscous_drag(joint: Any, v: float, warm: float) -> float:
     return drag
 
 
-AMBIENT_DEGC = 24.0
-
-
 def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> Law:
     """A network whose lubricant settles at a rise above ambient [K] under a rated loss, friction's in steady work [W].
 

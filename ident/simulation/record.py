@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 from ident.arrays import Array, Float
 from ident.recordings.recording import Recording
 from ident.simulation.hardware import Hardware
-from ident.simulation.laws import AMBIENT_DEGC
 from ident.simulation.sensing import read_encoder, read_temperature, read_torque, sample
 from ident.simulation.simulator import Simulator, Trace
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -105,7 +104,7 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
         logged["position_command"] = sample(ticks, trace.motion.q, times)
         logged["velocity_command"] = sample(ticks, trace.motion.dq, times)
     if channels.temperature:
-        logged["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
+        logged["temperature"] = read_temperature(ticks, log.temperature, times, rng)
     rounded: dict[str, Any] = {key: np.round(values, _DECIMALS[key]) for key, values in logged.items()}
     return Recording(name, hardware.arm.joint_names, np.round(trace.start + times, 6), **rounded)
 

@@ -16,6 +16,8 @@ from ident.arrays import Array, Float, freeze
 # Counts of a motor encoder's turn, and temperature resolution.
 MOTOR_COUNTS = 65536
 TEMPERATURE_STEP_K = 0.1
+# Temperature of the lab, above which joints warm up [degC].
+LAB_DEGC = 24.0
 
 
 class ReadOnly:
@@ -140,8 +142,8 @@ def read_encoder(
 
 
 def read_temperature(
-    ticks: Array, rise: Float[Array, "K n"], times: Array, ambient: float, rng: np.random.Generator
+    ticks: Array, rise: Float[Array, "K n"], times: Array, rng: np.random.Generator
 ) -> Float[Array, "T n"]:
     """Housing temperatures [degC] with a tenth of a degree of noise and resolution."""
-    true = ambient + sample(ticks, rise, times)
+    true = LAB_DEGC + sample(ticks, rise, times)
     return np.round((true + 0.05 * rng.standard_normal(true.shape)) / TEMPERATURE_STEP_K) * TEMPERATURE_STEP_K

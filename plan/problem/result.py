@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.training_range import QUANTITIES, UNITS
+from ident.model.hybrid import QUANTITIES, UNITS
 from ident.records import Record, as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
@@ -17,8 +17,8 @@ from plan.geometry.clearance_proof import Clearance, prove_clearance
 from plan.geometry.pairs import SHORT, Cut, find_cuts
 from plan.geometry.scene import Scene
 from plan.problem.problem import TICK, PlanningProblem
+from plan.problem.ramps import STANDING, TimeLaw, find_time_law
 from plan.problem.rule_values import RuleCheck
-from plan.problem.time_law import STANDING, TimeLaw, find_time_law
 from plan.spline import Splines
 
 SCHEMA = "plan.result/1"

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ident.console import styled
+from ident.show.console import styled
 
 if TYPE_CHECKING:  # each result is known by its name: none of them needs what the others are made of
     from matplotlib.figure import Figure
@@ -106,7 +106,7 @@ WRITERS: dict[str, Callable[[Console, Any], None]] = {
 
 def draw(result: Any) -> Figure:
     """A result as a picture: a comparison's costs; angles of a plan, or of a motion's first run, over time."""
-    from ident.show.panels import panel
+    from ident.show.results import panel
     from ident.trajectories.reference import TICK_S
 
     kind, curves = type(result).__name__, list[tuple[Any, Any, str]]()

@@ -11,9 +11,8 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.errors import InputError
-from ident.model.hybrid import HybridModel
+from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.loss import LossParameters
-from ident.model.training_range import TrainingRange
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from plan.command_options import TaskOptions

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel

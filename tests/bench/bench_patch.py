@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
+from ident.command_options import FitOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
@@ -31,8 +32,8 @@ from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import FILE_OF, LoadedMjcf, LoadedModel, LoadedUrdf, WrittenFile
 from ident.export.write import write_export, write_patch
 from ident.laws.motion import Losses
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.model.named_fit import read_named_laws
+from ident.model.fit import fit_hybrid, read_named_laws
+from ident.model.hybrid import HybridModel
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion, prepare
 from ident.recordings.columns import match_joints

@@ -25,8 +25,9 @@ import tomli_w
 from scipy.ndimage import median_filter
 
 from ident.api.fitting import fit_hybrid
+from ident.command_options import FitOptions
 from ident.errors import InputError
-from ident.model.hybrid import FitOptions, HybridModel
+from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate

@@ -16,7 +16,8 @@ from plyfile import PlyData, PlyElement
 from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
 
-from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.command_options import FitOptions
+from ident.model.fit import fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
 from ident.monitor.store import Store, write_rows
 from ident.outputs import write_marker

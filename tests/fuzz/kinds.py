@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TOO_LITTLE, TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed

@@ -6,11 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ident.checks import inspect_sessions
+from ident.checks.inspection import inspect_sessions
+from ident.command_options import FitOptions
 from ident.diagnosis.diagnose import Diagnosis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.fit import fit_hybrid
+from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.sessions import open_sessions
 from tests.ident.diagnosis.planted import load_arm, sprung_session

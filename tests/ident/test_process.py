@@ -16,7 +16,7 @@ from plan.cli import app as plan_app
 
 APP = """
 import sys, typer
-from ident.console import make_console, styled
+from ident.show.console import make_console, styled
 from ident.files import atomic_write
 app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False)
 console = make_console()

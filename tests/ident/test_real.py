@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.command_options import FitOptions
 from ident.model.evaluation import SessionScore, evaluate
-from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.model.fit import fit_hybrid
 from ident.motion.motion import prepare
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session

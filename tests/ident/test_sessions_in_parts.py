@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from ident import sessions
-from ident.checks import TelemetryReport, inspect_parts
+from ident.checks.inspection import inspect_parts
+from ident.checks.report import TelemetryReport
+from ident.command_options import FitOptions
 from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
-from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.model.fit import fit_hybrid
 from ident.motion import out_of_core
 from ident.motion.filter import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ident.settings import Settings
+from ident.records import Settings
 
 
 class WanderingSettings(Settings, table="wandering"):

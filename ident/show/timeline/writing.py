@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -26,6 +27,16 @@ from ident.robot.arm import ArmModel
 from ident.show.timeline.series import Curve, Mark, marked, run_curves
 
 TIMELINE = "time"
+
+
+def require_screen() -> None:
+    """Looks for a display server where windows need one, before recordings are read.
+
+    Raises:
+        InputError: Linux, and neither X11's nor Wayland's display is named in the environment.
+    """
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError("viewer", "there is no screen here", "save the timeline with --rrd FILE, open it elsewhere")
 
 
 def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb.Blueprint:

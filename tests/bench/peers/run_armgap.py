@@ -4,7 +4,7 @@ import numpy as np
 from job import Job, least_eigenvalue
 
 from ident import fit_hybrid, open_sessions
-from ident.model.hybrid import FitOptions
+from ident.command_options import FitOptions
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 

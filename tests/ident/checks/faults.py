@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ident.checks import TelemetryReport, inspect_sessions
+from ident.checks.inspection import inspect_sessions
+from ident.checks.report import TelemetryReport
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 

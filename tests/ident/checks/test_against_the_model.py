@@ -14,8 +14,10 @@ from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone as found
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TelemetryReport
+from ident.command_options import FitOptions
 from ident.errors import RecordingError
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.fit import fit_hybrid
+from ident.model.hybrid import HybridModel
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session

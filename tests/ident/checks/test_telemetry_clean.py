@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from faults import inspect, spoil_column
 
-from ident.checks import TelemetryReport, inspect_sessions
+from ident.checks.inspection import inspect_sessions
+from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from faults import Column, freeze_rows, inspect, spoil, spoil_column, without_velocity
 
-from ident.checks import TelemetryReport, inspect_sessions
 from ident.checks.channels import stuck_positions
 from ident.checks.filtered_run import EffortSettings, ExcitationSettings, TelemetrySettings
+from ident.checks.inspection import inspect_sessions
+from ident.checks.report import TelemetryReport
 from ident.errors import RecordingError
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.checks import TelemetryReport
+from ident.checks.report import TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.from_reports import as_compared
 from ident.diagnosis.change.result import ArmComparison, Side

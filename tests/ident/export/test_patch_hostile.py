@@ -17,7 +17,7 @@ from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
-from ident.show.report import write_diagnosis_report
+from ident.show.report.diagnosis_pages import write_diagnosis_report
 from tests.ident.export.diagnoses import write_diagnosis
 
 CODE = "__import__('pathlib').Path('RUN').touch()"

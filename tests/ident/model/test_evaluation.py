@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.command_options import FitOptions
 from ident.model.evaluation import RunTrace, evaluate, score_runs
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.fit import fit_hybrid
+from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload

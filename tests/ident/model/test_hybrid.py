@@ -12,10 +12,11 @@ from safetensors.numpy import load_file, save_file
 
 from ident import fit
 from ident.arrays import Array
+from ident.command_options import FitOptions
 from ident.errors import InputError, ModelError
-from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
+from ident.model.fit import FitResults, find_training_range, fit_hybrid
+from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
-from ident.model.training_range import find_training_range
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session, random_states, two_joint_arm

@@ -20,11 +20,12 @@ from ident.model.linearisation import (
     correlation_time,
     fit_losses,
     fit_sliding,
+    loss_columns,
     rigid_torque,
     stop_operator,
     tune_links,
 )
-from ident.model.loss import LossParameters, loss_columns
+from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel

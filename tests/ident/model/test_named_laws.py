@@ -8,10 +8,11 @@ import jsonschema
 import numpy as np
 import pytest
 
+from ident.command_options import FitOptions
 from ident.errors import InputError, RecordingError
 from ident.laws.carried import KINDS, JointStates, NamedLaw
-from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
-from ident.model.named_fit import NamedLaws, read_named_laws
+from ident.model.fit import FitResults, NamedLaws, fit_hybrid, read_named_laws
+from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.schemas.publish import make_schema
 from tests.ident.made_up import made_motions, two_joint_arm

@@ -15,7 +15,7 @@ from ident.arrays import Array
 from ident.errors import ModelError
 from ident.model.dense_training import DenseNet
 from ident.model.joint_nets import JointNets, solve_net, width_of
-from ident.model.net_shrinkage import describe_gate, shrink_net
+from ident.model.net_gate import describe_gate, shrink_net
 from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_residual_net
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import multisine, two_joint_arm

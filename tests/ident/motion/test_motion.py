@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError, RecordingError
-from ident.model.loss import loss_columns
+from ident.model.linearisation import loss_columns
 from ident.motion import out_of_core as spooling
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, prepare

@@ -7,8 +7,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt, sosfreqz, welch
 
 from ident.arrays import Array
-from ident.motion.encoder import draw_errors, find_resolution, keep_band, mean_spectrum
-from ident.motion.filter import design_lowpass, filter_both_ways
+from ident.motion.filter import design_lowpass, draw_errors, filter_both_ways, find_resolution, keep_band, mean_spectrum
 from ident.motion.motion import prepare_run, session_noise
 from ident.motion.out_of_core import SpooledMotions, within_band
 from ident.motion.smoothing import NoiseLevels, fit_noise_levels, smooth

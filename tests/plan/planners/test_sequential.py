@@ -17,8 +17,8 @@ from plan.planners.sequential import Sequential, begin_course
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import Grid
 from plan.problem.problem import PlanningProblem
+from plan.problem.ramps import find_time_law
 from plan.problem.result import certify
-from plan.problem.time_law import find_time_law
 from tests.plan.worlds import GOAL, MONITOR, START, dense_net, joint_nets, ledger, model, problem
 
 QUICK = Sequential(starts=2, kept=(1,), levels=1)

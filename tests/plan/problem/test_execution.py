@@ -14,8 +14,8 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.files import read_plan
 from ident.trajectories.reference import GentleEnds
 from plan.problem.execution import execute, require_writable
+from plan.problem.ramps import find_time_law
 from plan.problem.result import PlanResult, certify
-from plan.problem.time_law import find_time_law
 from plan.solving.solve import solve
 from tests.plan.worlds import START, problem
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ident.model.evaluation import evaluate
-from ident.model.hybrid import HybridModel, LossFigure
-from ident.model.loss import LossParameters
+from ident.model.hybrid import HybridModel
+from ident.model.loss import LossFigure, LossParameters
 from ident.recordings.recording import Payload, TelemetryIssue
-from ident.show.report import ReportInput
+from ident.show.report.evaluation import ReportInput
 from tests.ident.made_up import made_motions, two_joint_arm
 
 COULOMB = np.array([6.0, 9.0])

@@ -10,8 +10,9 @@ import pytest
 from rich.console import Console
 
 from ident.diagnosis.regression.discrepancy import BLOCKS
-from ident.show.report import ReportInput, write_diagnosis_report
+from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, in_order_of_joints, order_of
+from ident.show.report.evaluation import ReportInput
 from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
 from ident.show.terminal import print_diagnosis

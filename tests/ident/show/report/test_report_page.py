@@ -11,7 +11,8 @@ from ident.errors import InputError
 from ident.monitor.pages import write_pages
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, make_history
-from ident.show.report import ReportInput, write_diagnosis_report, write_evaluation_report
+from ident.show.report.diagnosis_pages import write_diagnosis_report
+from ident.show.report.evaluation import ReportInput, write_evaluation_report
 from ident.show.report.laws import draw_laws
 from ident.show.report.words import fixed
 from tests.accessible import PHONE, find_violations, width_on_a_phone

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.model.net_shrinkage import JointGate
-from ident.show.report import ReportInput
-from ident.show.report.evaluation import describe_steps, headline, worse_joints
+from ident.model.net_gate import JointGate
+from ident.show.report.evaluation import ReportInput, describe_steps, headline, worse_joints
 from ident.show.report.evaluation_figures import parameters_section
 from ident.show.report.figures import make_panel, thin, to_svg
 from ident.show.report.page import render_page

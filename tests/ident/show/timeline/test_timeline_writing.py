@@ -18,8 +18,8 @@ from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.show.timeline import Mark, show_timeline, write_timeline
-from ident.show.timeline.writing import link_boxes, run_starts
+from ident.show.timeline.series import Mark
+from ident.show.timeline.writing import link_boxes, run_starts, show_timeline, write_timeline
 from tests.ident.made_up import made_motions
 
 MARK = Mark(1, 1.0, 2.0, "joint_2", "slow reversal")

@@ -1,0 +1,276 @@
+"""Fits a hybrid model: inertias and losses, the laws that a diagnosis named, the net, and where all that is known."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.command_options import LUMPED, FitOptions
+from ident.errors import InputError
+from ident.laws.carried import KINDS, NamedLaw, named_torque
+from ident.model.hybrid import HybridModel, TrainingRange
+from ident.model.identification import Identified, identify
+from ident.model.inertia import InertiaResults
+from ident.model.joint_estimate import quantile
+from ident.model.loss import LossResults, loss_figures
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import few, runs_recorded, select_joints
+from ident.progress import stage
+from ident.results import Result
+from ident.robot.arm import ArmModel
+from ident.safe_read import read_record
+
+if TYPE_CHECKING:
+    from ident.model.residual_net import ResidualNet
+
+FIT_SCHEMA = "ident.fit/1"
+# Share of the samples at either end that bound nothing: a smoother's overshoot is no place where the arm was.
+TAILS = 0.001
+# States at which the torque's interval is looked at, and the share of them that it holds for.
+STATES, COVERED = 2000, 0.95
+DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
+
+
+@dataclass(frozen=True)
+class NamedLaws:
+    """What a diagnosis names."""
+
+    laws: tuple[NamedLaw, ...] = ()  # laws of joints that a model can carry, not fitted yet
+    left_out: tuple[str, ...] = ()  # what else it names, in words, with the reason
+
+
+def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
+    """Takes the laws of a diagnosis's JSON.
+
+    Args:
+        path: What `ident diagnose --json` wrote.
+        arm: The arm that is to be fitted, with the joints of the model.
+
+    Raises:
+        InputError: Not a diagnosis, one of another robot, damaged, or one that names nothing.
+    """
+    record = read_record(path, DIAGNOSIS_SCHEMA, "give the JSON of `ident diagnose`")
+    try:
+        found = _take(record, arm, path)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        what = f"it is damaged ({type(error).__name__}: {error})"
+        raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+    if not found.laws and not found.left_out:
+        what = f"nothing to take: its verdict is {record.get('verdict')!r} and no effect is named"
+        raise InputError(path, what, "fit without --with, or give a diagnosis with findings")
+    return found
+
+
+def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+    foreign = [name for name in record["joints"] if name not in arm.joint_names]
+    if record["robot"] != arm.name or len(foreign) == len(record["joints"]):
+        what = f"it is of the robot {record['robot']!r}, not of {arm.name!r}"
+        raise InputError(path, what, "give a diagnosis of this robot")
+    laws, left_out = [], []
+    for finding in record["findings"]:
+        effect, joint = finding["effect"], finding["joints"][0]
+        if effect not in KINDS:
+            left_out.append(f"{effect} of {joint}: no law of one joint's speed, load and angle")
+        elif joint in foreign:
+            left_out.append(f"{effect} of {joint}: the model has no such joint")
+        else:
+            reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+            law = record.get("baseline", {}).get(joint, {}).get("laws", {}).get(effect, {"shape": {}})
+            stated = {name: float(value) for name, value in law["shape"].items()}
+            shape = {**KINDS[effect].usual, **reported, **stated}
+            laws.append(NamedLaw(effect, arm.joint_names.index(joint), shape))
+    return NamedLaws(tuple(laws), tuple(left_out))
+
+
+def identify_named(
+    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, named: NamedLaws
+) -> tuple[Identified, NamedLaws]:
+    """Identifies an arm with named laws beside losses and inertias.
+
+    Where friction grows with the load, a second pass takes the load from the identified arm. A law that would have to
+    be below zero, so that friction drives the joint, is left out and the rest is fitted again.
+
+    Returns:
+        What was identified, and the laws with those that had to go told as left out.
+
+    Raises:
+        InputError: These recordings can't tell a law from plain friction.
+    """
+    names = nominal.joint_names
+    laws = tuple(law for law in named.laws if law.joint < len(names))
+    foreign = [law for law in named.laws if law.joint >= len(names)]
+    left_out = (*named.left_out, *(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in foreign))
+    bearing: ArmModel | None = None
+    while True:
+        found = identify(motions, nominal, options, laws, bearing)
+        gone = {(law.effect, law.joint) for law in found.named if law.vanishes}
+        if gone:
+            left_out += tuple(
+                f"{effect} of {names[joint]}: these recordings have none" for effect, joint in sorted(gone)
+            )
+            laws = tuple(law for law in laws if (law.effect, law.joint) not in gone)
+        elif bearing is None and any(law.bears_load for law in laws):
+            bearing = found.inertia.arm
+        else:
+            return found, NamedLaws(found.named, left_out)
+
+
+def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Identified) -> TrainingRange:
+    """The range of training runs, and how well the torque that was identified from them is known there.
+
+    Args:
+        motions: The runs.
+        nominal: The arm whose base parameters were identified.
+        found: What was identified.
+    """
+    parts = [np.stack([m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse]]) for m in motions]
+    states = np.concatenate(parts, axis=1)
+    low, high = np.quantile(states, [TAILS, 1.0 - TAILS], axis=1)
+    even = np.unique(np.linspace(0, states.shape[1] - 1, STATES).astype(int))
+    variance = np.concatenate(list(_torque_variance(states[:, even], nominal, found)))
+    half = np.sqrt(np.quantile(variance, COVERED, axis=0))
+    return TrainingRange(nominal.joint_names, low, high, half * float(np.median(quantile(found.estimate.dof))))
+
+
+def _torque_variance(
+    states: Float[Array, "3 T n"], nominal: ArmModel, found: Identified
+) -> Iterator[Float[Array, "t n"]]:
+    """Variance of each joint's torque at some states [N² m²], a thousand of them at a time."""
+    figures, base = found.estimate, found.inertia.base
+    kept = np.arange(figures.rank)
+    for part in np.array_split(states, -(-states.shape[1] // 1000), axis=1):
+        q, dq, ddq = part
+        regressor = nominal.regressor(q, dq, ddq, base.columns)
+        sign = np.tanh(dq / np.maximum(found.loss.params.transition_speed, 1e-9))
+        losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : figures.per_joint]
+        out = np.empty(dq.shape)
+        for j in range(dq.shape[1]):
+            index = np.concatenate([kept, figures.index(j)])
+            x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
+            out[:, j] = np.sum((x @ figures.covariance[np.ix_(index, index)]) * x, axis=1)
+            run = found.spread[j] * np.array([found.loss.params.viscous[j], found.loss.params.coulomb[j]])
+            out[:, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
+        yield out
+
+
+LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
+
+
+def read_versions() -> dict[str, str]:
+    """Version of each library, and of Python; `unknown` where one is not installed as a package."""
+    there = {name: next(iter(importlib.metadata.distributions(name=name)), None) for name in LIBRARIES}
+    found = {name: "unknown" if one is None else one.version for name, one in there.items()}
+    return {"python": platform.python_version(), **found}
+
+
+@dataclass(frozen=True, eq=False)
+class FitResults(Result):
+    """A fitted model and what stands behind it."""
+
+    model: HybridModel
+    identified: Identified
+
+    @property
+    def loss(self) -> LossResults:
+        return self.identified.loss
+
+    @property
+    def inertia(self) -> InertiaResults:
+        return self.identified.inertia
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model's record."""
+        origin = {**self.model.provenance, **self.provenance.to_dict()}
+        return {**self.model.record(), "schema": FIT_SCHEMA, "provenance": origin}
+
+
+def fit_hybrid(
+    motions: Sequence[Motion],
+    robot: ArmModel,
+    options: FitOptions | None = None,
+    data: Sequence[dict[str, Any]] = (),
+    progress: Callable[[int, int, float], None] | None = None,
+    checkpoint: Path | None = None,
+    named: NamedLaws | None = None,
+) -> FitResults:
+    """Fits analytic, loss, named laws and net, in that order.
+
+    Args:
+        motions: Training runs with the robot's joints.
+        robot: The arm.
+        options: What to fit.
+        data: One record a training file (name, sha256), kept with the model.
+        progress: Called after each joint, or epoch, of the net.
+        checkpoint: Folder in which the net's training may stop and go on.
+        named: Laws that a diagnosis named, if any.
+
+    Source: paper, figure 2.
+    """
+    options = options or FitOptions()
+    nominal = robot
+    if options.links == LUMPED:
+        from ident.robot.lumped import build_lumped_arm
+
+        nominal = build_lumped_arm(robot)
+        motions = select_joints(motions, nominal.joint_names)
+    stage("inertias and losses", 0.0, 0.5)
+    found, named = identify_named(motions, nominal, options, named or NamedLaws())
+    arm, loss = found.inertia.arm, found.loss
+    plain = identify(motions, nominal, options) if found.named else None
+
+    def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
+        return loss.params.torque(m.dq, m.ddq) + laws
+
+    net = None
+    if options.net != "none":
+        stage("residual net", 0.5, 1.0)
+        from ident.model.residual_net import PRESETS, fit_net_of_arm
+
+        built = replace(PRESETS[options.net], seed=options.seed)
+        net = fit_net_of_arm(few(motions), arm, known, built, progress, checkpoint)
+    model = HybridModel(
+        robot=robot,
+        nominal=nominal,
+        arm=arm,
+        loss=loss.params,
+        net=net,
+        links=options.links,
+        inertia=options.inertia,
+        figures=loss_figures(loss),
+        named=found.named,
+        alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
+        inertias=found.inertias,
+        trained=find_training_range(few(motions), nominal, found),
+        provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
+    )
+    return FitResults(model, found)
+
+
+def _provenance(
+    motions: Sequence[Motion],
+    options: FitOptions,
+    data: Sequence[dict[str, Any]],
+    found: Identified,
+    net: ResidualNet | None,
+) -> dict[str, Any]:
+    return {
+        "options": {**vars(options), "accept": list(options.accept)},
+        "runs": runs_recorded(motions),
+        "samples": sum(len(motion.time) for motion in motions),
+        "cutoff_hz": motions[0].lowpass.cutoff,
+        **found.record(),
+        "net_parameters": net.parameters if net else 0,
+        "net_gate": [gate.to_dict() for gate in net.gate] if net else [],
+        "data": list(data),
+        "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
+        "versions": read_versions(),
+    }
