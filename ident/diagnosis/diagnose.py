@@ -56,7 +56,7 @@ from ident.robot.names import robot_argument
 # Why a name does not stand that a discrepancy explains as cheaply.
 # By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
 AS_GIVEN = 1e5
-NO_LAW = "a flexible function of the joint's state explains it as cheaply: no law of its own"
+NO_LAW = "a flexible function of the joint's state explains it about as cheaply: more likely no law of its own than one"
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,7 @@ def _beside_discrepancy(
     """
     beside = _weigh(sure, session, baseline, settings)
     names = believed(sure.estimates, sure.found.named, beside.laws, settings.verdict)
-    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.least_believed]
+    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
     if len(kept) < len(names):
         laws = tuple(beside.laws[k] for k in kept)
         sure = keep_names(sure, kept, session, baseline, NO_LAW)

@@ -52,17 +52,17 @@ def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline,
         found = _with_bodies(replace(sure, search=alone), bodies, session, baseline, verdict.wrong_link_trust)
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.named[k], found.estimates[k]) for k in added}, session))
-        refused |= {k for k in added if not _leads(found.estimates[k], held)}
+        refused |= {k for k in added if not _leads(found.estimates[k], held, verdict.even_odds)}
         if not refused:
             return found
         wrong -= {found.estimates[k].group.joint for k in refused}
     return sure
 
 
-def _leads(one: Estimate, held: SelectionSettings) -> bool:
+def _leads(one: Estimate, held: SelectionSettings, least: float) -> bool:
     """Whether a body is likely enough for a name, and none of its class much likelier than itself."""
     outranked = one.probability * held.class_odds < max(one.shares.values())
-    return one.class_probability >= held.least_probability and not outranked
+    return one.class_probability >= least and not outranked
 
 
 def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -> Search:

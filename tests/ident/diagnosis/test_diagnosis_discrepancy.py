@@ -69,7 +69,7 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
 
 def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmModel) -> None:
     """Law: of a name that is believed less than the least, the result says why, and that something is there."""
-    verdict = replace(USUAL.verdict, least_believed=1.1)
+    verdict = replace(USUAL.verdict, even_odds=1.1)
     settings = replace(USUAL, verdict=verdict)
     found = diagnose(record(short_arm, spring_on_3), short_arm, CATALOGUE, common_clock=False, settings=settings)
     assert found.diagnosis.findings == ()
