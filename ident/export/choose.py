@@ -33,7 +33,7 @@ from ident.laws.motion import Losses
 from ident.motion.motion import Motion
 
 WINDOW = 0.25  # [s]
-MOST_WINDOWS = 24  # of all runs together: more of a short run lie over each other, and make sure of chance
+MOST_WINDOWS = 24
 # Measures by which files are compared, their names in a record, and errors that are none: [N m], [J], [rad].
 MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "position_rms_rad"}
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
@@ -130,12 +130,12 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
 def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Array, "2 w n"], Bool[Array, "w n"]]:
     """Misses of position, up to the joint's way, and velocity at the ends of evenly spread windows; which joints move.
 
-    A window's way is the path of the joint in it; it lies in the middle of its part of the run, whose ends tell little.
+    A window's way is the path of the joint in it.
     """
     states = motion.q, motion.dq, motion.ddq, motion.interval
     length = max(2, round(WINDOW / motion.interval))
-    starts = length + (np.arange(count) + 0.5) / count * (len(motion.time) - 3 * length)
-    starts = np.unique(starts[starts >= 0.0].astype(int))
+    starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
+    starts = np.unique(starts[starts >= 0])
     if not len(starts):
         return np.zeros((2, 0, motion.n)), np.zeros((0, motion.n), bool)
     rows = starts[:, None] + np.arange(length + 1)

@@ -298,7 +298,8 @@ def _own_law(kind: base.Effect) -> str:
 
 def _call(name: str, value: Arm | Losses) -> str:
     """A constructor's call with plain lists."""
-    return f"{name}(\n    " + ",\n    ".join([f"{key}={_plain(item)}" for key, item in vars(value).items()]) + ",\n)"
+    fields = [f"{key}={_plain(item)}" for key, item in vars(value).items()]
+    return f"{name}(\n    " + ",\n    ".join(fields) + ",\n)"
 
 
 def _plain(item: Array | None) -> str:

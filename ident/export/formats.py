@@ -39,9 +39,8 @@ SAME, NEAR = 0.01, 0.1
 # States at which laws are compared with losses where no recording is given: how long, how dense [s], which speed as a
 # share of the limit, and the limit where a URDF has none [rad/s].
 USUAL_TIME, USUAL_STEP, USUAL_SHARE, USUAL_LIMIT = 20.0, 0.01, 0.5, 3.0
-# Position, speed, acceleration of shape (T, n), the sampling interval, and where joints slide, of the same shape: there
-# alone losses are judged.
-Run = tuple[Array, Array, Array, float, Any]
+# Position, speed, acceleration of shape (T, n), and the sampling interval.
+Run = tuple[Array, Array, Array, float]
 # Losses are also to be near at speeds up to this many times those of the runs, at a tenth of the weight.
 BEYOND, BEYOND_WEIGHT = 1.5, 0.1
 
@@ -86,7 +85,7 @@ def measure_off(identified: IdentifiedArm, form: str, runs: Sequence[Run], folde
     def both(arm: IdentifiedArm, changes: tuple[Change, ...]) -> tuple[Array, Array]:
         arm = replace(arm, changes=changes)
         models = WrittenFile.write(form, folder, state_arm(arm, form, runs)).load(), LawModel.of(arm)
-        file, law = ([one.read_log(one.joint_torque(*run[:4]), run[3]) for run in runs] for one in models)
+        file, law = ([one.read_log(one.joint_torque(*run), run[-1]) for run in runs] for one in models)
         return np.concatenate(file), np.concatenate(law)
 
     found: list[dict[str, float]] = []
@@ -125,21 +124,21 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
 
         min Σ (f_c s + C v + b₁ |v| v + b₂ v³ − τ_losses − τ_laws)²,  f_c, C ≥ 0
 
-    over the motions of `runs`, where joints slide; b₁ and b₂ only of a format that `bends`. A polynomial that would
-    drive the joint at some speed gives way to a straight line.
+    over the motions of `runs`; b₁ and b₂ only of a format that `bends`. A polynomial that would drive the joint at some
+    speed gives way to a straight line.
     """
     losses = identified.losses
     if not laws:
         return losses
     arm, effects = describe_arm(identified.tuned), in_module(laws)
     torque, rows = [], []
-    for q, dq, ddq, interval, sliding in runs:
+    for q, dq, ddq, interval in runs:
         for faster, weight in ((1.0, 1.0), (BEYOND, BEYOND_WEIGHT)):
             moving = MovingArm(arm, losses, q, faster * dq, ddq, interval)
             own = losses.viscous * moving.dq + losses.coulomb * moving.direction
-            torque.append(weight * sliding * (own + acting_torque(effects, moving)))
-            states = moving.direction, moving.dq, np.abs(moving.dq) * moving.dq, moving.dq**3
-            rows.append(np.stack([weight * sliding * one for one in states], -1))
+            torque.append(weight * (own + acting_torque(effects, moving)))
+            speed = np.abs(moving.dq)
+            rows.append(weight * np.stack([moving.direction, moving.dq, speed * moving.dq, speed**2 * moving.dq], -1))
     target, columns = np.concatenate(torque), np.concatenate(rows)
     found = np.stack([losses.coulomb, losses.viscous, *losses.bend.T])
     top = np.maximum(np.where(identified.nominal.velocity_limit < 50.0, identified.nominal.velocity_limit, 0.0), 1.0)
@@ -162,4 +161,4 @@ def usual_run(arm: ArmModel) -> Run:
     pulse = USUAL_SHARE * limit / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
     angle = pulse * np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None] + np.arange(arm.n)
     wave, slope = size * np.sin(angle), size * pulse * np.cos(angle)
-    return 0.5 * (low + high) + wave, slope, -(pulse**2) * wave, USUAL_STEP, True
+    return 0.5 * (low + high) + wave, slope, -(pulse**2) * wave, USUAL_STEP

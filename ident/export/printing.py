@@ -94,7 +94,8 @@ def draw(result: Any) -> Any:
             rows |= {
                 f"{form}, {WHEN[k]}": (COLOURS[k], list(one["torque_rms_Nm"].values())) for k, one in found.items()
             }
-        return draw_bars(record["joints"] if rows else [], rows, "torque gap [N m]", f"files of {record['robot']}")
+        joints = record["joints"] if rows else []
+        return draw_bars(joints, rows, "torque gap [N m]", f"files of {record['robot']}")
     checks = [one for one in record["checks"] if one["value"] is not None]
     shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
     names = [f"{one['figure']} {one['joint']}" for one in checks]

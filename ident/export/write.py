@@ -134,7 +134,8 @@ def write_export(
         arm.write_loaded([name for name in LOADED if name in formats])
         for name in formats:
             if name == "toml":
-                arm.write(FILES[name], write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf()))
+                parameters = write_parameters(after, estimates=model.figures, urdf=arm.losses_of_urdf())
+                arm.write(FILES[name], parameters)
             elif name not in LOADED:
                 arm.write(FILES[name], arm.module() if name == "python" else WRITERS[name](arm.stated("losses")))
         record: dict[str, Any] = {
@@ -168,9 +169,7 @@ class _Files:
         self.nominal = self.identified.nominal
         # States of recordings, of long ones their first part: the torque is left out.
         rows = slice(0, max(3, MOST_SAMPLES // max(len(motions), 1)))
-        slides = [np.repeat(m.settled, m.lowpass.factor, axis=0)[: len(m.q)] for m in motions]
-        both = zip(motions, slides, strict=True)
-        recorded: list[Run] = [(m.q[rows], m.dq[rows], m.ddq[rows], m.interval, one[rows]) for m, one in both]
+        recorded: list[Run] = [(m.q[rows], m.dq[rows], m.ddq[rows], m.interval) for m in motions]
         self.runs = recorded or [usual_run(self.nominal)]
         self.written: dict[str, WrittenFile] = {}
         self.chosen: dict[str, Chosen] = {}

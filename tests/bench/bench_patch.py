@@ -62,7 +62,7 @@ def in_pieces(run: Recording) -> list[Recording]:
 
 def real(folder: str, robot: str = "robot.urdf", pattern: str = "*.parquet", settings: str = "") -> Arm:
     """Runs of a folder, each by itself; one run alone is cut into pieces."""
-    place, toml = REAL / folder, Path(tempfile.mkdtemp()) / "session.toml"
+    place, toml = REAL / folder, Path(tempfile.gettempdir()) / "bench_patch.toml"
     toml.write_text(settings)
     given = {"session_file": toml} if settings else {}
     arm = ArmModel.load(place / robot if robot.endswith(".urdf") else robot)
@@ -109,7 +109,7 @@ def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], P
     arm, session = ARMS[name]()
     training, *others = parts_of(session)
     arm = arm.keeping(session.joints)
-    motions = [tuple(prepare(one, settings=FOR_DIAGNOSIS)) for one in others]
+    motions = [tuple(prepare(one, FOR_DIAGNOSIS.cutoff_hz)) for one in others]
     stem = name.replace(" ", "_").replace(",", "")
     path = cache / f"{stem}.json"
     if not path.is_file():

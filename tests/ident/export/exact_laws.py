@@ -109,7 +109,8 @@ def drawn(effect: Effect, session: SessionContext, rng: np.random.Generator) -> 
     reported = effect.parameters(session, max(place, 0), variant, beta, np.diag((0.05 * beta) ** 2))
     left = effect.without_dry_friction(beta, variant)[0] if effect.open_law else beta
     law = {"coefficients": list(left), "shape": {**variant.shape, **variant.inner}}
-    return variant, Change(effect.id, place, (), reported, law if effect.tells_law(variant) else None, effect), left
+    known = law if effect.tells_law(variant) else None
+    return variant, Change(effect.id, place, (), reported, known, effect), left
 
 
 def in_module(session: SessionContext, change: Change, variant: Variant, beta: Array) -> tuple[Array, Array]:

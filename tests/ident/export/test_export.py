@@ -151,7 +151,8 @@ def test_the_cpp_header_gives_the_same_torque(which: str, tmp_path: Path) -> Non
     command = ["c++", "-std=c++11", "-Wall", "-Wextra", "-Werror", "-O0", "try.cpp", "-o", "try"]
     subprocess.run(command, cwd=tmp_path, check=True)
     states = random_states(np.random.default_rng(1), 20, arm.n)
-    text = " ".join(map(repr, map(float, np.stack(states, axis=1).ravel())))
+    rows = np.stack(states, axis=1)
+    text = " ".join(map(repr, map(float, rows.ravel())))
     done = subprocess.run([str(tmp_path / "try")], input=text, capture_output=True, text=True, check=True)
     found = np.array(done.stdout.split(), dtype=float).reshape(-1, arm.n)
     q, dq, ddq = states

@@ -61,7 +61,8 @@ def test_recordings_of_another_arm_are_not_evaluated(arm: ArmModel, other: Path,
 def test_ranges_are_written_for_trainers(tmp_path: Path) -> None:
     """Law: both files are Python whose tables are the ranges, never below zero; joints without a range are named."""
     known = {"rotor": (0.1, 0.2), "viscous": (-0.5, 3.0), "coulomb": (1.0, 2.0), "gain": (0.9, 1.1)}
-    assert write_ranges(tmp_path / "out", 'x"""y', {"a": known, "b": {"rotor": (0.1, 0.2)}}) == ["b"]
+    left = write_ranges(tmp_path / "out", 'x"""y', {"a": known, "b": {"rotor": (0.1, 0.2)}})
+    assert left == ["b"]
     for name in ("isaaclab_ranges.py", "playground_ranges.py"):
         tree = ast.parse((tmp_path / "out" / name).read_text(encoding="utf-8"))
         values = {ast.unparse(one.targets[0]): one.value for one in tree.body if isinstance(one, ast.Assign)}
