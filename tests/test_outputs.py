@@ -31,7 +31,7 @@ WRITES = {"out", "html", "rrd", "picture", "mend", "json_file", "store"}
 ELSEWHERE = {
     "ident demo": None,
     "ident diagnose": "ident/diagnosis/contract.py",
-    "ident blind": "ident/benchmark/test_blind_summary.py",
+    "ident blind": "ident/benchmark/test_blind_worlds.py",
     "ident close": "ident/closed_loop/test_closing.py",
     "ident compare": "ident/cli/test_cli.py",
 }

@@ -147,7 +147,6 @@ def _scenes(folder: Path, arm: ArmModel) -> None:
     PlyData([PlyElement.describe(rows, "vertex")]).write(str(folder / "scan.ply"))
     PointCloud.from_xyz_points(corners).save(folder / "scan.pcd")
     np.save(folder / "scan.npy", corners)
-    np.savetxt(folder / "scan.csv", corners, delimiter=",", header="x,y,z", comments="")
     (folder / "scene.toml").write_text(SCENE)
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'
     (folder / "arm.srdf").write_text(f'<robot name="{arm.name}">{pairs}</robot>')

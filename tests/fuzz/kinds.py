@@ -265,10 +265,7 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
-        *(
-            Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3)
-            for end in (".ply", ".pcd", ".npy", ".csv")
-        ),
+        *(Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3) for end in (".ply", ".pcd", ".npy")),
     ]
 
 
