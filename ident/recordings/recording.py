@@ -131,7 +131,7 @@ class Session:
     # independent and effects that need a common clock are not testable.
     common_clock: bool = True
     path: Path | None = None  # the folder or file it was read from
-    metadata: dict[str, Any] = field(default_factory=dict)  # date, notes and origin of session.toml
+    metadata: dict[str, Any] = field(default_factory=dict)  # date, notes, origin and own keys of session.toml
     notes: tuple[TelemetryIssue, ...] = ()  # what the reader found about the session as a whole
     # What session.toml says the effort is: ``joint_torque`` (gravity is in it), or ``gravity_compensated``; None where
     # it says nothing.

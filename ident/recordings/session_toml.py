@@ -49,7 +49,7 @@ class SessionFile:
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
-    metadata: Mapping[str, Any] = field(default_factory=dict)  # what of `FREE` the file has
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # what of `FREE` the file has, and own keys
     with_effort: bool = True  # whether a torque is needed; without, the recording's effort is zero
     gravity: tuple[float, float, float] | None = None  # gravity in the base's frame [m/s²]; None for the URDF's
     guessed: bool = False  # whether the drive gains are nobody's measurement
@@ -71,11 +71,11 @@ def load_session_file(path: Path) -> SessionFile:
     """Reads and checks a session.toml.
 
     Raises:
-        RecordingError: The file can't be read, or a key is unknown or has a wrong value.
+        RecordingError: The file can't be read, or a key looks misspelt or has a wrong value.
     """
     data = read_toml(path, "give a session.toml that can be read", RecordingError)
     keys = _Keys(path, data)
-    keys.require_known(data, KEYS)
+    keys.require_known([key for key in data if difflib.get_close_matches(key, KEYS, n=1)], KEYS)
     guessed = keys.table("drive_gain_Nm_per_A").pop(GUESSED, False)
     if not isinstance(guessed, bool):
         raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
@@ -110,7 +110,7 @@ def load_session_file(path: Path) -> SessionFile:
         time_factor=TIME_UNITS[times or "s"],
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,
         guessed=guessed,
-        metadata={key: data[key] for key in FREE if key in data},
+        metadata={key: value for key, value in data.items() if key in FREE or key not in KEYS},
     )
 
 

@@ -127,13 +127,17 @@ def test_a_session_survives_a_round_trip(run: Recording, tmp_path: Path) -> None
     """Runs, payload, robot and the rest of session.toml; a gain that is in the effort is not applied again."""
     later = run.replace(name="run2", time=run.time + 10.0, current=run.effort / 7.0)
     session = Session(
-        "s", (run, later), payload=Payload(1.5, (0.0, 0.1, 0.2)), robot="panda", metadata={"origin": "made up"}
+        "s",
+        (run, later),
+        payload=Payload(1.5, (0.0, 0.1, 0.2)),
+        robot="panda",
+        metadata={"origin": "made up", "operator": "MK"},
     )
     write_session(session, tmp_path / "out")
     read = load_session(tmp_path / "out")
     assert [r.name for r in read.runs] == ["run", "run2"]
     expected = (read.payload, read.robot, read.metadata, read.common_clock)
-    assert expected == (session.payload, "panda", {"origin": "made up"}, True)
+    assert expected == (session.payload, "panda", {"origin": "made up", "operator": "MK"}, True)
     np.testing.assert_array_equal(read.runs[1].effort, run.effort)
 
 

@@ -99,7 +99,6 @@ BAD: dict[str, tuple[Callable[[list[str]], str], str, str]] = {
     "mapped column missing": (lambda lines: "\n".join(lines), '[columns]\nx = "a/position"', "no column 'x'"),
     "not a native name": (lambda lines: "\n".join(lines), '[columns]\n1 = "a/pos"', "no native column"),
     "misspelt key": (lambda lines: "\n".join(lines), "[efort_sign]\na = 1", "did you mean 'effort_sign'"),
-    "key far from any": (lambda lines: "\n".join(lines), "operator = 1", "notes, origin"),
     "key of a table": (lambda lines: "\n".join(lines), "[payload]\nmass_kg = 1\ncentre = [0, 0, 1]", "com_m, mass_kg"),
     "sign of no joint": (lambda lines: "\n".join(lines), "[effort_sign]\nz = 1", "names the joint 'z'"),
     "sign of 2": (lambda lines: "\n".join(lines), "[effort_sign]\na = 2", "a sign is 1 or -1"),
