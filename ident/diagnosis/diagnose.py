@@ -53,9 +53,9 @@ from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 
-# Why a name does not stand that a discrepancy explains as cheaply.
 # By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
 AS_GIVEN = 1e5
+# Why a name does not stand that a discrepancy explains about as cheaply.
 NO_LAW = "a flexible function of the joint's state explains it about as cheaply: more likely no law of its own than one"
 
 

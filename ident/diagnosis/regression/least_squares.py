@@ -249,8 +249,12 @@ def hold_signs(information: Float[Array, "z z"], target: Float[Array, " z"], sig
 
     Else a model would have what no law has: friction by load that is negative one way is a gain of the torque.
     """
-    if signed.any() and (np.linalg.solve(positive(information), target)[signed] < 0.0).any():
-        off = np.flatnonzero(signed & (solve_signed(positive(information), target, signed) <= 0.0))
+    if not (at := np.flatnonzero(signed)).size:
+        return
+    free = np.linalg.solve(positive(information), np.column_stack([target, np.eye(len(target))[:, at]]))[at]
+    if (free[:, 0] < 0.0).any():
+        rest = np.linalg.inv(free[:, 1:])  # what the other unknowns leave of the signed ones
+        off = at[solve_signed(rest, rest @ free[:, 0], np.ones(len(at), dtype=bool)) <= 0.0]
         information[off, off] += OFF * np.abs(information[off, off])
 
 

@@ -175,12 +175,9 @@ def solve_effects(
         reach = models[1].spread[:, : evidence.layout.rank]
         off = fine.search.settings.fixed_factor**4 * reach @ fine.search.prior.base @ reach.T
         covariances[1] = covariances[1] + off  # what the URDF's tolerance does to them
-    whole = (
-        models[0]
-        if all(kept.all() for kept in free)
-        else project(gram, evidence, fine.search.prior, fine.groups, signed=False)
-    )
-    bound = covariances[0] if whole is models[0] else robust_covariance(evidence, whole)
+    bound = covariances[0]
+    if not all(kept.all() for kept in free):
+        bound = robust_covariance(evidence, project(gram, evidence, fine.search.prior, fine.groups, signed=False))
     at = first = evidence.layout.tuned
     solved = []
     for group, kept, hidden in zip(fine.groups, free, absorbed, strict=True):
@@ -274,9 +271,8 @@ def weigh_rivals(
     share = group.effect.doubt.share / NORMAL_95
     unit = excess + held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = max(best[group.key][0] - held.rival_nats * unit, held.least_nats)
-    near_it = [rival for score, rival in best.values() if score > least]
-    rivals = [rival for rival in near_it if rival.key != group.key]
-    allowed = {rival.key for rival in near_it} | {group.key}
+    rivals = [rival for score, rival in best.values() if score > least and rival.key != group.key]
+    allowed = {rival.key for rival in rivals} | {group.key}
     apart, added = _beside(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
     # Nor is one ahead that would not get the name itself.
