@@ -23,7 +23,6 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
-from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Session
 from ident.results import Provenance, stamp_sessions
@@ -161,8 +160,6 @@ def compare(before: Sources, after: Sources, robot: Robot | None = None, **optio
     arm = load_robot(robot, (*earlier, *later))
     reports = inspect_sessions((*earlier, *later), arm)
     arm = as_mounted(arm, reports[0].session)
-    for run in (run for report in reports for run in report.session.runs if len(run) > 1):
-        Lowpass.design(1.0 / run.sample_interval, chosen.cutoff, FOR_DIAGNOSIS)  # refuses what the rate does not allow
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
     used = None if np.isnan(found.cutoff) else found.cutoff
     settings = {"cutoff_hz": used, "seed": chosen.seed, "robot": arm.name, "sessions_before": len(earlier)}

@@ -15,7 +15,7 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
-from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
+from ident.motion.filter import FOR_DIAGNOSIS
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
@@ -91,7 +91,7 @@ def patch(
     opened = None
     if chosen.on is not None:
         # Filtered as what was diagnosed, as far as the rate allows it.
-        motion = MotionSettings(**{**vars(FOR_DIAGNOSIS), "cutoff_hz": diagnosed.cutoff})
+        motion = FOR_DIAGNOSIS.but(cutoff_hz=diagnosed.cutoff)
         opened = open_sessions(chosen.on, arm, chosen.topic, chosen.session_file, learning=False, motion=motion)
         if opened.arm.joint_names != diagnosed.joints:
             what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis "

@@ -11,7 +11,7 @@ from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.errors import RecordingError
-from ident.motion.filter import FOR_DIAGNOSIS
+from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_runs, within_band
 from ident.progress import stage
@@ -39,7 +39,7 @@ def compare_reports(
         seed: Of how runs are dealt into sets that are none.
 
     Raises:
-        RecordingError: The sessions have different joints, or no run of a set is long enough.
+        RecordingError: The sessions have different joints, no run of a set is long enough, or the corner is too high.
     """
     stage("smoothing", 0.0, 0.1)
     reports = [*before, *after]
@@ -56,7 +56,7 @@ def compare_reports(
             raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
-    corner = min(cutoff or FOR_DIAGNOSIS.cutoff_hz, FOR_DIAGNOSIS.cutoff_share * slowest)
+    corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []
     for side in (before, after):
         own = [motion for report in side for motion in prepare_slower(report.session, corner)]
