@@ -82,7 +82,7 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
         elif joint in foreign:
             left_out.append(f"{effect} of {joint}: the model has no such joint")
         else:
-            reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+            reported = {name: float(one["value"]) for name, one in finding["parameters"].items()}
             law = record.get("baseline", {}).get(joint, {}).get("laws", {}).get(effect, {"shape": {}})
             stated = {name: float(value) for name, value in law["shape"].items()}
             shape = {**KINDS[effect].usual, **reported, **stated}
@@ -99,7 +99,7 @@ def identify_named(
     be below zero, so that friction drives the joint, is left out and the rest is fitted again.
 
     Returns:
-        What was identified, and the laws with those that had to go told as left out.
+        What was identified, and the laws with those that had to go reported as left out.
 
     Raises:
         InputError: These recordings can't tell a law from plain friction.
@@ -144,18 +144,18 @@ def _torque_variance(
     states: Float[Array, "3 T n"], nominal: ArmModel, found: Identified
 ) -> Iterator[Float[Array, "t n"]]:
     """Variance of each joint's torque at some states [N² m²], a thousand of them at a time."""
-    figures, base = found.estimate, found.inertia.base
-    kept = np.arange(figures.rank)
+    estimate, base = found.estimate, found.inertia.base
+    kept = np.arange(estimate.rank)
     for part in np.array_split(states, -(-states.shape[1] // 1000), axis=1):
         q, dq, ddq = part
         regressor = nominal.regressor(q, dq, ddq, base.columns)
         sign = np.tanh(dq / np.maximum(found.loss.params.transition_speed, 1e-9))
-        losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : figures.per_joint]
+        losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : estimate.per_joint]
         out = np.empty(dq.shape)
         for j in range(dq.shape[1]):
-            index = np.concatenate([kept, figures.index(j)])
+            index = np.concatenate([kept, estimate.index(j)])
             x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
-            out[:, j] = np.sum((x @ figures.covariance[np.ix_(index, index)]) * x, axis=1)
+            out[:, j] = np.sum((x @ estimate.covariance[np.ix_(index, index)]) * x, axis=1)
             run = found.spread[j] * np.array([found.loss.params.viscous[j], found.loss.params.coulomb[j]])
             out[:, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
         yield out

@@ -9,7 +9,7 @@ another joint's acceleration) take some of it away, which looks like an effect. 
 with r the variance of a measured position and f_s the smoother's corner. With P(f) the acceleration's spectrum, keeping
 all up to a frequency b costs the noise below b and the motion above b, ∫_{f<b} N + ∫_{f>b} (P − N). The states are cut
 off at the b where that is least, noise counted more than once (`caution`): within a run a motion is slower most times
-than its mean spectrum says. What is lost is motion that the encoder hardly saw; it doesn't bend the other figures.
+than its mean spectrum says. What is lost is motion that the encoder hardly saw; it doesn't bias the other parameters.
 
 Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4 (regression calibration); Welch 1967.
 """

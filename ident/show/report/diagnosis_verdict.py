@@ -248,13 +248,14 @@ def describe_findings(record: Mapping[str, Any]) -> str:
 
 def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
-    what = "Not believed: {} in {} would fit, but {}."
-    return [
-        what.format(effect_name(one["effect"]), join_words(one["joints"]), with_units(one["reason"]))
-        if one["effect"]
-        else f"Doubt: {one['reason']}."
-        for one in record.get("reservations", [])
-    ]
+    lines = []
+    for one in record.get("reservations", []):
+        if one["effect"]:
+            what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
+            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
+        else:
+            lines.append(f"Doubt: {one['reason']}.")
+    return lines
 
 
 def describe_unnamed(record: Mapping[str, Any]) -> str:

@@ -145,9 +145,8 @@ def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
     if inside.sum() < LEAST_SAMPLES:
         return None
     time, load = item.time - item.time[0], "N" if analysis.baseline.nominal.sliding_joints[law.joint] else "N m"
-    figure, axes = make_panel(
-        f"time in {item.run.motion.name} [s]", f"torque left [{load}]", WIDE, left=0.65, bottom=0.45
-    )
+    labels = f"time in {item.run.motion.name} [s]", f"torque left [{load}]"
+    figure, axes = make_panel(*labels, WIDE, left=0.65, bottom=0.45)
     for values, colour, width in ((law.left[k], PLAIN, 0.8), (law.left[k] - law.torque[k], LAW, 0.8)):
         axes.plot(*thin(time, np.where(inside, values, np.nan)), color=colour, linewidth=width)
     axes.plot(*thin(time, np.where(inside, law.torque[k], np.nan)), color=DATA, linewidth=1.4, linestyle=":")

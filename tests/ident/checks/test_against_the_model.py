@@ -330,7 +330,7 @@ KINDS = {
 def test_every_joints_effort_has_a_verdict_with_evidence(
     kind: str, clean: Session, arm: ArmModel, tmp_path: Path
 ) -> None:
-    """Law: `inspect` says of each joint what its effort is, and from which figures; so do its JSON and its lines."""
+    """Law: `inspect` says of each joint what its effort is, and from which numbers; so do its JSON and its lines."""
     write_session(spoil(clean, lambda run: KINDS[kind](run, arm)), tmp_path / "session")
     found = inspect_files(tmp_path / "session", arm)
     (record,) = found.to_dict()["sessions"]

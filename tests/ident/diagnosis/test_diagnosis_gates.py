@@ -69,7 +69,7 @@ def test_every_gate_can_close(gates: Gates, passed: bool) -> None:
     ],
 )
 def test_what_is_beyond_chance_is_told_without_a_name(gates: Gates, told: bool) -> None:
-    """With evidence, better on unseen runs, and not negligible: then it is told, if not named."""
+    """With evidence, better on unseen runs, and not negligible: then it is reported, if not named."""
     assert not gates.passed
     assert gates.beyond_chance is told
 

@@ -249,7 +249,7 @@ def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext)
 def test_what_no_arm_has_is_no_finding(
     name: str, figures: dict[str, float], words: str, session: SessionContext
 ) -> None:
-    """Law: figures that real recordings once led to, and others like them, are reported with the bound they break."""
+    """Law: parameters that real recordings once led to, and others like them, name the bound that they break."""
     reason = impossible(find_effect(name), session, 1, sharp(**figures))
     assert words in reason
 
@@ -278,7 +278,7 @@ DEVIATION = np.array([0.5, 2.0])
 
 
 def normal(coefficients: Array) -> float:
-    """Log density of two normal figures of the deviations above."""
+    """Log density of two normal numbers of the deviations above."""
     return float(np.sum(-0.5 * (coefficients / DEVIATION) ** 2 - np.log(DEVIATION * np.sqrt(2 * np.pi))))
 
 

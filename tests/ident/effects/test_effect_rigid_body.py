@@ -1,4 +1,4 @@
-"""Masses, gravity and pushes: arms that are really different, told from the nominal arm's columns."""
+"""Masses, gravity and pushes: arms that are really different, distinguished from the nominal arm's columns."""
 
 from dataclasses import replace
 
@@ -229,7 +229,7 @@ def test_noise_around_a_faint_push_says_nothing_against_it(
 
 @pytest.mark.parametrize("delay", [0.001, 0.005, 0.013, 0.025])
 def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, delay: float) -> None:
-    """The torque of the same motion, computed late instead of shifted: the figure is within 3 %."""
+    """The torque of the same motion, computed late instead of shifted: the delay is within 3 %."""
     session, late = make_session(arm, 10.0, 2), make_session(arm, 10.0, 2, late=delay)
     torque = [b.total - a.total for a, b in zip(session.runs, late.runs, strict=True)]
     found = recover(find_effect("torque_delay"), session, 0, torque)["delay_s"]

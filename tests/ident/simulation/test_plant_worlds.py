@@ -201,7 +201,7 @@ def scene_at(hardware, motions, joint):
     ],
 )
 def test_a_coarse_search_keeps_its_promise(hardware, motions, meters, effect, joint, wanted):
-    """A finer simulation of all runs shows what the coarse one told; so it does without the effect."""
+    """A finer simulation of all runs shows what the coarse one showed; so it does without the effect."""
     meter = meters[0]
     cause, scene = find_cause(effect), scene_at(hardware, motions, joint)
     size = meter.find_size(cause, scene, wanted, seed=2)
