@@ -47,7 +47,8 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
     prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
-    left, start = settings.most_settling, list[Group]()
+    left = settings.most_settling
+    start = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior)).best_start()
     while True:
         left -= 1
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))

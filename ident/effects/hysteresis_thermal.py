@@ -131,6 +131,11 @@ class PreslidingHysteresis(Effect):
         stated = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
         return [(_of_ranges([sizes[k] for k in some]), some) for some in stated]
 
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        """Whether more of the build-up than half lies beyond the shortest range, which contacts of all gears bend."""
+        areas = {size: max(part, 0.0) * size for size, part in zip(variant.shape.values(), coefficients, strict=True)}
+        return areas.get(min(LIMIT.displacements), 0.0) <= 0.5 * sum(areas.values())
+
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the parameters of one law hang on all of its build-up."""
         return self.variants(session, joint)

@@ -10,6 +10,7 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import Named, SearchResults, first_of_each_joint
+from ident.effects.sensing import TorqueGainError
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,24 @@ class Search(Candidates):
             named = [self._renamed(gram, item, k, groups) for k, item in enumerate([*named, step])]
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
+
+    def best_start(self) -> list[Group]:
+        """Effects to begin with: those found step by step, or beside gains of all joints, whichever have more evidence.
+
+        Gains of two joints are as good as wrong ones of all others beside other loads; one gain at a time finds the
+        wrong set and never leaves it.
+        """
+        gains = self.standing([one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id])
+        if not gains:
+            return []
+        starts: tuple[Sequence[Group], ...] = ((), [item.group for item in gains])
+        found = [[item.group for item in self.run(start).named] for start in starts]
+        return max(found, key=self.evidence_of)
+
+    def evidence_of(self, groups: Sequence[Group]) -> float:
+        """Log evidence of a model of some effects [nats]: what each adds to those before it."""
+        gram = self.evidence.gram()
+        return sum(self.score_beside(gram, group, groups[:k]) for k, group in enumerate(groups))
 
     def standing(
         self, start: Sequence[Group], known: Sequence[Named] = (), changed: set[int] | None = None

@@ -26,8 +26,10 @@ from tests.ident.diagnosis.planted import (
     healthy_torque,
     load_friction_on_2,
     named,
+    named_groups,
     offset_on_1,
     record,
+    search_of,
     spring_on_3,
     stribeck_on_1,
 )
@@ -165,6 +167,25 @@ def test_load_friction_is_named_beside_a_wrong_scale(short_arm: ArmModel) -> Non
     assert joint in caveat_of(named["load_dependent_friction"], [alarm])
     assert not any(caveat_of(one, issues) for one in named.values() for issues in ([], [replace(alarm, joints=())]))
     assert all(not caveat_of(one, [alarm]) for name, one in named.items() if find_effect(name).as_change.exact)
+
+
+@pytest.mark.parametrize("reads", [0.7, 1.8])
+def test_gains_of_two_joints_are_found_together(short_arm: ArmModel, reads: float) -> None:
+    """Law: torques of two joints that read another share are two gains. One at a time the third joint's gain and wrong
+    links come first, which explain the same by more; and what a model explains does not hang on the order of its names.
+    """
+
+    def misread(q: Array, dq: Array, ddq: Array) -> Array:
+        return healthy_torque(short_arm, q, dq, ddq) * (1.0, reads, reads)
+
+    motions = made_motions(short_arm, misread, range(6), 8.0, 100.0, noise=0.1)
+    names = ("torque_gain_error", "payload", "link_inertial_error", "load_dependent_friction", "spring_torque")
+    analysis = diagnose(motions, short_arm, [find_effect(one) for one in names], common_clock=False)
+    found = {(one.effect, *one.joints): one.estimate.parameters["gain"] for one in analysis.diagnosis.findings}
+    assert set(found) == {("torque_gain_error", joint) for joint in short_arm.joint_names[1:]}
+    assert all(one.low < 1.0 - 1.0 / reads < one.high for one in found.values())
+    groups, search = named_groups(analysis), search_of(analysis)
+    assert search.evidence_of(groups) == pytest.approx(search.evidence_of(groups[::-1]))
 
 
 LOAD = Payload(1.2, (0.0, 0.05, 0.08))
