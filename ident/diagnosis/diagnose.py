@@ -206,14 +206,19 @@ def _beside_discrepancy(
 ) -> tuple[Settled, _WithDiscrepancy]:
     """Names that stand beside a discrepancy, and what it sees; a name that it explains as cheaply is none.
 
-    Each is weighed beside all others: what one explains must not count against its neighbour when it goes.
+    Each is weighed beside all others: what one explains must not count against its neighbour when it goes. Without those
+    that go a name may be less likely itself.
     """
     beside = _weigh(sure, session, baseline, settings)
-    names = believed(sure.estimates, sure.found.named, beside.laws, settings.verdict)
-    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
-    if len(kept) < len(names):
-        laws = tuple(beside.laws[k] for k in kept)
+    laws = beside.laws
+    while True:
+        names = believed(sure.estimates, sure.found.named, laws, settings.verdict)
+        kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
+        if len(kept) == len(names):
+            break
+        laws = tuple(laws[k] for k in kept)
         sure = keep_names(sure, kept, session, baseline, NO_LAW)
+    if len(laws) < len(beside.laws):
         beside = replace(_weigh(sure, session, baseline, settings), laws=laws)
     return sure, beside
 
