@@ -137,7 +137,7 @@ def diagnose(
     limits = find_limits(search, found, views, inflation, session)
     untuned = search.fixed.score().rms, search.fixed.score(groups).rms
     laws = len(beside.laws)  # names after them are links'
-    names = [*believed(estimates[:laws], found.named[:laws], beside.laws, settings.verdict), *estimates[laws:]]
+    names = [*believed(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
     verdict = decide(found, names, left, judged, tolerance, untuned, settings.verdict)
@@ -206,13 +206,13 @@ def _beside_discrepancy(
 ) -> tuple[Settled, _WithDiscrepancy]:
     """Names that stand beside a discrepancy, and what it sees; a name that it explains as cheaply is none.
 
-    Each is weighed beside all others: what one explains must not count against its neighbour when it goes. Without those
-    that go a name may be less likely itself.
+    Each is weighed beside all others: what one explains must not count against its neighbour when it goes. A name may
+    be less likely without those that go.
     """
     beside = _weigh(sure, session, baseline, settings)
     laws = beside.laws
     while True:
-        names = believed(sure.estimates, sure.found.named, laws, settings.verdict)
+        names = believed(sure.estimates, laws, settings.verdict)
         kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
         if len(kept) == len(names):
             break

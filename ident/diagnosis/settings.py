@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import prod
 
 import numpy as np
 
@@ -19,21 +18,19 @@ from ident.records import Settings
 class VerdictSettings(Settings, table="verdict"):
     """What the evidence amounts to."""
 
-    def trust(self, law: Beside, closed: float) -> float:
+    def trust(self, law: Beside) -> float:
         """How far a law is believed at its joints.
 
-        Odds grow with what it adds to the evidence of a flexible function, with the share of the gap it closes, and
-        with its gain over what the flexible function still finds beside it.
+        Odds grow with what it adds to the evidence of a flexible function, and with its gain over what the flexible
+        function still finds beside it.
 
         Args:
             law: What it is worth beside a discrepancy.
-            closed: Share of the mean square above noise that it closes on runs that it was not fitted on.
         """
-        share = min(max(closed, self.least_share), 1.0 - self.least_share)
         beside = max(law.gain, 1.0) / max(law.left, 1e-3 * law.gain, 1.0)
-        ratios = max(law.log_bayes_factor, 1.0) / self.trust_nats, share / (1.0 - share), beside
-        odds = prod(ratio**power for ratio, power in zip(ratios, self.trust_exponents, strict=True))
-        return odds / (1.0 + odds)
+        added = max(law.log_bayes_factor, 1.0) / self.trust_nats
+        odds = added**self.trust_added * beside**self.trust_beside
+        return float(odds / (1.0 + odds))
 
     def widening(self, law: Beside) -> float:
         """By how much a law's intervals widen for what a discrepancy still finds at its joints."""

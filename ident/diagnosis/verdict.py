@@ -13,7 +13,7 @@ from ident.diagnosis.gap.ceiling import Ceiling
 from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.posterior import Beside
-from ident.diagnosis.selection.gates import Named, SearchResults
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.tolerance import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
@@ -113,28 +113,24 @@ def decide(
 
 
 def believed(
-    estimates: Sequence[Estimate],
-    named: Sequence[Named],
-    laws: Sequence[Beside],
-    settings: VerdictSettings = USUAL_VERDICT,
+    estimates: Sequence[Estimate], laws: Sequence[Beside], settings: VerdictSettings = USUAL_VERDICT
 ) -> list[Estimate]:
-    """Names as far as they are believed: by what each adds to a flexible function and closes of its joints' gap.
+    """Names as far as they are believed: by what each adds to a flexible function, and what that still finds beside it.
 
     What is open elsewhere says nothing of a name. Where a flexible function still finds much beside a law, its
     parameters make up for some of that: their intervals widen.
 
     Args:
         estimates, settings: The names' estimates, and by what they are believed.
-        named: What each showed on runs that it was not fitted on.
         laws: What each is worth beside a discrepancy.
     """
     return [
         replace(
             one,
-            probability=settings.trust(law, item.gates.gap_fall) * one.probability,
+            probability=settings.trust(law) * one.probability,
             parameters={name: each.wider(settings.widening(law)) for name, each in one.parameters.items()},
         )
-        for one, item, law in zip(estimates, named, laws, strict=True)
+        for one, law in zip(estimates, laws, strict=True)
     ]
 
 

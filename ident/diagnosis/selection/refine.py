@@ -96,8 +96,7 @@ def _best(fine: Search, start: Mapping[Key, Group], keys: Sequence[Key]) -> tupl
         for key in keys:
             others = [best[other] for other in start if other != key]
             projection = project(gram, fine.evidence, fine.prior, others)
-            first = mates[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in mates[key]]))]
-            best[key] = fine.steadier(projection, others, first)
+            best[key] = mates[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in mates[key]]))]
         if best == before:
             break
     return tuple(best.values())

@@ -119,38 +119,7 @@ class Search(Candidates):
         if not short:
             return None
         tried = self.judge(gram, projection, chosen, short)
-        for item in tried:
-            if item.gates.passed:
-                return item
-            if item.gates.evidence >= item.gates.least_nats:
-                other = self.steadier(projection, chosen, item.group)
-                if other is not item.group:
-                    again = self.judge(gram, projection, chosen, [(self.score_of(projection, other), other)])[0]
-                    if again.gates.passed:
-                        return again
-        return tried[0]
-
-    def steadier(self, projection: Projection, others: Sequence[Group], group: Group) -> Group:
-        """The best point of a group's grid that does better on runs left out; the group itself where none does.
-
-        What lies beyond a knee is often that of one run. The point that explains it best then has no other run to learn
-        its coefficient from, while a lower knee, nearly as good, has.
-
-        Args:
-            projection: The model beside which it stands.
-            others: The effects of that model.
-            group: The point of greatest evidence.
-        """
-        if group.effect.event or group.effect.inertia_like:  # held-out runs can't judge them
-            return group
-        mates = [mate for mate in self.evidence.layout.groups if mate.key == group.key and mate is not group]
-        scores = sorted(((self.score_of(projection, mate), -k) for k, mate in enumerate(mates)), reverse=True)
-        before = self.held_out.score(others)
-        for mate in [group, *(mates[-k] for score, k in scores if score > 0.0)][: self.settings.steady_points]:
-            gain, error = self.held_out.score([*others, mate]).gain_over(before)
-            if gain > error:
-                return mate
-        return group
+        return next((item for item in tried if item.gates.passed), tried[0])
 
     def _polish(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
         """Each effect in turn is left out: its inner parameters are found anew, and a better name may take its place.
@@ -171,7 +140,7 @@ class Search(Candidates):
                 others = current[:i] + current[i + 1 :]
                 projection = project(gram, self.evidence, self.prior, others)
                 best = self.best_by_key(projection, others, old)
-                current[i] = self.steadier(projection, others, best[old.key][1])
+                current[i] = best[old.key][1]
                 rival = max(best.values(), key=lambda pair: pair[0])[1]
                 if rival.key != old.key and self._beats(projection, others, rival, current[i]):
                     current[i] = rival

@@ -1,7 +1,6 @@
 """The second pass: figures between the points of the grid."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
+from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.name_probability import is_certain, solve_effects, weigh_rivals, widened
@@ -65,31 +64,6 @@ def test_what_a_law_leaves_between_the_points_of_its_grid_needs_no_name(short_ar
     groups = named_groups(both)
     assert {group.key[:2] for group in groups} >= {("nonlinear_viscous_friction", 0), ("load_dependent_friction", 1)}
     assert find_needless(refine(search, both.session, both.baseline, groups)) is None
-
-
-def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(short_arm: ArmModel) -> None:
-    """Law: where the best point of a grid fails on runs left out, the best one that doesn't stands for its effect."""
-    analysis = analyse(short_arm, stribeck_on_1)
-    search = search_of(analysis)
-    projection = project(analysis.evidence.gram(), analysis.evidence, search.prior)
-    best = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
-    assert search.steadier(projection, [], best) is best
-    before = search.held_out.score()
-
-    class OneRunKnows(HeldOut):
-        """As held out, but that the best point does ten times worse than nothing on one run."""
-
-        def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
-            found = super().score(groups)
-            worse = found.misfit.copy()
-            worse[0] += 10.0 * before.misfit[0] if any(group is best for group in groups) else 0.0
-            return replace(found, misfit=worse)
-
-    other = replace(search, held_out=OneRunKnows(analysis.evidence, search.prior)).steadier(projection, [], best)
-    assert other is not best
-    assert other.key == best.key
-    gain, error = search.held_out.score([other]).gain_over(before)
-    assert gain > error
 
 
 def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_arm: ArmModel) -> None:

@@ -255,12 +255,10 @@ def test_what_is_dry_friction_as_well_is_the_joints() -> None:
 
 def test_what_all_gears_bend_is_no_build_up_of_its_own() -> None:
     """Law: a build-up of which the shortest range is more than half of the area is that of any joint's contacts."""
-    effect, ranges = find_effect("presliding_hysteresis"), {"range_0_rad": 0.002, "range_1_rad": 0.006}
-    whole = Variant(shape=ranges)
-    assert effect.stands_for(whole, np.array([2.9, 1.0]))
-    assert not effect.stands_for(whole, np.array([3.1, 1.0]))
-    assert not effect.stands_for(whole, np.array([1.0, -1.0]))
-    assert effect.stands_for(Variant(shape={"range_0_rad": 0.006, "range_1_rad": 0.018}), np.array([9.0, 0.1]))
+    short, long = (Variant(shape={"range_0_rad": one, "range_1_rad": 3.0 * one}) for one in (0.002, 0.006))
+    stands = find_effect("presliding_hysteresis").stands_for
+    assert [stands(short, np.array(parts)) for parts in ([2.9, 1.0], [3.1, 1.0], [1.0, -1.0])] == [True, False, False]
+    assert stands(long, np.array([9.0, 0.1]))
 
 
 @pytest.mark.parametrize("turns", [37.3, 161.0])
