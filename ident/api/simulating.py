@@ -13,7 +13,7 @@ import numpy as np
 from ident.api.diagnosing import diagnose
 from ident.benchmark.run import BlindOptions, Progress, Say, run_blind
 from ident.benchmark.summary import BlindReport
-from ident.closed_loop.loop import Exciter, KindsExciter, close_gap
+from ident.closed_loop.loop import close_gap
 from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.result import Closing, close_simulated, keep
 from ident.command_options import CloseOptions, SimulateOptions
@@ -68,7 +68,6 @@ def close(
     robot: Robot = "tm5-900",
     out: str | Path = "out/close",
     *,
-    exciter: Exciter | None = None,
     say: Callable[[str], None] = lambda line: None,
     **options: Any,
 ) -> Closing:
@@ -77,7 +76,6 @@ def close(
     Args:
         robot: URDF path, name or arm.
         out: Folder for `close.json` and, for each arm, its last diagnosis and patch.
-        exciter: Who chooses the motions, where it is not the kinds of `ident.trajectories`; for a given recorder.
         say: Called with each line that says what happens.
         options: Fields of `ident.command_options.CloseOptions`: `recorder` (a command, or an object with
             `record(motions)`; of simulated arms none), `arms`, `seed`, `rounds`, `effects`, `compared`.
@@ -92,7 +90,7 @@ def close(
     if recorder is not None:
         arm = load_robot(robot, ())
         who = CommandRecorder(recorder, folder / "recorded", arm) if isinstance(recorder, str) else recorder
-        loop = close_gap(arm, who, exciter or KindsExciter(arm, seed), rounds, say)
+        loop = close_gap(arm, who, seed, rounds, say)
         found = [keep(loop, arm, folder / "arm_00")]
     else:
         if not isinstance(robot, str | Path):

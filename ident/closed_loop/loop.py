@@ -1,7 +1,6 @@
 """The loop: record, check the last model on what it never saw, diagnose all that was recorded, and again.
 
-The motions are those of `ident.trajectories`, chosen by what each effect says of the motion that shows it. `plan
-excite` works such a motion out at more expense; whoever has it gives it as another `Exciter`.
+The motions are those of `ident.trajectories`, chosen by what each effect says of the motion that shows it.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
@@ -48,32 +47,16 @@ ALWAYS = 4
 RUN_S = 8.0
 
 
-class Exciter(Protocol):
-    """Chooses motions."""
-
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
-        """Motions of a round."""
-        ...
-
-
-class KindsExciter:
-    """Kinds of planned motion, by what the last diagnosis leaves open; drawn from a seed."""
-
-    def __init__(self, arm: ArmModel, seed: int) -> None:
-        self.arm, self.seed = arm, seed
-
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
-        """One run of each kind at first; then a path with its way back, and up to three kinds that are open."""
-        rng = np.random.default_rng([self.seed, number])
-        if record is None:
-            return plan_motions(self.arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
-        kinds = open_kinds(record)
-        wanted = plan_motions(self.arm, kinds, len(kinds), RUN_S, rng)
-        return (*wanted, *plan_motions(self.arm, ("spline",), ALWAYS, RUN_S, rng))
+def choose_motions(arm: ArmModel, rng: np.random.Generator, record: Mapping[str, Any] | None) -> list[ReferenceMotion]:
+    """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves open, and a path."""
+    if record is None:
+        return plan_motions(arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
+    kinds = open_kinds(record)
+    return [*plan_motions(arm, kinds, len(kinds), RUN_S, rng), *plan_motions(arm, ("spline",), ALWAYS, RUN_S, rng)]
 
 
-def open_kinds(record: Mapping[str, Any], most: int = 3) -> tuple[str, ...]:
-    """Kinds of motion that answer what a diagnosis leaves open, the most pressing first.
+def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """The three kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
     Tied classes come first, then the identified effects, whose parameters more of the same motion sharpens, then what
     came nearest without being identified, then what could not be tested.
@@ -87,12 +70,11 @@ def open_kinds(record: Mapping[str, Any], most: int = 3) -> tuple[str, ...]:
     wanted = [KIND_OF[family_for(one, CATALOGUE)] for one in (*tied, *named, *near, *unseen)]
     found = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
     usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in found]
-    return tuple((found + usual)[:most])
+    return tuple((found + usual)[:3])
 
 
 # Every round's recordings first test the model of the round before, and only then teach the next one: the gap that
-# ends the loop is always one on runs that the model never saw. `ident` owns the loop, because a user who has an arm
-# and no planner closes the gap too; who moves the arm and who chooses the motion are given from outside.
+# ends the loop is always one on runs that the model never saw. Who moves the arm is given from outside.
 
 
 MOST_ROUNDS = 8
@@ -177,14 +159,14 @@ class Closed:
 
 
 def close_gap(
-    arm: ArmModel, recorder: Recorder, exciter: Exciter, most: int = MOST_ROUNDS, say: Say = lambda line: None
+    arm: ArmModel, recorder: Recorder, seed: int, most: int = MOST_ROUNDS, say: Say = lambda line: None
 ) -> Closed:
     """Runs the loop until the gap is closed, or the rounds are spent.
 
     Args:
         arm: The arm as its URDF describes it.
         recorder: Who records.
-        exciter: Who chooses motions.
+        seed: Of the motions.
         most: Most rounds, the first included; at least two, for the second checks the first.
         say: Called with a line for each round.
 
@@ -199,7 +181,8 @@ def close_gap(
     reached: list[float] = []
     while True:
         number = len(rounds) + 1
-        session = recorder.record(exciter.choose(None if state is None else state.record, number))
+        rng = np.random.default_rng([seed, number])
+        session = recorder.record(choose_motions(arm, rng, None if state is None else state.record))
         report = inspect_sessions([session], arm)[0]
         report.require_fit(learning=False)
         known.append(report.session)

@@ -19,7 +19,6 @@ from ident.checks.inspection import inspect_sessions
 from ident.closed_loop.loop import (
     MOST_ROUNDS,
     Closed,
-    KindsExciter,
     PlannedRun,
     Say,
     Taught,
@@ -220,7 +219,7 @@ def close_simulated(
     arm = ArmModel.load(robot)
     drawn = effects if effects is not None else draw_effects(arm.joint_names, EFFECTS, np.random.default_rng([seed, 3]))
     hidden = SimulatedArm(SimulationOptions(robot=robot, seed=seed, effects=tuple(drawn)))
-    loop = close_gap(arm, hidden, KindsExciter(arm, seed), most, say)
+    loop = close_gap(arm, hidden, seed, most, say)
     heldout, tracking = compare_models(arm, hidden, loop.last, seed) if compared else ({}, {})
     tracked = {key: tracking[name] for key, name in TRACKED.items() if name in tracking}
     truth = {"seed": seed, "effects": list(hidden.effects), "heldout_floors": heldout}

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
 from ident.arrays import Array, Float, Int
-from ident.monitor.estimates import UNITS, ParameterEstimate
+from ident.monitor.estimates import SCALED, UNITS, ParameterEstimate
 from ident.records import Record
 
 # Sessions before the first change that is looked for: three give a mean and a spread.
@@ -176,8 +176,6 @@ HINT = 10.0
 # A session whose estimate is this many times less certain than is usual says nothing about day-to-day spread: it is
 # passed over. Whether it is follows from its motions alone, not from what they gave.
 WORST_ERROR = 2.0
-# Parameters that follow the torque's scale.
-SCALED = ("gain", "rotor", "viscous", "coulomb")
 # They agree unless so improbable; one has changed beyond so many standard errors; so many of them must have.
 AGREE, CHANGED, LEAST_CHANGED = 0.01, 3.0, 2
 

@@ -134,7 +134,7 @@ SCHEMA = "ident.ranges/1"
 LEVEL = 0.95
 # What is randomised by habit where nobody has measured: a share to either side of each parameter.
 HABIT = 0.30
-# Parameters of which a share makes sense; a torque offset has no scale of its own.
+# Parameters that follow the torque's scale and of which a share makes sense; a torque offset has none of its own.
 SCALED = ("gain", "rotor", "viscous", "coulomb")
 # Held-out days need so many others to estimate a spread from.
 LEAST_DAYS = 3

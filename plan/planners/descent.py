@@ -39,7 +39,6 @@ class Course:
     x: Float[Array, " d"]  # variables
     look: Look  # what the trajectory costs and breaks
     curvature: Float[Array, "d d"]  # learned second derivative of the scaled cost
-    converged: bool = False  # whether it ended of itself
 
     @property
     def kept(self) -> bool:
@@ -131,7 +130,7 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
                 if _breaks(now) and raised < RAISES:
                     prices, raised = prices * 10.0, raised + 1
                     continue
-                return Course(local, x, now, curvature, True)
+                return Course(local, x, now, curvature)
             new = local.look(x + step)
             ledger.count(1)
             share = (now.merit(prices, scale) - new.merit(prices, scale)) / promised
@@ -153,7 +152,7 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
             break
         if len(taken) == 0:
             break
-    return Course(local, x, now, curvature, False)
+    return Course(local, x, now, curvature)
 
 
 def _bounds(local: LocalModel) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """The loop that closes a gap: on an arm that is simulated here, on one behind a command, on a joint that warms."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -58,13 +58,6 @@ class MadeUpArm:
         return session.replace(runs=runs)
 
 
-class Anything:
-    """Motions that nobody looks at."""
-
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
-        return ()
-
-
 def written_record(arm: ArmModel, share: float) -> dict[str, Any]:
     """A diagnosis without findings that knows so much of the losses."""
     losses = baseline(arm)
@@ -96,6 +89,7 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
         return written_record(arm, shares[len(shown) - 1]), tuple(prepare(sessions[0], FOR_DIAGNOSIS.cutoff_hz))
 
     monkeypatch.setattr(loop, "_diagnose", diagnose)
+    monkeypatch.setattr(loop, "choose_motions", lambda *_: ())
     return shown
 
 
@@ -105,7 +99,7 @@ def test_a_model_that_is_right_is_closed_once_it_was_checked(
 ) -> None:
     """One round teaches, the next one checks; a model that is wrong is taught again with all recordings."""
     shown = taught(monkeypatch, arm, shares)
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything())
+    found = loop.close_gap(arm, MadeUpArm(arm), 0)
     assert found.closed
     assert shown == [k + 1 for k in range(len(shares))]
     assert len(found.rounds) == len(shares) + 1
@@ -118,12 +112,12 @@ def test_a_model_that_is_right_is_closed_once_it_was_checked(
 def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
     for most, rounds, reason in ((3, 3, "rounds spent"), (8, 2 + loop.STALLED_MODELS, "no nearer with more")):
         taught(monkeypatch, arm, [0.7] * 8)
-        found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=most)
+        found = loop.close_gap(arm, MadeUpArm(arm), 0, most=most)
         assert not found.closed
         assert len(found.rounds) == rounds
         assert reason in found.reason
     with pytest.raises(InputError, match="give 2 or more"):
-        loop.close_gap(arm, MadeUpArm(arm), Anything(), most=1)
+        loop.close_gap(arm, MadeUpArm(arm), 0, most=1)
 
 
 JOINTS = ("joint_1", "joint_2")
@@ -325,9 +319,10 @@ def test_a_joint_that_warms_is_closed_by_a_law_that_follows_it(monkeypatch: pyte
         return record, tuple(learnt)
 
     monkeypatch.setattr(loop, "_diagnose", diagnose)
-    found = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything())
+    monkeypatch.setattr(loop, "choose_motions", lambda *_: ())
+    found = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), 0)
     assert found.closed
     assert len(found.rounds) == 2
     monkeypatch.setattr(loop, "follow_warmth", lambda model, learned, runs: [model] * len(runs))
-    blind = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything())
+    blind = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), 0)
     assert not blind.closed
