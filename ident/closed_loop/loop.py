@@ -47,12 +47,14 @@ ALWAYS = 4
 RUN_S = 8.0
 
 
-def choose_motions(arm: ArmModel, rng: np.random.Generator, record: Mapping[str, Any] | None) -> list[ReferenceMotion]:
+def choose_motions(
+    arm: ArmModel, rng: np.random.Generator, record: Mapping[str, Any] | None
+) -> tuple[ReferenceMotion, ...]:
     """Motions of a round: one run of each kind at first; then kinds that the last diagnosis leaves open, and a path."""
     if record is None:
         return plan_motions(arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
     kinds = open_kinds(record)
-    return [*plan_motions(arm, kinds, len(kinds), RUN_S, rng), *plan_motions(arm, ("spline",), ALWAYS, RUN_S, rng)]
+    return (*plan_motions(arm, kinds, len(kinds), RUN_S, rng), *plan_motions(arm, ("spline",), ALWAYS, RUN_S, rng))
 
 
 def open_kinds(record: Mapping[str, Any]) -> tuple[str, ...]:
