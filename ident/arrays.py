@@ -1,7 +1,7 @@
 """Array types and the read-only copies that frozen dataclasses hold.
 
 Type checkers see jaxtyping's annotations. At run time nothing reads them, and loading jaxtyping costs a tenth of a
-second of processor time in every command: names that stand for an array of any kind take their place.
+second of processor time in every command: arrays of any kind take their place.
 """
 
 from __future__ import annotations
@@ -21,14 +21,7 @@ LINE = 100
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 else:
-
-    class _AnyArray:
-        """`Float[Array, "T n"]` and the like: an array, whatever its shape."""
-
-        def __class_getitem__(cls, _: Any) -> type[np.ndarray]:
-            return np.ndarray
-
-    Bool = Float = Int = _AnyArray
+    Bool = Float = Int = np.ndarray
 
 
 def freeze(values: Any) -> Float[Array, "..."]:

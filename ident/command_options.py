@@ -105,7 +105,7 @@ class DiagnoseOptions(CatalogueOptions, FilterOptions):
     """How recordings are diagnosed."""
 
     model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None)
-    seed: int = option(0, "Seed of the sign-flip tests.", min=0)
+    seed: int = option(0, "Seed of the sign flips by which the map of the gap is tested.", min=0)
     accept: tuple[str, ...] = option(
         (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
     )
@@ -116,7 +116,7 @@ class DiagnoseOptions(CatalogueOptions, FilterOptions):
 class ComparisonOptions(FilterOptions):
     """How two sets of recordings are compared."""
 
-    seed: int = option(0, "Seed of the sign-flip tests.", min=0)
+    seed: int = option(0, "Seed of how runs are dealt into sets between which nothing changed.", min=0)
 
 
 @dataclass(frozen=True, kw_only=True)

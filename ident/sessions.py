@@ -116,7 +116,7 @@ def inspect_sources(
 
     Args:
         given, settings: Recordings and robot, and by what they are refused.
-        accept, told: Names of issues whose refusal is overruled, and of those that what comes next reports.
+        accept, reported: Names of issues whose refusal is overruled, and of those that what comes next reports.
         in_parts: Whether what is too long to be held may come in parts.
 
     Raises:

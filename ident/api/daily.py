@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ident.api.fitting import load_model
 from ident.checks.inspection import inspect_sessions
 from ident.command_options import RangesOptions, WatchOptions
 from ident.errors import RecordingError
 from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
+from ident.model.hybrid import HybridModel
 from ident.monitor.estimates import Ranges, find_ranges
 from ident.monitor.pages import write_pages
 from ident.monitor.watch import Watch, look
@@ -39,7 +39,7 @@ def new(session: str | Path, robot: str | Path | ArmModel | None = None) -> NewS
     """
     path = Path(session)
     require_own_guess(place_of(path))
-    arm = robot if isinstance(robot, ArmModel) or robot is None else ArmModel.load(robot)
+    arm = None if robot is None else load_robot(robot, ())
     named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
     found = guess_session(path, arm, named)
     # The guess, tried: the session is read under it, and its telemetry checked.
@@ -113,7 +113,7 @@ def watch(
         robot = str(Path(robot).resolve())  # other processes may stand in another folder
     model = chosen.model and str(Path(chosen.model).resolve())
     if model is not None:
-        load_model(model)
+        HybridModel.given(model)
     chosen = replace(chosen, robot=robot, model=model)
     found = look(Path(folder), Path(store), chosen, progress)
     own = {"diagnosed": chosen.diagnosed, "level": chosen.level}
@@ -136,7 +136,7 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
         InputError: Recordings, robot or model can't be used.
     """
     chosen = RangesOptions.of("ranges", options)
-    loaded = None if chosen.model is None else load_model(chosen.model)
+    loaded = None if chosen.model is None else HybridModel.given(chosen.model)
     opened = open_sessions(sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff)
     reference = opened.arm
     if loaded is not None:

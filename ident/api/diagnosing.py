@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.api.fitting import load_model
 from ident.checks.inspection import inspect_sessions
 from ident.checks.report import as_mounted
 from ident.command_options import ComparisonOptions, DiagnoseOptions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.sequential import look_until
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
@@ -67,7 +65,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
     if not isinstance(settings, DiagnosisSettings):
         what = f"a {type(settings).__name__} is no settings"
         raise InputError("settings", what, "give an ident.DiagnosisSettings")
-    loaded = None if model is None else load_model(model)
+    loaded = None if model is None else HybridModel.given(model)
     effects = gather_effects(options.catalogue)
     given = Given(source, robot, options.topic, options.session_file)
     read = inspect_sources(given, options.accept, settings.telemetry, in_parts=True)
@@ -100,6 +98,8 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     Returns:
         The last look with all that pages need; its diagnosis holds what all looks found.
     """
+    from ident.diagnosis.sequential import look_until
+
     sessions = tuple(Given(source, robot, options.topic, options.session_file).parts())
     examined: list[Examined] = []
 

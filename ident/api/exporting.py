@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ident.api.diagnosing import gather_effects
-from ident.api.fitting import Model, load_model
 from ident.command_options import ExportOptions, PatchOptions, VerifyOptions
 from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
+from ident.model.hybrid import HybridModel
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.results import Provenance, Result, files_of, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
@@ -104,7 +104,7 @@ def patch(
     return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin), provenance=origin)
 
 
-def export(model: Model, out: str | Path, **options: Any) -> Written:
+def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> Written:
     """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control.
 
     Args:
@@ -115,7 +115,7 @@ def export(model: Model, out: str | Path, **options: Any) -> Written:
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
     """
-    chosen, loaded = ExportOptions.of("export", options), load_model(model)
+    chosen, loaded = ExportOptions.of("export", options), HybridModel.given(model)
     opened = None
     if chosen.on is not None:
         opened = open_sessions(chosen.on, loaded, chosen.topic, chosen.session_file, learning=False)
@@ -127,7 +127,7 @@ def export(model: Model, out: str | Path, **options: Any) -> Written:
     return Written(Path(out), record, provenance=origin)
 
 
-def verify(model: Model, sessions: Sources, limits: str | Path, **options: Any) -> Verification:
+def verify(model: HybridModel | str | Path, sessions: Sources, limits: str | Path, **options: Any) -> Verification:
     """A gate: whether a model keeps its limits on recordings that it was not fitted on.
 
     Args:
@@ -139,7 +139,7 @@ def verify(model: Model, sessions: Sources, limits: str | Path, **options: Any) 
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
-    chosen, loaded = VerifyOptions.of("verify", options), load_model(model)
+    chosen, loaded = VerifyOptions.of("verify", options), HybridModel.given(model)
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(sessions, loaded, chosen.topic, chosen.session_file, chosen.cutoff, learning=False)
     name = loaded.robot.name if loaded is model else Path(str(model)).name

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.command_options import FilterOptions, FitOptions
-from ident.errors import ModelError
 from ident.model import fit as fitting
 from ident.model.fit import FitResults, read_named_laws
 from ident.model.hybrid import HybridModel
@@ -75,7 +74,7 @@ def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None,
     """
     from ident.model import evaluation
 
-    loaded, read = load_model(model), FilterOptions.of("evaluate", reading)
+    loaded, read = HybridModel.given(model), FilterOptions.of("evaluate", reading)
     opened = source if isinstance(source, Opened) else open_sessions(source, loaded, **vars(read), learning=False)
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
     settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
@@ -98,19 +97,6 @@ class Evaluations(Result):
             "models": [one.to_dict() for one in self.models],
             "provenance": first.provenance.to_dict(),
         }
-
-
-def load_model(model: Model) -> HybridModel:
-    """A model, or the one in a folder.
-
-    Raises:
-        ModelError: It is none, or can't be read.
-    """
-    if isinstance(model, HybridModel):
-        return model
-    if not isinstance(model, str | Path):
-        raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
-    return HybridModel.load(Path(model))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +134,7 @@ def view(
 
     if rrd is None:
         timeline.require_screen()
-    read, loaded = FilterOptions.of("view", reading), None if model is None else load_model(model)
+    read, loaded = FilterOptions.of("view", reading), None if model is None else HybridModel.given(model)
     opened = open_sessions(source, loaded or robot, **vars(read), learning=False)
     if rrd is None:
         timeline.show_timeline(opened.arm, opened.motions, loaded, opened.issues)

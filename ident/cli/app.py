@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ident import command_options as given
+import ident.command_options as given
 from ident.cli.shared import READS, Html, JsonFile, Model, Robot, Sessions, Writes, app, command, console, hand_over
 from ident.errors import InputError
 from ident.outputs import SESSION_KIND, absolute, check_outputs
@@ -133,7 +133,6 @@ def diagnose(
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be determined."""
     from ident.api.diagnosing import examine, examine_until
-    from ident.api.fitting import evaluate as score
 
     with progress_line(console, "diagnose"):
         if until is None:
@@ -151,6 +150,8 @@ def diagnose(
 
         evaluation = None
         if loaded is not None and analysis is not None:
+            from ident.api.fitting import evaluate as score
+
             reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
@@ -158,7 +159,7 @@ def diagnose(
 
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:
-            from ident.show.terminal import gap_curves, gap_marks
+            from ident.show.timeline.gap import gap_curves, gap_marks
             from ident.show.timeline.writing import write_timeline
 
             issues, marks, curves = examined.diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,16 +14,17 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
-from ident.model.hybrid import HybridModel
 from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
+
+if TYPE_CHECKING:
+    from ident.model.hybrid import HybridModel
 
 
 def diagnose_reports(
@@ -71,6 +73,8 @@ def diagnose_reports(
         arm, share = model.arm, settings.regression.known_share
     analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
+        from ident.diagnosis.user_model import with_own_model
+
         analysis = with_own_model(analysis, model)
     findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
     analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))

@@ -166,6 +166,19 @@ class HybridModel:
         return target
 
     @classmethod
+    def given(cls, model: HybridModel | str | Path) -> HybridModel:
+        """A model, or the one in a folder.
+
+        Raises:
+            ModelError: It is none, or can't be read.
+        """
+        if isinstance(model, HybridModel):
+            return model
+        if not isinstance(model, str | Path):
+            raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
+        return cls.load(model)
+
+    @classmethod
     def load(cls, folder: str | Path) -> HybridModel:
         """Reads a saved model.
 

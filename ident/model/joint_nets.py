@@ -29,6 +29,16 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 
 # Rows that are reckoned at once: hidden units of more would not stay in the cache.
 ROWS = 2048
+# Speeds at which the direction features bend [rad/s]: the transition at a reversal, and the Stribeck zone.
+DIRECTION_SCALES = (0.02, 0.15)
+# Rounds the corner of |τ| so that gradients exist at zero [N m].
+LOAD_ROUNDING = 0.5
+
+
+def joint_features(dq: Float[Array, "*T"], ddq: Float[Array, "*T"], rigid: Float[Array, "*T"]) -> Float[Array, "*T 6"]:
+    """Inputs of a joint's net: dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, √(τ² + ε²) tanh(dq / v₁)."""
+    near, far = (np.tanh(dq / scale) for scale in DIRECTION_SCALES)
+    return np.stack([dq, ddq, near, far, rigid, np.hypot(rigid, LOAD_ROUNDING) * near], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.joint_nets import JointNets, NetBounds, solve_net
+from ident.model.joint_nets import JointNets, NetBounds, joint_features, solve_net
 from ident.model.net_gate import JointGate, make_folds, shrink_net
 from ident.model.net_options import PRESETS, NetOptions
 from ident.motion.motion import Motion
@@ -38,14 +38,10 @@ from ident.safe_read import read_json, require_regular
 if TYPE_CHECKING:
     from ident.model.dense_training import DenseNet, Progress
 
-__all__ = ["PRESETS", "NetOptions", "ResidualNet", "compute_features", "fit_residual_net"]
+__all__ = ["PRESETS", "NetOptions", "ResidualNet", "fit_residual_net"]
 
 # Torque of a run beside the rigid arm's: the motion, its rigid torque → [N m].
 Known = Callable[[Motion, Float[Array, "T n"]], Float[Array, "T n"]]
-# Speeds at which the direction features bend [rad/s]: the transition at a reversal, and the Stribeck zone.
-DIRECTION_SCALES = (0.02, 0.15)
-# Rounds the corner of |τ| so that gradients exist at zero [N m].
-LOAD_ROUNDING = 0.5
 # Figures a joint that a net a joint is given.
 JOINT_FEATURES = 6
 # Samples that a net a joint is solved with: of more, every second or third is taken. Neighbours on the filtered grid,
@@ -97,9 +93,10 @@ class ResidualNet:
         """
         if self.bounds is not None:
             dq, ddq, rigid = self.bounds.clip(dq, ddq, rigid)
-        x = (compute_features(q, dq, ddq, rigid, self.options.preset) - self.input_mean) / self.input_std
         if isinstance(self.network, JointNets):
+            x = (joint_features(dq, ddq, rigid) - self.input_mean) / self.input_std
             return np.asarray(self.network(x).astype(float) * self.output_std)
+        x = (np.concatenate([q, dq, ddq], axis=1) - self.input_mean) / self.input_std
         return self.network.run(x) * self.output_std
 
     def save(self, folder: Path) -> None:
@@ -160,19 +157,6 @@ class ResidualNet:
         return cls(options, network, mean, std, scale, bounds=bounds)
 
 
-def compute_features(
-    q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"], preset: str
-) -> Float[Array, "T ..."]:
-    """Inputs of a net: (q, dq, ddq) in one row for the paper's, shape (T, 3n); six figures a joint else, (T, n, 6).
-
-    The six: dq, ddq, tanh(dq / v) at two scales v, the rigid torque τ, and √(τ² + ε²) tanh(dq / v) at the first.
-    """
-    if preset == "paper":
-        return np.concatenate([q, dq, ddq], axis=1)
-    near, far = (np.tanh(dq / scale) for scale in DIRECTION_SCALES)
-    return np.stack([dq, ddq, near, far, rigid, np.hypot(rigid, LOAD_ROUNDING) * near], axis=-1)
-
-
 def _save_arrays(arrays: dict[str, Array], path: Path) -> None:
     """Writes arrays as safetensors; OSError where the system can't: the disk is full, say."""
     from safetensors import SafetensorError
@@ -222,7 +206,7 @@ def fit_residual_net(
     if options.preset == "paper":
         from ident.model.dense_training import train_dense
 
-        x = compute_features(*whole, options.preset)
+        x = np.concatenate(whole[:3], axis=1)
         mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
         dense = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
         return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale))
@@ -242,13 +226,13 @@ def _features(
     state: tuple[Array, Array, Array, Array], counts: Bool[Array, "T n"], folds: Int[Array, " T"], bounds: NetBounds
 ) -> tuple[Float[Array, "T n f"], Float[Array, "T n f"]]:
     """Inputs of a net a joint as the net of all samples sees them, and as the net sees them that has not seen them."""
-    q, dq, ddq, rigid = state
+    seen = np.stack(state[1:])  # speed, acceleration and load
     unseen = np.empty((*counts.shape, JOINT_FEATURES))
     for fold in np.unique(folds):
         left = folds == fold
-        others = NetBounds.of(np.stack(state[1:])[:, ~left], counts[~left]) if not left.all() else bounds
-        unseen[left] = compute_features(q[left], *others.clip(dq[left], ddq[left], rigid[left]), "default")
-    return compute_features(q, *bounds.clip(dq, ddq, rigid), "default"), unseen
+        others = NetBounds.of(seen[:, ~left], counts[~left]) if not left.all() else bounds
+        unseen[left] = joint_features(*others.clip(*seen[:, left]))
+    return joint_features(*bounds.clip(*seen)), unseen
 
 
 def _solve(

@@ -53,7 +53,10 @@ def draw(result: Result) -> Figure:
 def as_html(result: Result) -> str:
     """A result for a notebook: its page, where it has one, scrolled to its first screen; else its words and picture."""
     page = _of_kind(PAGES, result)
-    return words_and_picture(result.summary(), result.plot()) if page is None else framed(page(result))
+    if page is None:
+        return words_and_picture(result.summary(), result.plot())
+    # A whole page within another, as high as a screen: its style and its links stay its own.
+    return f'<iframe srcdoc="{escape(page(result))}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
 
 
 def _of_kind(table: Mapping[str, Callable[..., Any]], result: Result) -> Callable[..., Any] | None:
@@ -157,15 +160,7 @@ def print_guesses(console: Console, result: NewSession) -> None:
     print_issues(console, result.to_dict()["telemetry"])
 
 
-# The parts of which results make their words and pictures.
-
-
 PANEL = (6.0, 3.0)  # [inch]
-
-
-def framed(page: str) -> str:
-    """A whole page within another, as high as a screen; its style and its links stay its own."""
-    return f'<iframe srcdoc="{escape(page)}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
 
 
 def words_and_picture(lines: str, figure: Figure) -> str:

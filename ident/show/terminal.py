@@ -6,11 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.console import Console
 
-from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.axes import session_axes
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.console import print_issues, styled
@@ -27,10 +24,8 @@ from ident.show.report.diagnosis_verdict import (
 )
 from ident.show.report.words import (
     TABLES,
-    axis_name,
     effect_name,
     fixed,
-    interval_words,
     join_words,
     parameter_name,
     parameters_in_words,
@@ -38,7 +33,6 @@ from ident.show.report.words import (
     significant,
 )
 from ident.show.results import draw_bars
-from ident.show.timeline.series import Curve, Mark
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,12 +91,6 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-MOST_MARKS = 60
-MARK_LENGTH = 0.5  # [s]
-# Mean square of a stretch that is marked, in units of the noise's.
-MARK_FROM = 4.0
-
-
 def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     """Verdict, findings, and what could not be judged."""
     facts, verdict, runs = record["session"], record["verdict"], int(record["session"]["runs"])
@@ -153,49 +141,6 @@ def describe(finding: Mapping[str, Any], runs: int) -> str:
         f"{parameters_in_words(finding['parameters'])}; explains {significant(heldout['gain_rms_Nm'])} N m (rms) on "
         f"unseen parts, {heldout['shrink']:.0%} of what can be closed; energy error {before} → {after} J"
     )
-
-
-def gap_marks(analysis: Analysis) -> list[Mark]:
-    """The half seconds in which a joint's residual stands highest above its noise, and the cells that they lie in."""
-    found: list[tuple[float, int, int, slice]] = []
-    level = np.maximum(analysis.evidence.floor, 1e-9)
-    for k, item in enumerate(analysis.series):
-        width = max(1, round(MARK_LENGTH / item.step))
-        power = np.where(item.counts, (item.before / level) ** 2, 0.0)
-        for start in range(0, len(power) - width + 1, width):
-            rows = slice(start, start + width)
-            heights = power[rows].mean(axis=0)
-            found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
-    found.sort(key=lambda one: -one[0])
-    axes, sure, marks = session_axes(analysis.series), analysis.diagnosis.settings.gap.map.significant, []
-    for height, k, j, rows in found[:MOST_MARKS]:
-        item, name = analysis.series[k], analysis.diagnosis.joints[j]
-        words = [f"gap {np.sqrt(height):.1f} times the noise"]
-        for place in analysis.diagnosis.where:
-            if place.joint == name and place.axis in axes and place.p_value <= sure:
-                middle = float(np.median(axes[place.axis](item, j)[rows]))
-                if place.low <= middle <= place.high:
-                    words.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
-        marks.append(Mark(item.index, rows.start * item.step, rows.stop * item.step, name, ", ".join(words)))
-    return marks
-
-
-def gap_curves(analysis: Analysis) -> list[list[Curve]]:
-    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked.
-
-    Of very many runs only some have curves.
-    """
-    rungs = [("tuned", "after tuning", TUNED)]
-    if analysis.diagnosis.findings:
-        rungs.insert(0, ("named", "with the named effects", NAMED))
-    curves: list[list[Curve]] = [[] for _ in analysis.session.runs]
-    for item in analysis.series:
-        curves[item.index] = [
-            Curve(joint, ("residual", rung), words, colour, (item.after if rung == "named" else item.before)[:, j])
-            for j, joint in enumerate(analysis.diagnosis.joints)
-            for rung, words, colour in rungs
-        ]
-    return curves
 
 
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}

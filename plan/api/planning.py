@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, ModelError
+from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from ident.results import Provenance
@@ -15,10 +15,11 @@ from plan.planners.base import Budget, Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
-from plan.solving.compare import Comparison
-from plan.solving.compare import compare as compare_methods
 from plan.solving.set_up import DEFAULTS, cheapest_goal, from_taught, reach_goals, require_valid_ends, set_up
 from plan.solving.solve import solve as solve_problem
+
+if TYPE_CHECKING:
+    from plan.solving.compare import Comparison
 
 Scene = Task | str | Path
 Model = HybridModel | str | Path
@@ -99,6 +100,8 @@ class OpenedTask:
         Raises:
             InputError: No such method.
         """
+        from plan.solving.compare import compare as compare_methods
+
         problem, _ = cheapest_goal(self.problems, self.task.pose is not None, Budget(*USUAL_BUDGET), 0)
         table = compare_methods(problem, self.task.source.stem, options)
         asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}
@@ -119,9 +122,7 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     if not isinstance(scene, Task | str | Path):
         raise InputError("scene", f"a {type(scene).__name__} is no task", "give a scene file, or what load_task read")
     task = scene if isinstance(scene, Task) else load_task(scene)
-    if not isinstance(model, Model | None):
-        raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
-    fitted = HybridModel.load(Path(model)) if isinstance(model, str | Path) else model
+    fitted = None if model is None else HybridModel.given(model)
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)
     named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)

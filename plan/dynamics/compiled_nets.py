@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.joint_nets import ROWS, JointNets, NetBounds, silu
-from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
+from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING, ROWS, JointNets, NetBounds, joint_features, silu
+
+if TYPE_CHECKING:
+    from ident.model.residual_net import ResidualNet
 
 Layers = list[tuple[Array, Array]]
 """Weights of shape (in, out) and biases of shape (out,), layer by layer."""
@@ -69,10 +72,7 @@ class CompiledDenseNet:
 
 @dataclass(frozen=True, eq=False)
 class CompiledJointNets:
-    """The default kind: a net for each joint, SiLU inside.
-
-    A joint's inputs are dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, and √(τ² + ε²) tanh(dq / v₁).
-    """
+    """The default kind: a net for each joint, SiLU inside; its inputs are `joint_features`."""
 
     joints: tuple[Layers, ...]  # layers of each joint's net
     # Speeds, accelerations and loads of the training; beyond them the net gives what it gives at their edge.
@@ -95,7 +95,7 @@ class CompiledJointNets:
         for j, (*layers, (last, offset)) in enumerate(self._single):
             parts = []
             for part in _chunks(self._clip(j, dq[:, j], ddq[:, j], rigid[:, j]).astype(np.float32).T):
-                x = _features(*part.T)
+                x = joint_features(*part.T)
                 for weight, bias in layers:
                     x = silu(x @ weight + bias)
                 parts.append(x @ last[:, 0] + offset)
@@ -110,7 +110,7 @@ class CompiledJointNets:
         near, far = (np.tanh(v / scale) for scale in DIRECTION_SCALES)
         rounded, one, zero = np.hypot(load, LOAD_ROUNDING), np.ones_like(v), np.zeros_like(v)
         steep, flat = (1.0 - near**2) / DIRECTION_SCALES[0], (1.0 - far**2) / DIRECTION_SCALES[1]
-        x = _features(v, a, load)
+        x = joint_features(v, a, load)
         by_speed = np.stack([one, zero, steep, flat, zero, rounded * steep], axis=1)
         by_acceleration = np.stack([zero, one, zero, zero, zero, zero], axis=1)
         by_load = np.stack([zero, zero, zero, zero, one, near * load / rounded], axis=1)
@@ -164,12 +164,6 @@ def _folded(weights: list[Array], biases: list[Array], mean: Array, std: Array, 
     biases[0] = biases[0] - mean @ weights[0]
     weights[-1], biases[-1] = weights[-1] * scale, biases[-1] * scale
     return list(zip(weights, biases, strict=True))
-
-
-def _features(v: Float[Array, " T"], a: Float[Array, " T"], load: Float[Array, " T"]) -> Float[Array, "T 6"]:
-    """Inputs of a joint's net from its speed, acceleration and load, see `CompiledJointNets`."""
-    near, far = (np.tanh(v / scale) for scale in DIRECTION_SCALES)
-    return np.stack([v, a, near, far, load, np.hypot(load, LOAD_ROUNDING) * near], axis=1)
 
 
 def _chunks(x: Float[Array, "T k"]) -> list[Float[Array, "t k"]]:

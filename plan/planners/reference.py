@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from ident.arrays import Array
 from ident.errors import InputError
 from ident.laws.carried import JointStates
-from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
+from ident.model.joint_nets import DIRECTION_SCALES, LOAD_ROUNDING
 from ident.robot.chain import Chain
 from plan.dynamics.compiled_nets import CompiledJointNets
 from plan.dynamics.power import ChainTorque, Metric, section_nodes
