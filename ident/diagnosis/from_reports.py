@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +15,13 @@ from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.errors import RecordingError
+from ident.model.hybrid import HybridModel
 from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-
-if TYPE_CHECKING:
-    from ident.model.hybrid import HybridModel
 
 
 def diagnose_reports(

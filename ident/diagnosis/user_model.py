@@ -22,7 +22,6 @@ def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
             inside = item.counts[:, motion.joints.index(name)]
             squares[name] += float(np.sum(left[inside, k] ** 2))
             counts[name] += float(inside.sum())
-    diagnosis = analysis.diagnosis
     rms = {name: float(np.sqrt(squares[name] / counts[name])) for name in squares if counts[name]}
-    gap = {name: replace(one, model_rms=rms.get(name)) for name, one in diagnosis.gap.items()}
-    return replace(analysis, diagnosis=replace(diagnosis, gap=gap))
+    gap = {name: replace(one, model_rms=rms.get(name)) for name, one in analysis.diagnosis.gap.items()}
+    return replace(analysis, diagnosis=replace(analysis.diagnosis, gap=gap))
