@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.checks.inspection import inspect_sessions
-from ident.checks.report import as_mounted
+from ident.checks.report import MENDED_BY_A_FIT, as_mounted
 from ident.command_options import ComparisonOptions, DiagnoseOptions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
@@ -63,12 +63,12 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
     """The same with all that pages and timelines need."""
     model, settings, seed = options.model, options.settings or USUAL, options.seed
     if not isinstance(settings, DiagnosisSettings):
-        what = f"a {type(settings).__name__} is no settings"
-        raise InputError("settings", what, "give an ident.DiagnosisSettings")
+        raise InputError("settings", f"a {type(settings).__name__} is no settings", "give an ident.DiagnosisSettings")
     loaded = None if model is None else HybridModel.given(model)
     effects = gather_effects(options.catalogue)
     given = Given(source, robot, options.topic, options.session_file)
-    read = inspect_sources(given, options.accept, settings.telemetry, in_parts=True)
+    mended = MENDED_BY_A_FIT if loaded is not None and loaded.inertia != "nominal" else ()
+    read = inspect_sources(given, options.accept, settings.telemetry, in_parts=True, reported=mended)
     arm = read.arm
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))

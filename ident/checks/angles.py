@@ -116,7 +116,12 @@ def mend_wraps(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         unwrapped, wraps = unwrap(run.position, turning)
         if wraps.any():
             columns = np.flatnonzero(wraps)
-            changes = {"position": _within_limits(unwrapped, arm)}
+            lower, upper = (-np.inf, np.inf) if arm is None else (arm.lower, arm.upper)
+            for turn in (-TURN, TURN):  # whole runs move by turns where only so they lie within the limits
+                low, high = unwrapped.min(axis=0), unwrapped.max(axis=0)
+                outside = (low < lower) | (high > upper)
+                unwrapped = unwrapped + turn * (outside & (low + turn >= lower) & (high + turn <= upper))
+            changes = {"position": unwrapped}
             if run.position_command is not None:
                 command, _ = unwrap(run.position_command, turning)
                 # The command follows the position: it starts in the same turn.
@@ -135,17 +140,6 @@ def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Ar
     shift = np.zeros(q.shape)
     shift[1:] = -TURN * np.cumsum(np.where(wraps, turns, 0.0), axis=0)
     return q + shift, wraps.sum(axis=0)
-
-
-def _within_limits(q: Float[Array, "T n"], arm: ArmModel | None) -> Float[Array, "T n"]:
-    """Moves whole runs by turns where only so they lie within the joint's limits."""
-    if arm is None:
-        return q
-    for turn in (-TURN, TURN):
-        low, high = q.min(axis=0), q.max(axis=0)
-        outside = (low < arm.lower) | (high > arm.upper)
-        q = q + turn * (outside & (low + turn >= arm.lower) & (high + turn <= arm.upper))
-    return q
 
 
 def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:

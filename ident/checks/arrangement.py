@@ -121,6 +121,18 @@ class Order(NamedTuple):
     left: Float[Array, " n"]  # share of each joint's torque that the model leaves in this order
 
 
+def check_bodies(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Whether centres of mass lie near joints of their links: one far out may be a tool, several are misplaced."""
+    masses, centres, inertias = arm.chain[-3:]
+    after = np.vstack([arm.chain.offsets[1:], np.zeros((1, 3))])  # the next joint, in the link's frame
+    distance = np.linalg.norm([centres, centres - after], axis=2).min(axis=0)
+    size = np.sqrt(np.maximum(np.trace(inertias, axis1=1, axis2=2), 1e-12) / np.maximum(2.0 * masses, 1e-9))
+    off = distance > np.maximum(LIMIT.far * size, np.linalg.norm(after, axis=1))
+    joints, links = (np.array(names)[off].tolist() for names in (arm.joint_names, arm.links))
+    seen = {"links": ", ".join(links), "distance": distance.max(), "times": (distance / size)[off].min(initial=np.inf)}
+    return [issue_of("misplaced", session, joints, **seen)] if off.sum() > 1 else []
+
+
 def check_order(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Whether another order of the columns explains the torque far better than the file's."""
     n = arm.n

@@ -244,8 +244,7 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     moving, slope, correlation = found.moving, found.slope, found.correlation
     in_degrees = moving & (np.abs(slope / degrees - 1.0) < LIMIT.clock_spread) & (correlation > LIMIT.clock_correlation)
     if moving.any() and in_degrees[moving].all():
-        speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
-        runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
+        runs = [one if one.velocity is None else one.replace(velocity=one.velocity / degrees) for one in session.runs]
         return session.replace(runs=runs), [issue_of("velocity_degrees", session, in_degrees)]
     position_degrees = (np.abs(slope * degrees - 1.0) < LIMIT.clock_spread) & (correlation > 0.95)
     if moving.any() and position_degrees[moving].all():

@@ -159,7 +159,10 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     rows = {joint: _below_cuts(session, states, joint) for joint in tested}
     right, wrong = ({j: fit_signed(states, j, sign, rows[j]) for j in tested} for sign in (1.0, -1.0))
     explained = {j: max(held.sign_explains, right[j].explained + held.sign_better) for j in tested}
-    flipped = [j for j in tested if wrong[j].explained > explained[j] and _flips_beside_spring(states, j, rows[j])]
+    flipped = [j for j in tested if wrong[j].explained > explained[j]]
+    # Minus the torque must follow the model better beside a spring, too: one that more than carries is no sign.
+    beside = {j: [fit_signed(states, j, sign, rows[j], spring=True).explained for sign in (1.0, -1.0)] for j in flipped}
+    flipped = [j for j in flipped if beside[j][1] > beside[j][0]]
     issues: list[TelemetryIssue] = []
     if flipped:
         worst = max(flipped, key=lambda j: wrong[j].explained)
@@ -168,12 +171,6 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         issues.append(issue_of("sign", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
     upright = right | {j: wrong[j] for j in flipped}
     return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
-
-
-def _flips_beside_spring(states: States, joint: int, rows: Bool[Array, " T"]) -> bool:
-    """Whether minus the torque follows the model better beside a spring, too: one that more than carries is no sign."""
-    right, wrong = (fit_signed(states, joint, sign, rows, spring=True).explained for sign in (1.0, -1.0))
-    return wrong > right
 
 
 def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T"]:

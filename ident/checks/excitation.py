@@ -125,9 +125,9 @@ class Amount:
             return []
         first, found, travel = self._first, list[TelemetryIssue](), self._high - self._low
         if self._blocks < FEWEST_BLOCKS:
-            runs, blocks = plural(self._runs, "run"), plural(self._blocks, "block")
+            seen: dict[str, Any] = {"runs": plural(self._runs, "run"), "blocks": plural(self._blocks, "block")}
             least = {"least": FEWEST_BLOCKS, "block": SHORTEST_BLOCK_S, "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
-            seen: dict[str, Any] = least | {"seconds": self._seconds, "runs": runs, "blocks": blocks}
+            seen |= least | {"seconds": self._seconds}
             found.append(issue_of("too_few", first, **seen))
         still = np.flatnonzero(travel < self._settings.least_travel)
         none_moves = len(still) == len(first.joints)
@@ -183,11 +183,8 @@ def base_rank(arm: ArmModel) -> int:
     Source: Gautier, Numerical calculation of the base inertial parameters of robots (1991).
     """
     # The rank is a property of the arm: fixed general states find it as well as any others.
-    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 60, arm.n))
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    q = low + (high - low) * 0.5 * (states[0] + 1.0)
-    table: Float[Array, "r 10n"] = arm.regressor(q, states[1], 3.0 * states[2]).reshape(-1, 10 * arm.n)
+    q, dq, ddq = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, 60, arm.n))
+    table: Float[Array, "r 10n"] = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
     size = np.linalg.norm(table, axis=0)
-    seen = size > 1e-9 * size.max()
-    triangle = np.asarray(np.linalg.qr(table[:, seen] / size[seen], mode="r"))
+    triangle = np.linalg.qr(table / np.where(size > 1e-9 * size.max(), size, np.inf), mode="r")
     return int(np.linalg.matrix_rank(triangle, tol=1e-8))

@@ -222,8 +222,9 @@ class Findings:
 
 
 # A torque that a model made tells nothing of an arm, but its fit is right: benchmarks and examples are made so. It is
-# told where something is fitted; a diagnosis still refuses it.
-REPORTED_BY_A_FIT = ("effort_is_model",)
+# told where something is fitted; a diagnosis still refuses it. Bodies that lie elsewhere are what a fit mends.
+MENDED_BY_A_FIT = ("bodies_misplaced",)
+REPORTED_BY_A_FIT = ("effort_is_model", *MENDED_BY_A_FIT)
 
 
 def check_accepted(accept: Sequence[str]) -> tuple[str, ...]:
@@ -244,7 +245,7 @@ def overrule(report: TelemetryReport, accept: Sequence[str], reported: Sequence[
     def weaken(issue: TelemetryIssue) -> TelemetryIssue:
         if issue.severity != "fatal" or issue.issue not in (*accept, *reported):
             return issue
-        said = f"accepted by --accept {issue.issue}" if issue.issue in accept else "told, not refused, in a fit"
+        said = f"accepted by --accept {issue.issue}" if issue.issue in accept else "told, not refused, here"
         return replace(issue, severity="warning", remedy=f"{said}; otherwise {issue.remedy}")
 
     return replace(report, issues=tuple(weaken(issue) for issue in report.issues))

@@ -8,12 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ident.api.inspecting import inspect as inspect_files
-from ident.checks.arrangement import mend_mount
+from ident.checks.arrangement import check_bodies, mend_mount
 from ident.checks.effort import collect_states
 from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone as found
 from ident.checks.inspection import inspect_sessions
-from ident.checks.report import TelemetryReport
+from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, overrule
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.model.fit import fit_hybrid
@@ -22,6 +22,7 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
+from ident.robot.chain import compute_joint_poses
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from tests.ident.checks.faults import inspect, spoil, without_velocity
@@ -341,3 +342,18 @@ def test_every_joints_effort_has_a_verdict_with_evidence(
         assert seen[name]["kind"] == kind, seen[name]
         assert any(letter.isdigit() for letter in seen[name]["evidence"]) or kind == "unknown"
         assert f"effort of {name}: {kind}" in found.summary()
+
+
+@pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10", "z1"])
+def test_bodies_in_the_frame_of_the_base_are_refused_as_such(robot: str, session: Session) -> None:
+    """A diagnosis refuses such a URDF and blames no torque; a fit, which finds the bodies, goes on."""
+    arm = ArmModel.load(robot)
+    poses = compute_joint_poses(arm.chain, np.zeros((1, arm.n)), range(1, arm.n + 1))
+    links = np.array(arm.inertial_parameters.reshape(arm.n, 10))
+    links[:, 1:4] += links[:, :1] * np.concatenate([place for _, place in poses.values()])
+    assert not check_bodies(session, arm)
+    assert len(check_bodies(session, arm.with_inertial_parameters(links.ravel()))[0].joints) > 1
+    if robot == "tm5-900":
+        report = found(session, arm.with_inertial_parameters(links.ravel()))
+        assert [issue.issue for issue in report.fatal] == ["bodies_misplaced"]
+        assert not overrule(report, (), REPORTED_BY_A_FIT).fatal
