@@ -109,7 +109,7 @@ def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], P
     arm, session = ARMS[name]()
     training, *others = parts_of(session)
     arm = arm.keeping(session.joints)
-    motions = [tuple(prepare(one, FOR_DIAGNOSIS.cutoff_hz)) for one in others]
+    motions = [tuple(prepare(one, settings=FOR_DIAGNOSIS)) for one in others]
     stem = name.replace(" ", "_").replace(",", "")
     path = cache / f"{stem}.json"
     if not path.is_file():

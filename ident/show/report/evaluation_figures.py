@@ -102,7 +102,10 @@ def draw_bars(
 def fits_section(source: ReportInput) -> Section:
     """Measured torque against every rung, one panel a joint, for a typical run and for the worst one."""
     evaluation = source.evaluation
-    errors = run_errors(evaluation)
+    # Torque RMSE of the last rung over all joints where they move, run by run [N m].
+    squares = np.concatenate([score.squares[-1] for score in evaluation.sessions])
+    there = np.isfinite(squares)
+    errors = np.sqrt(np.where(there, squares, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
     order = np.argsort(errors)
     typical, worst = int(order[(len(order) - 1) // 2]), int(order[-1])
     chosen = [("A typical run", typical), ("The worst run", worst)] if typical != worst else [("The run", worst)]
@@ -116,13 +119,6 @@ def fits_section(source: ReportInput) -> Section:
         "runs": [dict(zip(keys, run, strict=True)) for run in runs],
     }
     return Section("fits", "Torque, measured and modelled", "fits.html", values)
-
-
-def run_errors(evaluation: Evaluation) -> Float[Array, " K"]:
-    """Torque RMSE of the last rung over all joints where they move, run by run [N m]."""
-    squares = np.concatenate([score.squares[-1] for score in evaluation.sessions])
-    there = np.isfinite(squares)
-    return np.sqrt(np.where(there, squares, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
 
 
 def run_name(evaluation: Evaluation, index: int) -> str:

@@ -42,11 +42,15 @@ def significant(value: float | None, digits: int = 2) -> str:
     return fixed(value, max(0, digits - 1 - size))
 
 
-def pair(value: float | None, spread: float | None, places: int = 2) -> str:
-    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a single run."""
-    if spread is None:
-        return fixed(value, places)
-    return f"{fixed(value, places)} ± {fixed(spread, places)}"
+def pair(value: float | None, spread: float | None, places: int | None = None) -> str:
+    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a single run.
+
+    With two decimals where no other number is given, and as many more as the larger of both needs for two digits.
+    """
+    size = max(abs(value or 0.0), abs(spread or 0.0))
+    usual = max(2, 1 - math.floor(math.log10(size))) if ROUNDING < size < math.inf else 2
+    shown = (value,) if spread is None else (value, spread)
+    return " ± ".join(fixed(one, usual if places is None else places) for one in shown)
 
 
 def places_for(values: Iterable[float]) -> int:

@@ -12,7 +12,7 @@ from ident.show.report.evaluation import ReportInput, describe_steps, headline, 
 from ident.show.report.evaluation_figures import parameters_section
 from ident.show.report.figures import make_panel, thin, to_svg
 from ident.show.report.page import render_page
-from ident.show.report.words import fixed
+from ident.show.report.words import fixed, pair
 from tests.ident.show.report.reader import read
 
 
@@ -78,6 +78,12 @@ def test_thinning_keeps_the_extremes(samples: int, seed: int) -> None:
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(y[thin_x.astype(int)], thin_y)
     assert (thin_y.min(), thin_y.max()) == (y.min(), y.max())
+
+
+@pytest.mark.parametrize("size", [1e-4, 0.003, 0.2, 40.0])
+def test_an_energy_that_is_not_nothing_is_not_shown_as_nothing(size: float) -> None:
+    shown = [float(one.replace("−", "-")) for one in pair(-size / 3.0, size).split(" ± ")]
+    assert shown == pytest.approx([-size / 3.0, size], abs=0.051 * size)
 
 
 def test_a_joint_s_name_is_no_formula() -> None:
