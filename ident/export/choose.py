@@ -1,18 +1,19 @@
 """How far a file is from recordings, and which of all candidates is written.
 
-Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: RMS of the
-work that this difference does in a stretch of time; that of whole runs, of which there are few, is next to nothing by
-chance in one file or another. Replay: the arm starts from a measured state, gets the logged torque for
-a quarter of a second, and is compared with the measured state at the end, joints that stood still aside; from a longer
-stretch without feedback any model drifts away, and nothing is learnt of it. A position that is missed by more than the
-way that the joint went is not foretold at all: how far beyond it is says nothing, and one replay that flies off would
-make the mean of all.
+Torque: RMS of measured less predicted log, both through the run's own filter, where a joint slides. Energy: how far the
+work that this difference does strays on its way through a stretch of time: the standard deviation of the work done so
+far, for at a stretch's end it is next to nothing by chance in one file or another. Replay: the arm starts from a
+measured state, gets the logged torque for a quarter of a second, and is compared with the measured state at the end,
+joints that stood still aside; from a longer stretch without feedback any model drifts away, and nothing is learnt of
+it. A position that is missed by more than the way that the joint went is not foretold at all: how far beyond it is says
+nothing, and one replay that flies off would make the mean of all.
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
 of one of them, and at each joint the losses and laws of the one that does best there with these bodies. None is fitted
-to the recordings that decide: what they would make of one is partly chance, and comes out better than it is. Of all
-these the one is written whose errors are least, as shares of the least of the first two's: a gain counts as far as
-stretches and windows make sure of it, a loss as far as they let expect one, and several times as much.
+to the recordings that decide: what they would make of one is partly chance, and comes out better than it is. The best
+whole one has the least errors, as shares of the least of the first two's: a gain counts as far as stretches and windows
+make sure of it, a loss as far as they let expect one, and several times as much. A mixture, never fitted as one and the
+best of many, is written where it gains as much on the best whole one.
 """
 
 from __future__ import annotations
@@ -121,10 +122,10 @@ def measure_gap(model: LoadedModel, runs: Sequence[Motion]) -> Gap:
         number = max(1, round(len(left) * step / STRETCH))
         starts = np.linspace(0, len(left), number, endpoint=False).astype(int)
         squares.append(np.add.reduceat(left**2, starts, axis=0))
-        works.append(np.add.reduceat(left * motion.dq[motion.coarse] * step, starts, axis=0))
-    torque = np.concatenate(squares)
-    energy = np.concatenate(works) ** 2
-    return Gap({"torque": torque * len(torque) / np.maximum(counts, 1.0), "energy": energy, **replayed}, counts)
+        work = np.cumsum(left * motion.dq[motion.coarse] * step, axis=0)
+        works += [part.var(axis=0) for part in np.split(work, starts[1:])]
+    torque = np.concatenate(squares) * len(works) / np.maximum(counts, 1.0)
+    return Gap({"torque": torque, "energy": np.array(works), **replayed}, counts)
 
 
 def _roll_run(model: LoadedModel, motion: Motion, count: int) -> tuple[Float[Array, "2 w n"], Bool[Array, "w n"]]:
@@ -181,10 +182,7 @@ class Chosen:
 
 
 def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
-    """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files.
-
-    It may not be worse than what the candidates that are not `after` would hold.
-    """
+    """The nearest candidate of a format on recordings that none was fitted to; `folder` is for scratch files."""
     n, found = runs[0].n, dict[tuple[str, tuple[str, ...]], Gap]()
 
     def measure(bodies: str, joints: tuple[str, ...]) -> Gap:
@@ -200,7 +198,8 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
         if bodies != "given":  # its bodies are those of `before`
             costs = np.array([measure(bodies, (name,) * n).cost(others) for name in order])
             measure(bodies, tuple(order[k] for k in costs.argmin(axis=0)))
-    bodies, joints = min(found, key=lambda key: found[key].cost(others).sum())
+    whole = own[min(own, key=lambda name: own[name].cost(others).sum())]
+    bodies, joints = min(found, key=lambda key: found[key].cost([whole]).sum())
     gap = found[bodies, joints]
     most = zip(options["after"].nominal.joint_names, gap.over(others).T, strict=True)
     worse = {name: (list(MEASURES)[r.argmax()], float(np.exp(r.max()))) for name, r in most if r.max() > WORTH}

@@ -253,3 +253,32 @@ def test_of_a_few_stretches_little_is_sure() -> None:
     one, better = (Gap(dict.fromkeys(names, x), np.ones(6)) for x in (even[:1], 0.1 * even[:1]))
     assert np.all(better.cost([one]) > one.cost([one]))
     np.testing.assert_allclose(one.cost([one]), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("better", [1.0 - 0.9 * np.eye(9, 1), np.full((9, 1), 0.2)], ids=["in one stretch", "in all"])
+def test_a_mixture_is_written_where_it_surely_gains(
+    better: Array, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: tuned, one joint is better and another worse; by chance alone no joint takes another candidate's losses."""
+
+    def measured(model: Any, _: Any) -> Gap:
+        squares = np.where(model.losses.coulomb == 1.0, 1.0, np.column_stack([better, np.full((9, 5), 4.0)]))
+        return Gap(dict.fromkeys(("torque", "energy", "position"), squares), np.ones(6))
+
+    monkeypatch.setattr("ident.export.choose.measure_gap", measured)
+    arm, law = stated().nominal, healthy(stated().nominal)
+    options = {"before": stated(1.0), "tuned": stated(2.0), "after": stated(1.0)}
+    found = choose("urdf", options, made_motions(arm, law, [3], duration=4.0), tmp_path / "scratch")
+    assert found.joints[0] == ("tuned" if better[-1] < 1.0 else found.bodies)
+    assert set(found.joints[1:]) <= {"before", "after"}
+
+
+def test_work_that_is_given_back_is_an_error_of_energy(tmp_path: Path) -> None:
+    """Law: an error that is a spring's takes and gives its energy, whatever of it is left at a stretch's end."""
+    arm, file = stated().nominal, WrittenFile.write("urdf", tmp_path, stated())
+    law: Law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + LOSSES.torque(dq, ddq, np.tanh(dq / 0.01))  # noqa: E731
+    (motion,) = made_motions(arm, law, [3], duration=4.0)
+    turn = motion.q - motion.q.mean(axis=0)
+    swing = (2.5 * turn**2).std(axis=0)
+    found = measure_gap(file.load(), [replace(motion, tau=motion.tau + 5.0 * turn)]).error("energy")
+    assert np.all((found > 0.4 * swing) & (found < 1.5 * swing))
