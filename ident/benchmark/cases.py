@@ -247,7 +247,7 @@ def draw_case(
     return options, (first, *TWINS.get(first, ())) if first else ()
 
 
-MOST_ATTEMPTS = 12
+MOST_ATTEMPTS = 40
 MADE_NAME = "made.json"
 
 

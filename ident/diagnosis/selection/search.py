@@ -44,17 +44,17 @@ class Search(Candidates):
         return SearchResults(tuple(named), tuple(ladder), refused)
 
     def best_start(self) -> list[Group]:
-        """Effects to begin with: those found step by step, or beside gains of all joints, whichever have more evidence.
+        """Effects to begin with: those found step by step, or beside gains of the joints that these name no gain of.
 
-        Gains of two joints are as good as wrong ones of all others beside other loads; one gain at a time finds the
-        wrong set and never leaves it.
+        Gains of some joints are as good as other links and gains of all others; one name at a time finds the wrong set
+        and never leaves it. The model of more evidence is kept.
         """
-        gains = self.standing([one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id])
-        if not gains:
-            return []
-        starts: tuple[Sequence[Group], ...] = ((), [item.group for item in gains])
-        found = [[item.group for item in self.run(start).named] for start in starts]
-        return max(found, key=self.evidence_of)
+        first = [item.group for item in self.run().named]
+        gains = [one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id and one not in first]
+        others = [item.group for item in self.standing(gains)]
+        if not others:
+            return first
+        return max(first, [item.group for item in self.run(others).named], key=self.evidence_of)
 
     def evidence_of(self, groups: Sequence[Group]) -> float:
         """Log evidence of a model of some effects [nats]: what each adds to those before it."""
