@@ -47,11 +47,10 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
     prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
-    left = settings.most_settling
-    start = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior)).best_start()
+    search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
+    left, start = settings.most_settling, search.best_start()
     while True:
         left -= 1
-        search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted, start)
         search, doubted = sure.search, sure.doubted
         drifting = _mere_drift(search, sure.found, free)
@@ -71,6 +70,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             return replace(sure, found=_or_doubted(sure.found, sure.doubted))
         spread, prior, start = now, Prior.believing(free, baseline, error), groups
         evidence = free.with_run_spread(spread)
+        search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         del sure  # what was made of the last sums goes before it is made of new ones
 
 
