@@ -23,6 +23,8 @@ ATTEMPTS = 60
 # Share of the joints' spans by which the middle of a random path strays; paths that are tried for a spline.
 STRAY = 0.15
 PATHS = 12
+# Paces at which a spline is tried, as shares of the one asked for.
+PACES = 1.12 ** -np.arange(40.0)
 # Standstill before and after every motion [s].
 REST_S = 0.25
 
@@ -64,12 +66,12 @@ def random_path(limits: MotionLimits, vias: int, rng: np.random.Generator, span:
 
 def timed_spline(limits: MotionLimits, name: str, points: Float[Array, "m n"], duration: float) -> ReferenceMotion:
     """A spline through points, slower than asked where the limits need it."""
-    for _ in range(40):
-        motion = via_spline(name, points, duration)
-        if limits.excess(motion.q, motion.dq, motion.ddq) <= 1.0:
-            return motion
-        duration *= 1.12
-    raise RobotError(limits.arm.name, "a path can't be followed within limits", "check its effort and velocity limits")
+    motion = via_spline(name, points, duration)
+    pace = limits.first_pace(motion, PACES)
+    if pace is None:
+        what = "a path can't be followed within limits"
+        raise RobotError(limits.arm.name, what, "check its effort and velocity limits")
+    return motion if pace == 1.0 else via_spline(name, points, duration / pace)
 
 
 def _spline(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
@@ -96,7 +98,7 @@ def _shrink(
         share = 0.9**attempt
         centre = limits.centre + 0.4 * share * limits.span * rng.uniform(-1.0, 1.0, limits.arm.n)
         motion = make(centre, share)
-        if limits.stays_within(motion.q, motion.dq, motion.ddq):
+        if limits.stays_within(motion):
             return motion
     raise RobotError(limits.arm.name, f"no motion found in {ATTEMPTS} tries", "check its limits and geometry")
 
@@ -254,19 +256,27 @@ class MotionLimits:
         strong = self.torque > 0.5 * self.torque.max()
         return np.minimum(0.8 * room, np.where(strong, 1.5, 1.0))
 
-    def stays_within(self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"]) -> bool:
+    def stays_within(self, motion: ReferenceMotion) -> bool:
         """Whether a motion keeps all limits and touches nothing."""
-        inside = (q >= self.lower).all() and (q <= self.upper).all()
-        return bool(inside) and self.excess(q, dq, ddq) <= 1.0 and not self.touches(q)
+        inside = (motion.q >= self.lower).all() and (motion.q <= self.upper).all()
+        return bool(inside) and self.first_pace(motion) is not None and not self.touches(motion.q)
 
-    def excess(self, q: Float[Array, "K n"], dq: Float[Array, "K n"], ddq: Float[Array, "K n"]) -> float:
-        """Largest use of the speed and torque limits, 1 at the share that motions may use."""
-        states = q[::STRIDE], dq[::STRIDE], ddq[::STRIDE]
+    def first_pace(self, motion: ReferenceMotion, paces: Sequence[float] | Float[Array, " k"] = (1.0,)) -> float | None:
+        """The first of some paces at which a motion uses no more of the speed and torque limits than motions may.
+
+        Torque beyond what holds the arm grows with the square of the pace, so one look at the motion tells of all.
+        """
+        q, dq, ddq = (part[::STRIDE] for part in (motion.q, motion.dq, motion.ddq))
+        held = self.arm.gravity(q)
+        moving = self.arm.inverse_dynamics(q, dq, ddq) - held
         # A guess of the rotor, as the controller's maker would have: it takes half of the torque in fast motion.
-        rotor = (self.torque / 157.0) ** 1.55
-        torque = np.abs(self.arm.inverse_dynamics(*states)) + rotor * np.abs(states[2])
-        used = (torque / (TORQUE_SHARE * self.torque)).max()
-        return float(max(used, (np.abs(dq) / self.speed).max()))
+        rotor = (self.torque / 157.0) ** 1.55 * np.abs(ddq)
+        fastest = (np.abs(motion.dq) / self.speed).max()
+        for pace in map(float, paces):
+            torque = np.abs(held + pace**2 * moving) + pace**2 * rotor
+            if pace * fastest <= 1.0 and (torque <= TORQUE_SHARE * self.torque).all():
+                return pace
+        return None
 
     def touches(self, q: Float[Array, "K n"]) -> bool:
         """Whether the arm comes nearer than the clearance to itself anywhere on a path."""

@@ -67,7 +67,7 @@ class Feasibility:
         limits = self.limits
         if (motion.q < limits.lower).any() or (motion.q > limits.upper).any():
             return False
-        if limits.excess(motion.q, motion.dq, motion.ddq) > 1.0:
+        if limits.first_pace(motion) is None:
             return False
         return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGINS[0])
 

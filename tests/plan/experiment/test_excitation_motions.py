@@ -56,7 +56,7 @@ def test_runs_keep_limits_and_distance(feasible: Feasibility, family: str) -> No
     runs = run_set.runs(LEAST_RUNS, feasible)
     assert len(runs) == LEAST_RUNS
     for run in runs:
-        assert MotionLimits(feasible.limits.arm).stays_within(run.q, run.dq, run.ddq)
+        assert MotionLimits(feasible.limits.arm).stays_within(run)
         assert feasible.clearance(run) > 0.0
         assert run.q[[0, -1]] == pytest.approx(np.stack([run_set.home] * 2), abs=1e-6)
         assert np.all(run.dq[[0, -1]] == 0.0)
@@ -81,7 +81,7 @@ def test_a_folded_arm_is_refused(whole: ArmModel) -> None:
     distances = [feasible.scene.proximity.distances(pose).min() for pose in poses]
     folded, free = (slow_move(limits.centre, poses[pick(distances)]) for pick in (np.argmin, np.argmax))
     assert min(distances) < 0.0
-    assert limits.excess(folded.q, folded.dq, folded.ddq) < 1.0
+    assert limits.first_pace(folded) == 1.0
     assert not feasible.allows(folded)
     assert feasible.clearance(folded) == 0.0
     short = slow_move(limits.centre, limits.centre + 0.02)
