@@ -54,7 +54,11 @@ def as_html(result: Result) -> str:
     """A result for a notebook: its page, where it has one, scrolled to its first screen; else its words and picture."""
     page = _of_kind(PAGES, result)
     if page is None:
-        return words_and_picture(result.summary(), result.plot())
+        from ident.show.report.figures import to_svg
+
+        lines = result.summary()
+        picture = to_svg(result.plot(), lines.strip().partition("\n")[0] or "result")
+        return f'<div class="armgap"><pre>{escape(lines)}</pre>{picture}</div>'
     # A whole page within another, as high as a screen: its style and its links stay its own.
     return f'<iframe srcdoc="{escape(page(result))}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
 
@@ -161,14 +165,6 @@ def print_guesses(console: Console, result: NewSession) -> None:
 
 
 PANEL = (6.0, 3.0)  # [inch]
-
-
-def words_and_picture(lines: str, figure: Figure) -> str:
-    """Plain lines and a picture as one piece of HTML that stands for itself."""
-    from ident.show.report.figures import to_svg
-
-    title = lines.strip().splitlines()[0] if lines.strip() else "result"
-    return f'<div class="armgap"><pre>{escape(lines)}</pre>{to_svg(figure, title)}</div>'
 
 
 def as_text(write: Callable[[Console], None]) -> str:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.console import print_issues, styled
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_verdict import (
+    OF_THE_ARM,
     describe_reservations,
     describe_unnamed,
     diagnosis_headline,
@@ -21,6 +21,7 @@ from ident.show.report.diagnosis_verdict import (
     in_order_of_joints,
     in_units_of,
     order_of,
+    units_of,
 )
 from ident.show.report.words import (
     TABLES,
@@ -31,12 +32,14 @@ from ident.show.report.words import (
     parameters_in_words,
     percent,
     significant,
+    with_units,
 )
 from ident.show.results import draw_bars
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+STILL = "only torque beyond its static friction shows"
 UNTESTABLE: list[dict[str, Any]] = TABLES["untestable"]
 
 
@@ -65,14 +68,13 @@ def silent_groups(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str
 def describe_limits(record: Mapping[str, Any]) -> str:
     """One line about all effects that would have been named, each with its range over the joints; "" without any."""
     rows = [one for one in record.get("detectable", []) if not one["hidden"] and one["limit"] is not None]
-    parts = []
-    for effect in dict.fromkeys(one["effect"] for one in rows):
-        own = [one for one in rows if one["effect"] == effect]
-        values = sorted(one["limit"] for one in own)
-        unit = parameter_name(own[0]["figure"])[1]
-        low, high = significant(values[0]), significant(values[-1])
-        span = low if low == high else f"{low} to {high}"
-        parts.append(f"{effect_name(effect)} {own[0]['named']} {span} {unit}".strip())
+    parts, found = [], dict[tuple[str, str, str], list[float]]()
+    for one in rows:
+        unit = in_units_of(one["joints"], record, parameter_name(one["figure"])[1], one["effect"])
+        found.setdefault((one["effect"], one["named"], unit), []).append(one["limit"])
+    for (effect, named, unit), limits in found.items():
+        low, high = significant(min(limits)), significant(max(limits))
+        parts.append(f"{effect_name(effect)} {named} {low}{f' to {high}' * (low != high)} {unit}".strip())
     return f"would have been named nine times in ten: {', '.join(parts)}" if parts else ""
 
 
@@ -87,6 +89,7 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
             limit += ": more than is plausible" if one["hidden"] else ""
         joints = join_words(one["joints"]) if len(one["joints"]) <= 3 else "the whole arm"
         bound = TABLES["bounds"].get(one["bound_by"], one["bound_by"])
+        limit = in_units_of(one["joints"], record, limit, one["effect"])
         rows.append({"effect": effect_name(one["effect"]), "joints": joints, "limit": limit, "bound": bound})
     return rows
 
@@ -101,7 +104,8 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     if action := first_action(record):
         say(f"  first: {action}")
     for one in in_order_of_joints(record):
-        say(f"{in_units_of(one['joints'], record, describe(one, runs))}\n    do: {order_of(one, record)}")
+        say(in_units_of(one["joints"], record, describe(one, runs), one["effect"]))
+        say(f"    do: {order_of(one, record)}")
     after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
     gaps = [describe_gap(joint, one, after.get(joint)) for joint, one in record["gap"].items()]
     lines = [*describe_reservations(record), describe_unnamed(record), *gaps]
@@ -143,9 +147,6 @@ def describe(finding: Mapping[str, Any], runs: int) -> str:
     )
 
 
-OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
-
-
 def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
@@ -154,12 +155,11 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     named = []
     for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
         mass, effect = change["parameters"].get("mass_kg"), effect_name(change["effect"])
-        where = places_of(change) if len(change["joints"]) <= 3 else "the whole arm"
         if change["effect"] == CARRIED:
             side = "more" if mass["value"] > 0.0 else "less"
             effect = f"{significant(abs(mass['value']), 3)} kg {side} at the flange"
-        elif change["effect"] not in OF_THE_ARM:
-            effect = f"{effect} in {where}"
+        elif where := places_of(change):
+            effect += f" in {where if len(change['joints']) <= 3 else 'the whole arm'}"
         named.append(effect)
     more = len(record["changes"]) - 3
     changes = join_words(named) + (f", and {more} more" if more > 0 else "")
@@ -169,9 +169,10 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def places_of(change: Mapping[str, Any]) -> str:
-    """A change's joints, and those where it may be as well."""
-    places = [one["joint"] for one in change.get("elsewhere", ()) if one["effect"] == change["effect"]]
-    return join_words(change["joints"]) + (f" (or {join_words(places)})" if places else "")
+    """A change's joints, and those where it may be as well; nothing of one of the whole arm."""
+    others = [one["joint"] for one in change.get("elsewhere", ()) if one["joint"] and one["effect"] == change["effect"]]
+    where = join_words(change["joints"]) + (f" (or {join_words(others)})" if others else "")
+    return "" if change["effect"] in OF_THE_ARM else where
 
 
 def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
@@ -183,17 +184,11 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
     console.print(styled((record["verdict"], "bold"), f": {words}"), soft_wrap=True)
-    lines = [f"{describe_change(change)}\n    do: {change['action']}" for change in record["changes"]]
+    lines = [f"{describe_change(change, record)}\n    do: {change['action']}" for change in record["changes"]]
     lines += [f"do: {order}"] * bool(order)
     lines += [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
-
-
-def describe_still(record: Mapping[str, Any]) -> list[str]:
-    """Joints that stood still, a line each."""
-    shows = "only torque beyond its static friction shows"
-    return [f"of {one['joint']} {shows}: {one['reason']}" for one in record.get("still", ())]
 
 
 def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -202,15 +197,18 @@ def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in record["not_testable"] if one["reason"] not in said]
 
 
-def describe_change(change: Mapping[str, Any]) -> str:
-    """One change's record in one line: where, what, how large, how sure, how much it explains."""
+def describe_change(change: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+    """One change in one line: where, what, how large, how sure, how much it explains."""
     rivals, heldout = [effect_name(name) for name in change["class"][1:]], change["heldout"]
     open_between = f"; can't be distinguished from {join_words(rivals)}" if rivals else ""
-    after = heldout["rms_after_Nm"]
-    parts = [f"{name} {fixed(before)} → {fixed(after[name])} N m" for name, before in heldout["rms_before_Nm"].items()]
-    where = "" if change["effect"] in OF_THE_ARM else f"{places_of(change)}: "
+    parts = [
+        f"{name} {fixed(before)} → {fixed(heldout['rms_after_Nm'][name])} {in_units_of([name], record, 'N m')}"
+        for name, before in heldout["rms_before_Nm"].items()
+    ]
+    sizes = in_units_of(change["joints"], record, parameters_in_words(change["parameters"]), change["effect"])
+    name = ": ".join(filter(None, (places_of(change), effect_name(change["effect"]))))
     return (
-        f"{where}{effect_name(change['effect'])}{open_between}; {parameters_in_words(change['parameters'])}; "
+        f"{name}{open_between}; {sizes}; "
         f"error in the later set {', '.join(parts)} ({percent(heldout['shrink'])} of what can be closed)"
     )
 
@@ -219,9 +217,11 @@ def describe_notes(record: Mapping[str, Any]) -> list[str]:
     """What fits and is not reported, a line for each reason; joints of which little was used, or that stood still."""
     found: dict[str, list[str]] = {}
     for one in record["reservations"]:
-        found.setdefault(one["reason"], []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
+        reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
+        found.setdefault(reason, []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
     lines = [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
-    return [*lines, *describe_used(record), *describe_still(record)]
+    still = [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
+    return [*lines, *describe_used(record), *still]
 
 
 def describe_spread(record: Mapping[str, Any]) -> str:
@@ -250,4 +250,4 @@ def draw_comparison(record: Mapping[str, Any]) -> Figure:
     bars = [("without the changes", TUNED, "rms_before_Nm"), ("with them", NAMED, "rms_after_Nm")]
     bars = [*bars[: 2 if record["changes"] else 1], ("noise", NOISE, "noise_Nm")]
     rows = {words: (colour, [heldout[key].get(name) for name in names]) for words, colour, key in bars}
-    return draw_bars(names, rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")
+    return draw_bars(names, rows, f"torque [{units_of(record)}]", f"{record['robot']}: {record['verdict']}")

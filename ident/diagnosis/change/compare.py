@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -84,21 +85,19 @@ def compare(
     first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt, seed=seed)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
-        hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
-        silent = tuple(hidden.values())
-        return ArmComparison(
-            arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still, used=used
-        )
+        hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}.values()
+        found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
+        return replace(found, still=still, used=used)
     stage("searching what changed", 0.5, 1.0)
-    search = _search(first, settings.selection, sides)
-    changes = _find_changes(search)
+    changes = _find_changes(search := _search(first, settings.selection, sides))
     if any(one.group.effect.id in BODIES for one in changes.estimates):
         others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
         asked = place_bodies(search, others, first.session, first.asked)
         first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
         first = replace(first, doubt=doubt, seed=seed)
         changes = _find_changes(_search(first, settings.selection, sides))
-    return replace(_result(changes, first, arm, sides, _hidden(first, used)), used=used)
+    sliding = tuple(compress(arm.joint_names, arm.sliding_joints))
+    return replace(_result(changes, first, arm, sides, _hidden(first, used)), used=used, slides=sliding)
 
 
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:

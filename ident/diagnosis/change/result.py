@@ -15,8 +15,6 @@ from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
 from ident.results import Result
 
-SCHEMA = "ident.comparison/1"
-
 
 @dataclass(frozen=True)
 class Side:
@@ -93,12 +91,14 @@ class ArmComparison(Result):
     # Joints that stood still in one of the sets: of their own torque only what exceeds static friction shows.
     still: tuple[StaticJoint, ...] = ()
     used: tuple[SamplesUsed, ...] = ()  # what each joint's samples are to the comparison
+    slides: tuple[str, ...] = ()  # joints that slide: of forces and metres, whatever a key's name says
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "schema": SCHEMA,
+            "schema": "ident.comparison/1",
             "robot": self.robot,
             "joints": list(self.joints),
+            **({"slides": list(self.slides)} if self.slides else {}),
             "before": self.sides[0].to_dict(),
             "after": self.sides[1].to_dict(),
             "telemetry": [issue.to_dict() for issue in self.telemetry],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,14 @@ import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.report.diagnosis_verdict import energy_pair, in_order_of_joints, in_units_of, order_of, verdict_section
+from ident.show.report.diagnosis_verdict import (
+    energy_pair,
+    in_order_of_joints,
+    in_units_of,
+    order_of,
+    units_of,
+    verdict_section,
+)
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
@@ -25,7 +31,6 @@ from ident.show.report.page import (
 )
 from ident.show.report.words import axis_name, axis_unit, fixed, interval_words, percent, sentence, shade, significant
 from ident.show.terminal import (
-    OF_THE_ARM,
     describe_notes,
     describe_spread,
     headline,
@@ -38,9 +43,8 @@ from ident.show.terminal import (
 if TYPE_CHECKING:
     from ident.show.report.laws import LawPicture
 
-
 MOST_SENTENCES = 5
-# A cell this many times as dense as the mean has the darkest shade.
+# A cell this many times as dense as the mean has the strongest colour.
 DENSEST = 3.0
 
 
@@ -83,10 +87,9 @@ def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | 
     picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
     for one in in_order_of_joints(record):
         before, after = (energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        units = partial(in_units_of, one["joints"], record)
-        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one)), units))
-    title = "What causes it, and what to do"
-    return Section("findings", title, "findings.html", {"findings": cards}) if cards else None
+        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
+    title, values = "What causes it, and what to do", {"findings": cards, "record": record, "in_units_of": in_units_of}
+    return Section("findings", title, "findings.html", values) if cards else None
 
 
 def where_section(record: Mapping[str, Any]) -> Section | None:
@@ -144,10 +147,9 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
         words = [f"{interval_words(strip['axis'], edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
         words += [f"in {percent(time)} of the {'noise' if energy is None else 'time'}"]
         words += [] if energy is None else [f"{fixed(energy)} J"]
-        # Shade of a cell by its density.
         cells.append(
             {
-                "colour": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
+                "shade": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
                 "sure": p_value <= USUAL_MAP.significant and gap > time,
                 "share": percent(gap),
                 "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
@@ -174,8 +176,9 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         "record": record,
         "headline": words,
         "order": order,
-        "OF_THE_ARM": OF_THE_ARM,
         "places_of": places_of,
+        "in_units_of": in_units_of,
+        "units": units_of(record),
         "spread": describe_spread(record),
         "notes": [f"{sentence(line)}." for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),

@@ -116,7 +116,7 @@ def confusion_section(counts: Mapping[str, Mapping[str, float]]) -> Section | No
         cells = [
             {
                 "count": f"{row[name]:g}" if row.get(name) else "",
-                "colour": shade(row.get(name, 0) / most if most else 0.0),
+                "shade": shade(row.get(name, 0) / most if most else 0.0),
                 "right": name == effect,
             }
             for name in named

@@ -197,7 +197,5 @@ def join_words(words: Sequence[str]) -> str:
 
 
 def shade(share: float) -> str:
-    """White to a light orange that black text stays readable on."""
-    depth = min(1.0, max(0.0, share))
-    red, green, blue = (round(255 + depth * (end - 255)) for end in (240, 150, 70))
-    return f"#{red:02x}{green:02x}{blue:02x}"
+    """A cell's style: how much of the page's colour of dense cells lies on its paper, light or dark."""
+    return f"--dense: {100.0 * min(1.0, max(0.0, share)):.0f}%"

@@ -1,6 +1,8 @@
 """Laws of comparing: what was done between two sets is found, where it was done; what was not done is not."""
 
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -26,7 +28,10 @@ from ident.effects.session_context import friction_level, rated_torque
 from ident.laws.acting import point_mass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
+from ident.results import Provenance
 from ident.robot.arm import ArmModel
+from ident.show.report.diagnosis_pages import render_comparison_report
+from ident.show.terminal import describe_change
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -38,7 +43,8 @@ from tests.ident.diagnosis.planted import (
     load_arm,
     record,
 )
-from tests.ident.made_up import Law, made_motions
+from tests.ident.made_up import Law, made_motions, sliding_arm
+from tests.schemas import check_record
 
 RUBBING = 0.06
 LOAD = Payload(1.2, (0.05, 0.0, 0.06))
@@ -51,33 +57,22 @@ def wrong_everywhere(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return spring + 0.15 * arm.inverse_dynamics(q, dq, ddq)
 
 
-def with_load(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return wrong_everywhere(arm, q, dq, ddq) + carrying(LOAD)(arm, q, dq, ddq)
+def on_top(plant: Plant) -> Plant:
+    """A plant beside what is wrong before and after."""
+    return lambda arm, *states: wrong_everywhere(arm, *states) + plant(arm, *states)
 
 
-def with_friction(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    more = at_joint(1, 0.25 * COULOMB[1] * np.tanh(dq[:, 1] / SLIP))
-    return wrong_everywhere(arm, q, dq, ddq) + more
+def rubs_more(share: float) -> Plant:
+    return on_top(lambda arm, q, dq, ddq: at_joint(1, share * COULOMB[1] * np.tanh(dq[:, 1] / SLIP)))
 
 
-def with_gain(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    usual = wrong_everywhere(arm, q, dq, ddq)
-    return usual + at_joint(1, 0.1 * (healthy_torque(arm, q, dq, ddq) + usual)[:, 1])
+with_load, with_friction, with_warmth = on_top(carrying(LOAD)), rubs_more(0.25), rubs_more(0.05)
+with_gain = on_top(lambda *states: at_joint(1, 0.1 * (healthy_torque(*states) + wrong_everywhere(*states))[:, 1]))
+with_offset = on_top(lambda arm, q, dq, ddq: at_joint(0, np.full(len(q), 0.7)))
 
 
-def with_offset(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return wrong_everywhere(arm, q, dq, ddq) + at_joint(0, np.full(len(q), 0.7))
-
-
-def with_warmth(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return wrong_everywhere(arm, q, dq, ddq) + at_joint(1, 0.05 * COULOMB[1] * np.tanh(dq[:, 1] / SLIP))
-
-
-def with_denser_link(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """A link between that is a tenth denser: not far from what a tool does."""
-    more = np.zeros_like(arm.inertial_parameters)
-    more[10:20] = 0.1 * arm.inertial_parameters[10:20]
-    return wrong_everywhere(arm, q, dq, ddq) + arm.regressor(q, dq, ddq) @ more
+# A link between that is a tenth denser: not far from what a tool does.
+with_denser_link = on_top(lambda arm, *s: 0.1 * arm.regressor(*s)[..., 10:20] @ arm.inertial_parameters[10:20])
 
 
 @pytest.fixture(scope="module")
@@ -125,15 +120,29 @@ def test_what_changed_is_found_where_it_changed(
     assert joint in found.changes[0].action
 
 
+def test_a_change_of_a_joint_that_slides_is_of_forces_and_metres() -> None:
+    """Its record, card and plain line say so; the table of all joints names both units."""
+    arm, sets = sliding_arm(), []
+    for level, seeds in (((5, 5, 5, 5), range(4)), ((5, 10, 5, 5), range(10, 14))):
+        law = lambda *s, level=level: arm.inverse_dynamics(*s) + level * np.tanh(s[1] / SLIP)  # noqa: E731
+        sets.append(made_motions(arm, law, seeds, 8.0, 50.0, noise=NOISE))
+    found = compare(*sets, arm, (Side(), Side(runs=4)))
+    record = check_record(found.to_dict() | {"provenance": Provenance("ident compare").to_dict()})
+    assert record["slides"] == ["slide_2", "slide_4"]
+    card, table = render_comparison_report(record).split('class="finding"')[1].split("RMS [", 1)
+    assert table.startswith("N m; of joints that slide N]")
+    for text in (card, *(describe_change(one, record) for one in record["changes"])):
+        assert re.search(r"slide_2 [\d.]+ → [\d.]+ N\b", text)
+        assert not re.search(r"N m\b|\brad\b", text)
+
+
 def with_load_and_rubbing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     """The load, in gears that rub by 6 % of what they carry, driving or not, before and after."""
     carried = arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq)
     return with_load(arm, q, dq, ddq) + RUBBING * np.tanh(dq / SLIP) * np.abs(carried)
 
 
-def with_rubbing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    rubbing = RUBBING * np.tanh(dq / SLIP) * np.abs(arm.inverse_dynamics(q, dq, ddq))
-    return wrong_everywhere(arm, q, dq, ddq) + rubbing
+with_rubbing = on_top(lambda arm, *states: RUBBING * np.tanh(states[1] / SLIP) * np.abs(arm.inverse_dynamics(*states)))
 
 
 def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -> None:
@@ -199,9 +208,7 @@ def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plan
 
 
 def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
-    def law(q: Array, dq: Array, ddq: Array) -> Array:
-        return healthy_torque(arm, q, dq, ddq)
-
+    law = partial(healthy_torque, arm)
     sets = [made_motions(arm, law, range(seed, seed + 1), 1.2, 25.0, noise=NOISE) for seed in (0, 10)]
     found = compare(*sets, arm, (Side(), Side()))
     assert (found.verdict, found.changes) == ("not_testable", ())
@@ -285,13 +292,8 @@ def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Moti
 
 
 BRACKET = np.array([0.1, 0.25, 0.1])  # [m]
-
-
-def with_bracket(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """Something that is mounted on the forearm, 25 cm beside its axis."""
-    more = np.zeros_like(arm.inertial_parameters)
-    more[20:30] = 2.5 * point_mass(BRACKET)
-    return wrong_everywhere(arm, q, dq, ddq) + arm.regressor(q, dq, ddq) @ more
+# Something that is mounted on the forearm, 25 cm beside its axis.
+with_bracket = on_top(lambda arm, *states: arm.regressor(*states)[..., 20:30] @ (2.5 * point_mass(BRACKET)))
 
 
 def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, before: list[Motion]) -> None:

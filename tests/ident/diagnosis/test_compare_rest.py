@@ -17,7 +17,7 @@ from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report
-from ident.show.terminal import describe_spread, describe_still, describe_used, without_still
+from ident.show.terminal import describe_notes, describe_spread, describe_used, without_still
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -153,18 +153,13 @@ def runs_held(arm: ArmModel, plant: Plant, seeds: range, held: bool) -> list[Mot
     return found
 
 
-def with_offset(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return at_joint(0, np.full(len(q), OFFSET))
+def steady(joint: int, torque: float) -> Plant:
+    return lambda arm, q, dq, ddq: at_joint(joint, np.full(len(q), torque))
 
 
-def held_by_friction(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """At rest a joint's torque may be any that dry friction takes up."""
-    return at_joint(STILL, np.full(len(q), COULOMB[STILL]))
-
-
-def pushed(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """A hand on the joint at rest, far beyond its static friction."""
-    return at_joint(STILL, np.full(len(q), 8.0 * COULOMB[STILL]))
+with_offset = steady(0, OFFSET)
+held_by_friction = steady(STILL, COULOMB[STILL])  # at rest a joint's torque may be any that dry friction takes up
+pushed = steady(STILL, 8.0 * COULOMB[STILL])  # a hand on the joint at rest, far beyond its static friction
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +191,7 @@ def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bo
     found = compared_held(arm, held_by_friction, held)
     assert (found.verdict, found.changes) == ("no_change", ())
     record = check_record(found.to_dict() | {"provenance": Provenance("ident compare").to_dict()})
-    (line,) = describe_still(record)
+    line = describe_notes(record)[-1]
     assert line.startswith("of joint_3 only torque beyond its static friction shows: it stood still")
     assert all("stood still" not in one["reason"] for one in without_still(record))
     page = render_comparison_report(record)
