@@ -11,7 +11,7 @@ from ident.model.hybrid import HybridModel
 from ident.progress import stage
 from ident.results import Provenance
 from plan.command_options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
-from plan.planners.base import Budget, Planner, processor_seconds
+from plan.planners.base import Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
@@ -87,7 +87,7 @@ class OpenedTask:
         Raises:
             InputError: No such method, or not for this task.
         """
-        problem, note = cheapest_goal(self.problems, self.task.pose is not None, Budget(*options.budget), options.seed)
+        problem, note = cheapest_goal(self.problems, self.task.pose is not None, options.budget, options.seed)
         stage("searching a motion")
         result = solve_problem(problem, options, planner)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
@@ -102,7 +102,7 @@ class OpenedTask:
         """
         from plan.solving.compare import compare as compare_methods
 
-        problem, _ = cheapest_goal(self.problems, self.task.pose is not None, Budget(*USUAL_BUDGET), 0)
+        problem, _ = cheapest_goal(self.problems, self.task.pose is not None, USUAL_BUDGET, 0)
         table = compare_methods(problem, self.task.source.stem, options)
         asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}
         return table.with_provenance(self._origin("plan compare", **asked))
@@ -126,5 +126,5 @@ def open_task(scene: Scene, model: Model | None = None, options: TaskOptions = D
     problems = reach_goals(set_up(task, fitted, options), task)
     require_valid_ends(problems[0], task, options.inside)
     named = model.robot.name if isinstance(model, HybridModel) else None if model is None else str(model)
-    taught = task.taught
-    return OpenedTask(task, problems if taught is None else tuple(from_taught(one, taught) for one in problems), named)
+    begun = (one if task.taught is None else from_taught(one, task.taught, task.taught_times) for one in problems)
+    return OpenedTask(task, tuple(begun), named)

@@ -38,37 +38,32 @@ ENOUGH, CLOSED = 3000, 1e-3
 VERSION = b"1"
 
 
-@dataclass(frozen=True, eq=False)
-class ConvexParts:
-    """A mesh as convex parts."""
-
-    corners: tuple[Float[Array, "k 3"], ...]  # of each part, in the mesh's axes [m]
-    # By how much the parts hold more than the mesh, as a share of its volume; None of an open mesh.
-    excess: float | None
-
-
-def convex_parts(triangles: Float[Array, "m 3 3"]) -> ConvexParts:
+def convex_parts(triangles: Float[Array, "m 3 3"]) -> tuple[list[Float[Array, "k 3"]], float | None]:
     """Parts whose hulls hold every triangle; kept in the user's cache by the triangles' content.
 
     Args:
         triangles: Corners of each [m].
+
+    Returns:
+        Corners of each part [m]; and by how much the parts hold more than the mesh, as a share of its volume, None of
+        an open mesh.
     """
     triangles = np.ascontiguousarray(triangles, dtype=float)
     cache, name = user_cache(), f"{hashlib.sha256(VERSION + triangles.tobytes()).hexdigest()}.npz"
     kept = None if cache is None else cache / "parts" / name
     with suppress(InputError, ValueError, KeyError, TypeError):  # what can't be read is made anew
         arrays = read_arrays(kept, "remove it") if kept is not None and kept.is_file() else {}
-        excess = float(arrays["excess"])
-        return ConvexParts(tuple(np.split(arrays["corners"], arrays["ends"])), None if np.isnan(excess) else excess)
-    found = _cut(triangles)
+        share = float(arrays["excess"])
+        return np.split(arrays["corners"], arrays["ends"]), None if np.isnan(share) else share
+    corners, excess = _cut(triangles)
     if kept is not None:
-        ends = np.cumsum([len(part) for part in found.corners])[:-1]
+        ends = np.cumsum([len(part) for part in corners])[:-1]
         with suppress(OSError, InputError), atomic_write(kept) as file:  # nobody may write everywhere
-            np.savez(file, corners=np.concatenate(found.corners), ends=ends, excess=np.array(found.excess, dtype=float))
-    return found
+            np.savez(file, corners=np.concatenate(corners), ends=ends, excess=np.array(excess, dtype=float))
+    return corners, excess
 
 
-def _cut(triangles: Array) -> ConvexParts:
+def _cut(triangles: Array) -> tuple[list[Array], float | None]:
     a, b, c = (triangles[:, k] for k in range(3))
     areas, whole, parts, volume = np.cross(b - a, c - a), _hull_volume(triangles), [triangles], None
     if np.linalg.norm(areas.sum(axis=0)) <= CLOSED * np.linalg.norm(areas, axis=1).sum():
@@ -83,8 +78,8 @@ def _cut(triangles: Array) -> ConvexParts:
         parts[worst : worst + 1] = sides
         cuts[worst : worst + 1] = [_best_cut(side, _hull_volume(side)) for side in sides]
     held = sum(_hull_volume(part) for part in parts)
-    corners = tuple(hull_points(np.unique(part.reshape(-1, 3), axis=0)) for part in parts)
-    return ConvexParts(corners, None if volume is None else max(held / volume - 1.0, 0.0))
+    corners = [hull_points(np.unique(part.reshape(-1, 3), axis=0)) for part in parts]
+    return corners, None if volume is None else max(held / volume - 1.0, 0.0)
 
 
 def _best_cut(triangles: Array, whole: float) -> tuple[float, int, float]:
@@ -265,9 +260,9 @@ def _read(
         if len(points) < 3 or not np.isfinite(points).all():
             what = f"link {name}: the mesh {shape.meshPath} has no finite triangle"
             raise RobotError(arm.source or arm.name, what, "mend or replace that mesh")
-        parts = convex_parts(points[mesh_triangles(model)])
-        meshes.append((name, len(parts.corners), parts.excess))
-        found.append(Box.around_parts(name, parts.corners, *place, shape.parentFrame))
+        parts, excess = convex_parts(points[mesh_triangles(model)])
+        meshes.append((name, len(parts), excess))
+        found.append(Box.around_parts(name, parts, *place, shape.parentFrame))
     return found
 
 

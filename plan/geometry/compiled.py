@@ -85,7 +85,19 @@ class CompiledScene(NamedTuple):
 def compile_scene(chain: Chain, boxes: Sequence[Box], links: int) -> CompiledScene:
     """Shapes for compiled loops, the arm's first; with room to write into, so for one thread at a time."""
     bodies, n = compile_bodies(boxes), len(chain.masses)
-    tree = _build_tree(bodies, len(boxes), links)
+    # The tree of what stands in the world: the bodies of all shapes behind the links.
+    owned = np.flatnonzero((bodies.owner >= links) & (bodies.owner < len(boxes)))
+    extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[owned]), bodies.half[owned])
+    room = np.zeros((len(owned) + 1, 3))  # of which a root of nothing at all takes one
+    low, high = (np.concatenate([bodies.at[owned] + sign * extent, room]) for sign in (-1.0, 1.0))
+    nodes = np.full((3, len(low)), -1, dtype=np.int64)  # left, right, body
+    nodes[2, : len(owned)] = owned
+    roots, used = [], len(owned)
+    for start, stop in itertools.pairwise(np.searchsorted(bodies.owner[owned], np.arange(links, len(boxes) + 1))):
+        root, used = _join(np.arange(start, stop), low, high, nodes, used)
+        roots.append(root)
+    whole = _join(np.array(roots), low, high, nodes, used)[0] if roots else -1
+    tree = Tree(low, high, nodes[0], nodes[1], nodes[2], np.array([*roots, whole], dtype=np.int64))
     placed = bodies._replace(placed_rot=bodies.rot.copy(), placed_at=bodies.at.copy())
     return CompiledScene(chain, links, placed, tree, np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty(n))
 
@@ -196,23 +208,6 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
             return kept[:number].copy(), worst
         kept[number] = corners[which]
         number += 1
-
-
-def _build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
-    """The tree of the bodies of the shapes from number `first` on, all of which stand in the world."""
-    owned = np.flatnonzero((bodies.owner >= first) & (bodies.owner < shapes))
-    extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[owned]), bodies.half[owned])
-    room = np.zeros((len(owned) + 1, 3))  # of which a root of nothing at all takes one
-    low, high = (np.concatenate([bodies.at[owned] + sign * extent, room]) for sign in (-1.0, 1.0))
-    links = np.full((3, len(low)), -1, dtype=np.int64)  # left, right, body
-    links[2, : len(owned)] = owned
-    roots, used = [], len(owned)
-    for start, stop in itertools.pairwise(np.searchsorted(bodies.owner[owned], np.arange(first, shapes + 1))):
-        root, used = _join(np.arange(start, stop), low, high, links, used)
-        roots.append(root)
-    whole = _join(np.array(roots), low, high, links, used)[0] if roots else -1
-    left, right, body = links
-    return Tree(low, high, left, right, body, np.array([*roots, whole], dtype=np.int64))
 
 
 @compiled(nogil=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import os
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import coal
@@ -95,6 +94,7 @@ WIDEST = 1e3
 LARGEST = 400_000_000
 MOST_LINES = 1000  # of a header
 AXES = ("x", "y", "z")
+CLOUDS = (".ply", ".pcd", ".npy")
 
 
 def read_cloud(path: Path, radius: float, scale: Float[Array, " 3"]) -> tuple[Solid, Float[Array, " 3"]]:
@@ -152,13 +152,12 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     Raises:
         InputError: The file is missing, of no such kind, too large, damaged, no table, or holds what is no number.
     """
-    kind = path.suffix.lower()
-    if kind not in READERS:
-        raise InputError(path, "no point cloud that can be read", f"give one of: {', '.join(READERS)}")
+    if path.suffix.lower() not in CLOUDS:
+        raise InputError(path, "no point cloud that can be read", f"give one of: {', '.join(CLOUDS)}")
     size = require_regular(path, "give the path of a point cloud, from the scene file on", largest=LARGEST)
     try:
         require_unpacked(size, _announced(path))
-        found = np.asarray(READERS[kind](path), dtype=float)
+        found = np.asarray(_read_table(path), dtype=float)
     except Exception as error:  # each library raises its own, and memory may end
         what = f"the point cloud can't be read ({first_line(error)})"
         raise InputError(path, what, "mend or replace the file") from None
@@ -193,33 +192,23 @@ def _announced(path: Path) -> int:
     raise ValueError("a header without an end")
 
 
-def _read_ply(path: Path) -> Array:
-    from plyfile import PlyData  # few scenes have a cloud
+def _read_table(path: Path) -> Array:
+    """The coordinates in a file of one of the three kinds."""
+    kind = path.suffix.lower()
+    if kind == ".ply":
+        from plyfile import PlyData  # few scenes have a cloud
 
-    vertices = PlyData.read(str(path))["vertex"]
-    return np.column_stack([vertices[axis] for axis in AXES])
+        vertices = PlyData.read(str(path))["vertex"]
+        return np.column_stack([vertices[axis] for axis in AXES])
+    if kind == ".pcd":
+        from pypcd4 import PointCloud
 
-
-def _read_pcd(path: Path) -> Array:
-    from pypcd4 import PointCloud
-
-    cloud = PointCloud.from_path(path)
-    found = cloud.numpy(AXES)
-    if len(found) != cloud.metadata.points:
-        raise ValueError(f"{len(found)} of {cloud.metadata.points} points are there")
-    return np.asarray(found)
-
-
-def _read_array(path: Path) -> Array:
-    """A plain array of numbers in NumPy's format."""
-    found = np.load(path, mmap_mode="r", allow_pickle=False)
-    if found.dtype.kind not in "fiu":
-        raise ValueError(f"it holds {found.dtype}, no numbers")
-    return np.array(found, dtype=float)
-
-
-READERS: dict[str, Callable[[Path], Array]] = {
-    ".ply": _read_ply,
-    ".pcd": _read_pcd,
-    ".npy": _read_array,
-}
+        cloud = PointCloud.from_path(path)
+        found = cloud.numpy(AXES)
+        if len(found) != cloud.metadata.points:
+            raise ValueError(f"{len(found)} of {cloud.metadata.points} points are there")
+        return np.asarray(found)
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"it holds {array.dtype}, no numbers")
+    return np.array(array, dtype=float)

@@ -158,7 +158,7 @@ class Repeat:
         trials = range(self.effort.trials)
         taught = {tester: [_teach(problem, tester, t) for t in trials] for tester in (1, 2, 3)}
         learned = [self.run(problem, self.ppo(MORE), t) for t in trials]
-        improved = [self.run(start, self.ppo(), t, Starts((start,))) for t, start in enumerate(taught[1])]
+        improved = [self.run(start, self.ppo(), t, ([start], [])) for t, start in enumerate(taught[1])]
         for tester, starts in taught.items():
             ours = tuple(float(start.initial_evaluation.cost[0]) for start in starts)
             name = f"tester {tester}"
@@ -183,7 +183,7 @@ class Repeat:
             "RL (PPO), stamps and via points": (both, self.ppo(MORE)),
         }
         for number, (name, (starts, planner)) in enumerate(planners.items()):
-            last = [self.run(one, planner, t, Starts((one,))) for t, one in enumerate(starts)]
+            last = [self.run(one, planner, t, ([one], [])) for t, one in enumerate(starts)]
             self.enter(table, _line(name, "s", PAPER[f"{table} {'learned' if number else 'compressed'}"], *last))
         free = self.run(replace(problem, objective="time", free="both"), Sequential())
         self.enter(table, _line("default (sqp), from the task", "s", (), free))

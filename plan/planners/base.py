@@ -43,14 +43,6 @@ def processor_seconds() -> float:
     return time.process_time() + times.children_user + times.children_system
 
 
-@dataclass(frozen=True)
-class Budget:
-    """What a search may spend, whichever ends first."""
-
-    evaluations: int  # trajectories evaluated
-    seconds: float  # processor time, which a busy machine does not stretch [s]
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One trajectory that a search looked at."""
@@ -85,9 +77,10 @@ class BudgetSpentError(Exception):
 
 @dataclass
 class Ledger:
-    """Counts evaluations and time, keeps the best candidate and the history."""
+    """Counts what a search spends of its budget, keeps the best candidate and the history."""
 
-    budget: Budget  # what may be spent
+    most: int  # trajectories that may be evaluated; the search ends with these or with the time
+    most_seconds: float  # processor time that may be spent, which a busy machine does not stretch [s]
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
     evaluations: int = 0
     best: Candidate | None = None
@@ -115,12 +108,12 @@ class Ledger:
         now = time.perf_counter()
         if now - self._looked > LOOK_EVERY:
             self._looked, self._spent = now, self.cpu_seconds
-        return self.budget.seconds - self._spent
+        return self.most_seconds - self._spent
 
     @property
     def remaining(self) -> int:
         """Evaluations left; zero once the processor time is spent."""
-        return 0 if self.seconds_left <= 0.0 else max(self.budget.evaluations - self.evaluations, 0)
+        return 0 if self.seconds_left <= 0.0 else max(self.most - self.evaluations, 0)
 
     def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Evaluates a batch against the budget.
@@ -146,7 +139,7 @@ class Ledger:
         """Adds evaluations, those that a solver made by itself too."""
         self.evaluations += evaluations
         if self.shown:
-            share = max(self.evaluations / self.budget.evaluations, self._spent / max(self.budget.seconds, 1e-9))
+            share = max(self.evaluations / self.most, self._spent / max(self.most_seconds, 1e-9))
             step(min(round(1000.0 * share), 1000), 1000)
 
     def offer(self, candidate: Candidate) -> None:

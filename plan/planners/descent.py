@@ -98,7 +98,7 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
         tolerance: Ends where less than this share of the cost is to be gained.
     """
     local, x, now, curvature = course.local, course.x, course.look, course.curvature
-    low, high = _bounds(local)
+    low, high = local.bounds
     scale = max(abs(now.cost), 1e-9)
     prices, raised = np.array(PRICES), 0
     slope: Array | None = None
@@ -153,17 +153,6 @@ def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance:
         if len(taken) == 0:
             break
     return Course(local, x, now, curvature)
-
-
-def _bounds(local: LocalModel) -> tuple[Array, Array]:
-    """Bounds of the variables: position limits, and no farther from the ends and the via points than the reach."""
-    problem = local.problem
-    points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
-    low = np.maximum(points.min(axis=0) - problem.radius, problem.limits.lower)
-    high = np.minimum(points.max(axis=0) + problem.radius, problem.limits.upper)
-    count = local.grid.free
-    low, high = np.tile(low, count), np.tile(high, count)
-    return (np.append(low, 0.02), np.append(high, 50.0)) if local.timed else (low, high)
 
 
 def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]) -> Float[Array, "d d"]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.planners.base import Budget, Ledger, Planner
+from plan.planners.base import Ledger, Planner
 from plan.problem.problem import SQUEEZE, PlanningProblem
 
 # Generations a round before the runs are halved; a run ends when its costs lie this close together, as a share of the
@@ -77,7 +77,7 @@ TRIED = 12
 
 def start_compressed(problem: PlanningProblem) -> PlanningProblem:
     """The same problem from its initial trajectory drawn together by one factor, as far as all limits hold."""
-    ledger = Ledger(Budget(10**6, 60.0))
+    ledger = Ledger(10**6, 60.0)
     durations = shortest(problem, ledger, np.array(problem.durations), np.arange(len(problem.durations)))
     return replace(problem, durations=durations)
 

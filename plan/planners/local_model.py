@@ -86,6 +86,15 @@ class LocalModel:
         """Duration by which durations are measured [s]."""
         return float(self.problem.durations.sum())
 
+    @property
+    def bounds(self) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+        """Bounds of the variables: position limits, and no farther from the ends and the via points than the reach."""
+        problem, count = self.problem, self.grid.free
+        points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
+        low = np.tile(np.maximum(points.min(axis=0) - problem.radius, problem.limits.lower), count)
+        high = np.tile(np.minimum(points.max(axis=0) + problem.radius, problem.limits.upper), count)
+        return (np.append(low, 0.02), np.append(high, 50.0)) if self.timed else (low, high)
+
     def join(self, free: Float[Array, "F n"], duration: float) -> Float[Array, " d"]:
         """Variables of coefficients and a duration."""
         return np.append(free.reshape(-1), duration / self.reference) if self.timed else free.reshape(-1).copy()

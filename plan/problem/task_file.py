@@ -89,14 +89,6 @@ NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)
-class TaughtVias:
-    """Via points from which the search begins."""
-
-    vias: Float[Array, "V n"]  # via points [rad]
-    times: Float[Array, " V"] | None = None  # their time stamps [s]; None if they are to be found
-
-
-@dataclass(frozen=True, eq=False)
 class Surroundings:
     """What stands round an arm, what it carries, and how far and fast it may move there."""
 
@@ -129,7 +121,8 @@ class Task(Surroundings):
     acceleration: Float[Array, " n"] | None = None  # limits of acceleration [rad/s²] and jerk [rad/s³]; None for none
     jerk: Float[Array, " n"] | None = None
     makers: bool = True  # whether the maker's published limits of acceleration and jerk are kept where those are None
-    taught: TaughtVias | None = None  # via points of the file itself
+    taught: Float[Array, "V n"] | None = None  # via points of the file itself, from which the search begins [rad]
+    taught_times: Float[Array, " V"] | None = None  # their time stamps [s]; None if they are to be found
     pose: Pose | None = None  # where a frame is to end, in place of the goal's angles
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
     other_poses: tuple[Pose, ...] = ()  # further poses likewise
@@ -155,13 +148,19 @@ def load_task(path: str | Path) -> Task:
     task, limits = top.table("task"), top.table("limits")
     poses = read_poses(task)
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
-    taught = _read_taught(task) if "via_points_deg" in task else None
+    taught = times = None
+    if "via_points_deg" in task:
+        taught, times = np.array(task["via_points_deg"]), task["times_s"]
+        if times is not None and len(times) != len(taught):
+            raise task.fault("times_s", f"has {len(times)} numbers, not {len(taught)}", f"give {len(taught)}")
+        if times is not None and np.any(np.diff(times) <= 0):
+            raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
     return Task(
         **vars(_surroundings(top)) | {"robot": top.need("robot")},
         start=start,
         goal=goals[0],
         duration=task["duration_s"],
-        via_points=task["via_points"] if taught is None else len(taught.vias),
+        via_points=task["via_points"] if taught is None else len(taught),
         wrist=task["wrist_deg"],
         clearance=task["clearance_m"],
         reach=task["reach_deg"],
@@ -170,6 +169,7 @@ def load_task(path: str | Path) -> Task:
         jerk=limits["jerk_deg_s3"],
         makers=limits["makers"],
         taught=taught,
+        taught_times=times,
         pose=poses[0] if poses else None,
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
@@ -217,12 +217,3 @@ def _surroundings(top: SceneTable) -> Surroundings:
         upper=high,
         speed=limits["speed_deg_s"],
     )
-
-
-def _read_taught(task: SceneTable) -> TaughtVias:
-    vias, times = np.array(task["via_points_deg"]), task["times_s"]
-    if times is not None and len(times) != len(vias):
-        raise task.fault("times_s", f"has {len(times)} numbers, not {len(vias)}", f"give {len(vias)}")
-    if times is not None and np.any(np.diff(times) <= 0):
-        raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
-    return TaughtVias(vias, times)

@@ -1,4 +1,7 @@
-"""What no motion between start and goal can undercut: a lower bound of the cost, so that a plan tells its gap."""
+"""What no motion between start and goal can undercut, whatever its path and time law, so that a plan tells its gap.
+
+Limits of position and obstacles are left out, which can only lower it.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +22,8 @@ POSITIONS, GRANTED = 2000, 1.05
 SPEEDS, OTHERS = 161, 9
 
 
-def lower_bound(problem: PlanningProblem) -> float | None:
-    """A lower bound of the task's cost over all motions, whatever their path and time law; None where none is known.
-
-    Limits of position and obstacles are left out, which can only lower it.
-    """
-    return _time_bound(problem) if problem.objective == "time" else _energy_bound(problem)
-
-
-def _time_bound(problem: PlanningProblem) -> float:
-    """Longest of what each joint's way takes at its limits of speed and acceleration, and at what torque allows.
+def least_time(problem: PlanningProblem) -> float:
+    """Longest of what each joint's way takes at its limits of speed and acceleration, and at what torque allows [s].
 
     Let w = √(dqᵀ M dq). Coriolis torques do no work, so |dw/dt| ≤ ‖M^(−1/2) u‖ with u what torque, gravity and friction
     can push, and |dq_j| ≤ w √(M⁻¹)_jj. With the largest values over the joints' range, which are taken from random
@@ -65,12 +60,15 @@ def _time_bound(problem: PlanningProblem) -> float:
     return max(times)
 
 
-def _energy_bound(problem: PlanningProblem) -> float | None:
-    """The weight lifted, and the least that friction and net take for each joint's way in the time given.
+def least_energy(problem: PlanningProblem) -> float | None:
+    """The weight lifted, and the least that friction and net take for each joint's way in the time given [J].
 
     Rigid body and rotors give back what they took between rest and rest, so the signed energy is the lift and ∫ P(dq)
     dt with P the least loss at each speed; by convexity no course takes less than the steady speed on P's convex hull.
     Braking credited makes the signed energy the least of all metrics in joules.
+
+    Returns:
+        None where nothing is known: of copper's losses, and of a net of another kind than the default.
     """
     model = problem.model
     if problem.metric == "copper" or not (model.net is None or isinstance(model.net, CompiledJointNets)):

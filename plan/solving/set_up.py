@@ -22,12 +22,12 @@ from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import from_vias, straight
-from plan.planners.base import Budget, Ledger
+from plan.planners.base import Ledger
 from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
-from plan.problem.task_file import Task, TaughtVias
+from plan.problem.task_file import Task
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
@@ -147,22 +147,21 @@ def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | In
 
 
 def cheapest_goal(
-    problems: Sequence[PlanningProblem], posed: bool, budget: Budget, seed: int
+    problems: Sequence[PlanningProblem], posed: bool, budget: tuple[int, float], seed: int
 ) -> tuple[PlanningProblem, tuple[str, ...]]:
     """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
 
     Args:
         problems: One for each goal, the nearest first.
         posed: Whether the goal is a pose.
-        budget: Of the whole planning task; a third of it at most is spent here.
+        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent here.
         seed: Of all chance.
     """
     if len(problems) == 1:
         return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
-    seconds, rng = min(QUICK_SECONDS, budget.seconds / (3.0 * len(problems))), np.random.default_rng(seed)
-    costs = []
+    rng, costs, (most, seconds) = np.random.default_rng(seed), [], budget
     for problem in problems:
-        ledger = Ledger(Budget(max(1, budget.evaluations // (3 * len(problems))), seconds))
+        ledger = Ledger(max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
         best = QUICK.run([problem], ledger, rng).best
         costs.append(best.cost if best is not None and best.feasible else np.inf)
     which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
@@ -170,12 +169,10 @@ def cheapest_goal(
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
-def from_taught(problem: PlanningProblem, taught: TaughtVias) -> PlanningProblem:
-    """The problem started from taught via points, the whole duration kept."""
-    begun = from_vias(problem, taught.vias, "taught", len(taught.vias))
-    if taught.times is None:
-        return begun
-    return replace(begun, durations=np.diff([0.0, *taught.times, problem.durations.sum()]))
+def from_taught(problem: PlanningProblem, vias: Array, times: Array | None) -> PlanningProblem:
+    """The problem started from taught via points, at their time stamps if these are given; the whole duration kept."""
+    begun = from_vias(problem, vias, "taught", len(vias))
+    return begun if times is None else replace(begun, durations=np.diff([0.0, *times, problem.durations.sum()]))
 
 
 def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,12 @@ import numpy as np
 from plan.command_options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
 from plan.initial.starts import from_seeds
 from plan.initial.trees import Seed, find_seeds
-from plan.planners.base import Budget, Candidate, Ledger, Planner, make_planner
+from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.problem import STRAIGHT, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
-from plan.solving.bound import lower_bound
+from plan.solving.bound import least_energy, least_time
 from plan.solving.set_up import find_obstruction
 from plan.spline import Splines
 
@@ -36,12 +36,9 @@ SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
 USUAL = SolveOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Initial trajectories of a task."""
-
-    problems: tuple[PlanningProblem, ...]  # one problem each, the straight line or the taught way first
-    seeds: tuple[Seed, ...] = ()  # the ways round obstacles that were looked for, and why some were not found
+Starts = tuple[Sequence[PlanningProblem], Sequence[Seed]]
+"""A task from each of its initial trajectories, the straight line or the taught way first; and the ways round obstacles
+that were looked for, with why some were not found."""
 
 
 def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: float = STARTS_SECONDS) -> Starts:
@@ -61,16 +58,15 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: flo
         seeds = find_seeds(base, rng, seconds=seconds / 2)
     problems = from_seeds(base, seeds)
     if not timed:
-        return Starts(tuple(problems), tuple(seeds))
-    ledger, goal = Ledger(Budget(10**9, seconds / 2)), {"objective": "time", "free": problem.free}
+        return problems, seeds
+    ledger, goal = Ledger(10**9, seconds / 2), {"objective": "time", "free": problem.free}
     Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
     if not ledger.best_of:  # no time was left
-        return Starts((replace(problems[0], **goal),), tuple(seeds))  # type: ignore[arg-type]
+        return [replace(problems[0], **goal)], seeds  # type: ignore[arg-type]
     # The best first; three at most, one where the path stays.
     found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
     kept = found[: 1 if problem.free == "times" else 3]
-    optima = (start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept)
-    return Starts(tuple(optima), tuple(seeds))
+    return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept], seeds
 
 
 def solve(
@@ -104,45 +100,40 @@ def solve(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        return _standing(problem, result)
+        splines, certificate = certify_standing(problem)
+        if certificate.broken:
+            return replace(result, reason="; ".join(certificate.broken))
+        said = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
+        return replace(result, status="solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=said)
     reason = find_obstruction(problem)
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = Ledger(Budget(*options.budget), shown=True)
-    if starts is None and planner.explores:
-        starts = Starts((problem,))
-    starts = starts or find_starts(problem, rng, min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds))
-    planner.run(starts.problems, ledger, rng)
-    best, certificate = _certified(ledger, rng)
+    ledger = Ledger(*options.budget, shown=True)
+    if starts is None:
+        seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
+        starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
+    planner.run(starts[0], ledger, rng)
+    best, found = _certified(ledger, rng)
     result = replace(
         result,
         splines=None if best is None else best.splines,
-        certificate=certificate,
+        certificate=found,
         evaluations=ledger.evaluations,
-        bound=lower_bound(problem),
-        starts=_start_records(starts, ledger),
+        bound=least_time(problem) if problem.objective == "time" else least_energy(problem),
+        starts=_start_records(*starts, ledger),
         history=tuple(ledger.history),
-        notes=(*problem.notes, *_cuts(certificate), *ledger.notes),
-        **_judge(certificate, ledger, starts),
+        notes=(*problem.notes, *_cuts(found), *ledger.notes),
+        **_judge(found, ledger, starts[1]),
     )
     if options.gap and result.solved:
-        result = replace(result, reference_gap=_gap(result, starts))
+        result = replace(result, reference_gap=_gap(result, starts[0]))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
 
 
 def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     """Pairs that keep less than what was asked for, in words."""
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
-
-
-def _standing(problem: PlanningProblem, result: PlanResult) -> PlanResult:
-    """Start and goal are the same: a plan of zero length, unless the arm can't stay there."""
-    splines, certificate = certify_standing(problem)
-    if certificate.broken:
-        return replace(result, reason="; ".join(certificate.broken))
-    notes = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-    return replace(result, status="solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=notes)
 
 
 def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:
@@ -186,7 +177,7 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
         for turn in range(MENDS):
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
                 return
-            own, slack = Ledger(Budget(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS)))), 1.002 + 0.01 * turn
+            own, slack = Ledger(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS))), 1.002 + 0.01 * turn
             tighter = replace(
                 limits,
                 torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
@@ -200,23 +191,25 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
                 yield Candidate(found.problem, found.x, found.cost, 0.0)
 
 
-def _judge(certificate: Certificate | None, ledger: Ledger, starts: Starts) -> dict[str, Any]:
+def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed]) -> dict[str, Any]:
     """Status of a search, and its reason."""
     if certificate is None:
         return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
     broken = certificate.broken
     if not broken:
         return {"status": "solved"}
-    failed = [f"{seed.label}: {seed.reason}" for seed in starts.seeds if seed.reason]
+    failed = [f"{seed.label}: {seed.reason}" for seed in seeds if seed.reason]
     reason = f"the best motion found is not allowed: {'; '.join(broken[:2])}"
-    if starts.seeds and len(failed) == len(starts.seeds):
+    if seeds and len(failed) == len(seeds):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
     return {"status": "budget_spent" if ledger.remaining == 0 else "infeasible", "reason": reason}
 
 
-def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]:
+def _start_records(
+    problems: Sequence[PlanningProblem], seeds: Sequence[Seed], ledger: Ledger
+) -> tuple[dict[str, Any], ...]:
     """What became of every initial trajectory: the cost it reached, or why it failed."""
-    known = {problem.label: problem for problem in starts.problems}
+    known = {problem.label: problem for problem in problems}
     left_out = "left out: the same way as another, or more energy than the ones tried"
     records: dict[str, dict[str, Any]] = {
         seed.label: {
@@ -225,7 +218,7 @@ def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]
             "via_points_rad": seed.vias.tolist(),
             "reason": seed.reason or ("" if seed.label in known else left_out),
         }
-        for seed in starts.seeds
+        for seed in seeds
     }
     for label in dict.fromkeys([*known, *ledger.best_of]):
         record = records.setdefault(label, {"label": label, "reason": ""})
@@ -237,12 +230,12 @@ def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]
     return tuple(records.values())
 
 
-def _gap(result: PlanResult, starts: Starts) -> float | None:
+def _gap(result: PlanResult, problems: Sequence[PlanningProblem]) -> float | None:
     """Cost above the default method's, as a share; below zero where this one found better."""
     if result.method == DEFAULT_METHOD:
         return 0.0
-    ledger = Ledger(Budget(USUAL_BUDGET[0], GAP_SECONDS))
-    best = Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed)).best
+    ledger = Ledger(USUAL_BUDGET[0], GAP_SECONDS)
+    best = Sequential().run(problems, ledger, np.random.default_rng(result.seed)).best
     if best is None or not best.feasible:
         return None
     timed = result.objective == "time"

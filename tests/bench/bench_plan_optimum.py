@@ -35,7 +35,7 @@ from plan.geometry.solids import Box
 from plan.initial.starts import from_vias, straight
 from plan.initial.trees import Trees
 from plan.paper.toppra import Toppra
-from plan.planners.base import Budget, Ledger
+from plan.planners.base import Ledger
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.problem import Limits, PlanningProblem
@@ -134,10 +134,10 @@ def box(number: int, of: int, rng: np.random.Generator) -> Box:
 
 def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None, seconds: float) -> float:
     """The best of many starts, and of CMA-ES from the best known on a grid that is coarse enough for it."""
-    ledger = Ledger(Budget(10**7, (1.0 - POLISHED) * seconds))
+    ledger = Ledger(10**7, (1.0 - POLISHED) * seconds)
     Sequential(starts=starts, kept=(8, 6, 4, 2)).run([task], ledger, np.random.default_rng(99))
     around = [p for p in (known, ledger.best.problem if ledger.best else None) if p is not None and p.dimension < 60]
-    polish = Ledger(Budget(10**7, POLISHED * seconds))
+    polish = Ledger(10**7, POLISHED * seconds)
     if around:
         Evolution(step=0.01, most=6000).run([replace(p, radius=0.3) for p in around], polish, np.random.default_rng(98))
     return min((one.best.cost for one in (ledger, polish) if one.best and one.best.feasible), default=np.inf)
@@ -153,7 +153,7 @@ def peer(task: PlanningProblem, seconds: float) -> tuple[float, float]:
 
 def one_try(task: PlanningProblem, seed: int) -> float:
     """Cost of one path of the trees; infinite where there is none or it is not allowed."""
-    ledger = Ledger(Budget(10**6, 60.0))
+    ledger = Ledger(10**6, 60.0)
     if is_installed():
         OmplToppra(seconds=2.0).run([task], ledger, np.random.default_rng(seed))
         return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
@@ -187,7 +187,7 @@ def tree_path(task: PlanningProblem, seed: int) -> np.ndarray | None:
 
 def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped-def]
     """Duration of the same path timed by TOPP-RA, all limits of the full model checked."""
-    ledger = Ledger(Budget(10**6, 60.0))
+    ledger = Ledger(10**6, 60.0)
     Toppra().run([task.with_initial(splines, free="times")], ledger, np.random.default_rng(0))
     return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
 

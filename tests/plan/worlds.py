@@ -14,7 +14,7 @@ from plan.dynamics.power import ChainTorque
 from plan.geometry.scene import Scene
 from plan.geometry.solids import Box
 from plan.initial.starts import straight
-from plan.planners.base import Budget, Ledger
+from plan.planners.base import Ledger
 from plan.problem.problem import Limits, PlanningProblem
 
 START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
@@ -85,7 +85,7 @@ def problem(*obstacles: Box, duration: float = 0.65, vias: int = 2, clearance: f
 
 def ledger(evaluations: int = 10**7, seconds: float = 300.0, **options: object) -> Ledger:
     """A ledger with a wide budget."""
-    return Ledger(Budget(evaluations, seconds), **options)  # type: ignore[arg-type]
+    return Ledger(evaluations, seconds, **options)  # type: ignore[arg-type]
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:

@@ -52,7 +52,7 @@ class OmplToppra(Planner):
             ledger.evaluate(task, task.initial[None])
             return
         timed = from_vias(replace(task, objective="time", free="times"), path[1:-1], "ompl", 2)
-        own = Ledger(replace(ledger.budget, seconds=max(ledger.budget.seconds - ledger.cpu_seconds, 0.0)))
+        own = Ledger(ledger.most, max(ledger.most_seconds - ledger.cpu_seconds, 0.0))
         Toppra().search([timed], own, rng)
         ledger.count(own.evaluations)
         ledger.notes.extend(own.notes)

@@ -130,9 +130,9 @@ def test_taught_via_points(tmp_path: Path) -> None:
     """Those of a scene are read with their stamps, or refused with the place of the fault."""
     head = 'robot = "tm5-900"\n[task]\nstart_deg = [50, 0, -120]\ngoal_deg = [80, 30, -90]\nduration_s = 3\n'
     text = "via_points_deg = [[50, 10, -100], [70, 20, -95]]\ntimes_s = [1, 2]\n"
-    taught = load_task(scene(tmp_path, head + text)).taught
-    assert taught is not None
-    assert (taught.vias.shape, taught.times.shape) == ((2, 3), (2,))
+    task = load_task(scene(tmp_path, head + text))
+    assert task.taught is not None
+    assert (task.taught.shape, task.taught_times.shape) == ((2, 3), (2,))
     for text, words in (
         ("via_points_deg = [[1, 2]]\n", "has 2 numbers, not 3"),
         ("via_points_deg = [[1, 2, 3]]\ntimes_s = [0]\n", "not above zero"),

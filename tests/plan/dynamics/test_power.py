@@ -12,7 +12,7 @@ from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, ChainTorque, differentiate_torque, energy, find_kinks, rounded, torque_of_model
-from plan.solving.bound import lower_bound
+from plan.solving.bound import least_energy
 from plan.spline import Splines
 from tests.ident.made_up import sliding_arm
 from tests.plan.worlds import bounded_nets, dense_net, joint_nets, losses, model, problem, three_joints
@@ -145,11 +145,11 @@ def test_torque_is_the_laws_own_beside_the_rest(law: NamedLaw) -> None:
 def test_the_bound_stays_below_what_motions_cost(metric: str) -> None:
     """Friction that only takes raises it; no trajectory undercuts it."""
     task = problem(metric=metric, duration=1.5, model=_with(*ALL))
-    bound, bare = lower_bound(task), lower_bound(problem(metric=metric, duration=1.5))
+    bound, bare = least_energy(task), least_energy(problem(metric=metric, duration=1.5))
     rng = np.random.default_rng(6)
     drawn = task.initial + 0.2 * rng.standard_normal((40, len(task.initial)))
     assert bound <= task.evaluate(np.concatenate([task.initial[None], drawn])).cost.min()
-    passive = lower_bound(problem(metric=metric, duration=1.5, model=_with(LAWS["stribeck"], LAWS["curved"])))
+    passive = least_energy(problem(metric=metric, duration=1.5, model=_with(LAWS["stribeck"], LAWS["curved"])))
     assert passive > bare
 
 

@@ -47,7 +47,7 @@ def test_every_point_of_a_links_mesh_lies_inside_a_part() -> None:
         [corner[k] for k in range(3)] for corner in map(shape.geometry.tri_indices, range(shape.geometry.num_tris))
     ]
     triangles = corners[np.array(numbers)]
-    parts = [Solid.hull(part).for_coal() for part in convex_parts(triangles).corners]
+    parts = [Solid.hull(part).for_coal() for part in convex_parts(triangles)[0]]
     assert len(parts) > 1
     here, speck = coal.Transform3s.Identity(), coal.Sphere(1e-5)
     for triangle in triangles[rng.choice(len(triangles), 200)]:
@@ -58,18 +58,18 @@ def test_every_point_of_a_links_mesh_lies_inside_a_part() -> None:
 
 def test_parts_are_kept_and_a_spoiled_file_is_made_anew(cache: Path) -> None:
     """The second time they come from the cache, as they were; a file that is no such thing is not believed."""
-    first = convex_parts(BEND)
+    corners, excess = convex_parts(BEND)
     (kept,) = cache.iterdir()
     for spoiled in (kept.read_bytes(), b"", b"PK\x03\x04 no archive"):
         kept.write_bytes(spoiled)
         again = convex_parts(BEND)
-        assert again.excess == first.excess
-        assert all(np.array_equal(*pair) for pair in zip(first.corners, again.corners, strict=True))
+        assert again[1] == excess
+        assert all(np.array_equal(*pair) for pair in zip(corners, again[0], strict=True))
 
 
 def test_without_a_place_to_keep_them_parts_are_found_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
-    assert len(convex_parts(BEND).corners) == 2
+    assert len(convex_parts(BEND)[0]) == 2
 
 
 def test_folded_positions_that_the_meshes_leave_free_are_not_refused() -> None:

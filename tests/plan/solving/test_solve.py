@@ -19,8 +19,7 @@ from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
 from plan.problem.rules import Pose
-from plan.problem.task_file import TaughtVias
-from plan.solving.bound import lower_bound
+from plan.solving.bound import least_energy, least_time
 from plan.solving.compare import compare, cost_at
 from plan.solving.set_up import find_obstruction, from_taught
 from plan.solving.solve import _certified, find_starts, solve
@@ -134,10 +133,9 @@ def test_gap_to_the_default_method() -> None:
 
 def test_taught_vias_are_improved() -> None:
     """From taught via points with time stamps, energy falls and the number of via points stays."""
-    taught = TaughtVias(np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]]), np.array([1.5, 2.7]))
-    task = problem(MONITOR, duration=4.0)
-    task = from_taught(task, taught)
-    start = find_starts(task, np.random.default_rng(0)).problems
+    vias = np.radians([[45.0, 18.0, -95.0], [62.0, 30.0, -80.0]])
+    task = from_taught(problem(MONITOR, duration=4.0), vias, np.array([1.5, 2.7]))
+    start, _ = find_starts(task, np.random.default_rng(0))
     assert len(start) == 1
     assert start[0].durations == pytest.approx([1.5, 1.2, 1.3])
     result = solve(task, SolveOptions(method="cma", gap=False))
@@ -149,7 +147,7 @@ def test_taught_vias_are_improved() -> None:
 def test_time_starts_from_the_energy_optimum() -> None:
     """For the time objective the initial path is the energy optimum, as in the paper."""
     task = problem(duration=1.0, objective="time", free="times")
-    (start,) = find_starts(task, np.random.default_rng(0)).problems
+    (start,), _ = find_starts(task, np.random.default_rng(0))
     energy = Evolution().run([problem(duration=1.0)], ledger(), np.random.default_rng(0)).best
     assert np.abs(start.vias - energy.splines.points[0, 1:-1]).max() < 0.05
     result = solve(task, SolveOptions(method="cma", gap=False))
@@ -193,7 +191,7 @@ def test_no_random_motion_takes_less_energy(net) -> None:  # type: ignore[no-unt
     rng = np.random.default_rng(0)
     for metric in ("signed", "positive", "absolute"):
         task = problem(model=model(net), metric=metric, duration=1.0)
-        bound = lower_bound(task)
+        bound = least_energy(task)
         motions = task.decode(task.initial + 0.3 * rng.normal(size=(200, task.dimension)))
         s, w = section_nodes(40)
         q, dq, ddq = motions.states(s)
@@ -210,21 +208,21 @@ def test_the_energy_bound_is_what_steady_motion_needs() -> None:
     q = task.start + np.linspace(0, 1, 2001)[:, None] * way
     lift = float(np.trapezoid(arm.inverse_dynamics(q, 0 * q, 0 * q) @ way, dx=1 / 2000))
     friction = losses.coulomb @ (np.abs(way) - 0.2785 * 0.01 * 2.0) + losses.viscous @ way**2 / 2.0
-    assert lower_bound(task) == pytest.approx(lift + friction + losses.offset @ way, rel=1e-3)
+    assert least_energy(task) == pytest.approx(lift + friction + losses.offset @ way, rel=1e-3)
 
 
 def test_no_plan_is_faster_than_the_bound() -> None:
     """A time plan lies above the bound, and a task limited by speed alone takes its way by its speed."""
     task = problem(objective="time", free="both")
     best = Sequential(starts=1, kept=(1,), levels=1).run([task], ledger(), np.random.default_rng(0)).best
-    bound = lower_bound(task)
+    bound = least_time(task)
     assert bound <= best.cost
     assert bound >= np.max(np.abs(task.goal - task.start) / task.limits.speed)
 
 
 def test_copper_has_no_bound() -> None:
     """Where nothing is known nothing is claimed."""
-    assert lower_bound(problem(metric="copper")) is None
+    assert least_energy(problem(metric="copper")) is None
 
 
 TASK = """robot = "tm5-900"
