@@ -29,19 +29,9 @@ from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import SearchResults
 from ident.effects.base import Effect, SessionContext, impossible
+from ident.records import read_group
 
-# Standard deviations by which what is needed must be exceeded for nine in ten to pass (law: the normal's 90 %).
-NINE_IN_TEN = 1.2816
-# How much larger than that an effect must be, for the gates ask more of it than the sums foretell: its law is not quite
-# the catalogue's, and runs that are left out know it less well. Calibrated (`tests/bench/bench_limits.py`, 15 effects):
-# at half of this 6 of 15 were named, at all of it 12 of 13, themselves or as an exact twin.
-IN_PRACTICE = 2.0
-# A parameter that does not grow in proportion to its coefficients, to this share, has no limit of this kind (chosen).
-PROPORTION = 0.05
-# An effect that would have to be so many times the largest plausible one shows nothing at all (chosen).
-NOTHING = 100.0
-# Samples that the variance of autoregressive noise is summed over (chosen: far beyond its memory).
-RESPONSE = 4000
+LIMIT = read_group(__file__, "detection_limits")
 
 HIDES = {
     "encoder": "encoder noise",
@@ -97,7 +87,7 @@ class _Typical:
     @property
     def multiple(self) -> float:
         """Least multiple that would have been named."""
-        return IN_PRACTICE * max(self.by_noise, self.by_size)
+        return LIMIT.in_practice * max(self.by_noise, self.by_size)
 
 
 def find_limits(
@@ -140,7 +130,7 @@ def _limit_at(look: _Look, by_other: Sequence[Sequence[Group]]) -> SizeLimit | N
     hidden = multiple * effect.typical.share > 1.0 or look.is_impossible(worst)
     bound = look.bound_by(worst.group) if worst.by_noise >= worst.by_size else "size"
     value = worst.figure / multiple if effect.typical.inverse else worst.figure * multiple
-    shows = multiple * effect.typical.share < NOTHING
+    shows = multiple * effect.typical.share < LIMIT.nothing
     return SizeLimit(effect, worst.group.joint, effect.typical.figure, value if shows else None, hidden, bound)
 
 
@@ -184,7 +174,7 @@ class _Look:
         columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
         power = float(scaled @ self.views[0].rest(columns) @ scaled)
-        needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + NINE_IN_TEN
+        needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + LIMIT.nine_in_ten
         by_noise = needed * np.sqrt((1.0 if absorbed else self.inflation) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
@@ -227,7 +217,7 @@ class _Look:
             if without.any() and np.isclose(self._figure(group, without), whole, rtol=1e-6):
                 parts[k] = False
         half = self._figure(group, np.where(parts, 0.5 * beta, 0.0)) * (0.5 if group.effect.typical.inverse else 2.0)
-        return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < PROPORTION else None
+        return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < LIMIT.proportion else None
 
     def _figure(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Size of the parameter that is an effect's size."""
@@ -274,7 +264,7 @@ class _Look:
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
     """Share of each joint's residual variance that is encoder noise in its columns."""
-    response = np.zeros((len(whitening.coefficients), RESPONSE))
+    response = np.zeros((len(whitening.coefficients), LIMIT.response))
     _respond(np.ascontiguousarray(whitening.coefficients), response)
     total = whitening.innovation**2 * np.sum(response**2, axis=1)
     return np.clip(1.0 - whitening.level**2 / np.maximum(total, 1e-300), 0.0, 1.0)

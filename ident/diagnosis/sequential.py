@@ -18,13 +18,9 @@ from typing import Any
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.errors import InputError
+from ident.records import read_group
 
-# The first look: fewer runs can't be left out whole (as in the block sums); each later one has this many times the
-# runs of the one before, so that all looks together cost about three times the last (both chosen).
-FIRST_RUNS, GROWTH = 5, 1.5
-# Chance of a false name that a single look may spend, and the share of the least p-value that draws can give of it
-# (chosen: else no name could pass).
-SINGLE_LOOK, RESOLUTION = 0.05, 0.5
+LIMIT = read_group(__file__, "looks")
 NOISES = ("encoder", "torque")
 
 
@@ -87,7 +83,7 @@ def look_until(
         raise InputError("--until", f"{sure:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
     looks: list[RepeatedLook] = []
     for number, runs in enumerate(count_runs(total), start=1):
-        error = min(1.0 - sure, SINGLE_LOOK)
+        error = min(1.0 - sure, LIMIT.single_look)
         spent = spend(settings, error, number)
         diagnosis = look(runs, spent)
         seconds = float(diagnosis.session["duration_s"])
@@ -100,10 +96,10 @@ def look_until(
 
 def count_runs(total: int) -> Iterator[int]:
     """Numbers of runs at which it is looked; all of them at last."""
-    runs = min(FIRST_RUNS, total)
+    runs = min(LIMIT.first_runs, total)
     while runs < total:
         yield runs
-        runs = ceil(GROWTH * runs)
+        runs = ceil(LIMIT.growth * runs)
     yield total
 
 
@@ -114,10 +110,10 @@ def share_of_look(number: int) -> float:
 
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
     """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
-    held, nats = settings.selection, -log(share_of_look(number) * error / SINGLE_LOOK)
+    held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
     slow = held.slow_error * exp(-nats)
     wandering = settings.regression.wandering
-    wandering = wandering.but(draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
+    wandering = wandering.but(draws=max(wandering.draws, ceil(1.0 / (LIMIT.resolution * slow))))
     selection = held.but(
         slow_error=slow,
         least_nats=held.least_nats + nats,

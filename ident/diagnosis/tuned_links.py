@@ -34,21 +34,12 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection
 from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
+from ident.records import read_group
 from ident.robot.arm import ArmModel
 
-# Factors of a URDF's usual error that one link may be off by (chosen: up to 80 % of its own size), and log odds that
-# one link is off by more than the others, for each link that there is (law: odds of 150 to 1).
-FACTORS, LEAST_NATS = (3.0, 8.0, 20.0), 5.0
-# Standard deviations of a usual URDF beyond which a link is wrong (law: one link in 400 of right ones).
-BEYOND = 3.0
-# Share of a number's prior variance that recordings must take away for it to be reported (chosen: most of it).
-LEAST_SHARE = 0.5
-# A URDF so many times less sure than usual says nothing (chosen: beyond the size of any link).
-UNKNOWN = 100.0
+LIMIT = read_group(__file__, "tuned_links")
 # Names of a link's changes.
 MASS, MOMENT, ABOUT = "mass_change_kg", "moment_change_{}_kgm", "about_axis_kgm"
-# A moment below this share of mass × reach of all that turns is none: gravity does not show at the joint.
-LEAST_MOMENT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +124,9 @@ def measure_tuned_links(
     change = lift @ (posterior @ score)
     variance = std**2 - np.sum(lift * (mapping * std**2).T, axis=1) + np.sum((lift @ posterior) * lift, axis=1)
     own = [_interval(value, width) for value, width in zip(change, np.sqrt(np.maximum(variance, 0.0)), strict=True)]
-    known = variance < (1.0 - LEAST_SHARE) * std**2
+    known = variance < (1.0 - LIMIT.least_share) * std**2
     # As good as no prior: what the recordings leave open stays far wider than a URDF's error.
-    free = np.linalg.inv(information + base_prior(baseline.base, UNKNOWN * baseline.number_std))
+    free = np.linalg.inv(information + base_prior(baseline.base, LIMIT.unknown * baseline.number_std))
     found = {}
     for k, link in enumerate(arm.links):
         at = range(10 * k, 10 * k + 4)
@@ -191,7 +182,7 @@ class _Relevance:
             tried = [
                 (*factors[:k], factor, *factors[k + 1 :])
                 for k in range(len(factors))
-                for factor in (1.0, *FACTORS)
+                for factor in (1.0, *LIMIT.factors)
                 if k != barred and factor != factors[k]
             ]
             found = [self._evidence(one) for one in tried]
@@ -212,7 +203,7 @@ class _Relevance:
         root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
         half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)
         along = solve_triangular(half, root.T @ self.score, lower=True)
-        cost = (LEAST_NATS + np.log(len(factors))) * sum(factor != 1.0 for factor in factors)
+        cost = (LIMIT.least_nats + np.log(len(factors))) * sum(factor != 1.0 for factor in factors)
         return float(0.5 * along @ along - np.log(np.diag(half)).sum() - cost)
 
 
@@ -242,7 +233,7 @@ def _about_axis(
     urdf = rows @ arm.inertial_parameters
     size = float(np.linalg.norm(urdf))
     mass = float(arm.inertial_parameters[10 * joint :: 10].sum())
-    if arm.sliding_joints[joint] or size < LEAST_MOMENT * mass:
+    if arm.sliding_joints[joint] or size < LIMIT.least_moment * mass:
         return None, size, 0.0
     along = urdf / size @ rows
     weights = np.linalg.lstsq(mapping.T, along, rcond=None)[0]
@@ -259,4 +250,4 @@ def _interval(value: float, std: float) -> Interval:
 
 
 def _is_beyond(change: Interval, usual: float) -> bool:
-    return max(change.low, -change.high) > BEYOND * usual
+    return max(change.low, -change.high) > LIMIT.beyond * usual

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.laws import FrictionChange, UnlistedChange
+from ident.diagnosis.change.settings import CHANGE
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import Doubt, Range
@@ -39,8 +40,6 @@ OF_FRICTION = ids("friction")
 COMMON_GAIN = ids("common_gain")
 (CARRIED,) = ids("taken_off")
 MASS = "mass_kg"
-# Points of an inner grid that are tried: a change is found at the nearest.
-MOST_POINTS = 2
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -48,9 +47,9 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
     grid = effect.variants(effect.asked(session), joint)
     if effect.partner:
         return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
-    if len(grid) <= MOST_POINTS or effect.id in LATER_ALONE:
+    if len(grid) <= CHANGE.grid_points or effect.id in LATER_ALONE:
         return grid
-    inner = np.linspace(0, len(grid) - 1, MOST_POINTS + 2)[1:-1]
+    inner = np.linspace(0, len(grid) - 1, CHANGE.grid_points + 2)[1:-1]
     return [grid[k] for k in sorted({round(float(at)) for at in inner})]
 
 

@@ -20,13 +20,15 @@ from ident.diagnosis.change.confounded_links import open_places, place_bodies
 from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
-from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
+from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
@@ -37,10 +39,6 @@ from ident.motion.motion import Motion
 from ident.progress import stage
 from ident.robot.arm import ArmModel
 
-# The URDF's error where it is right within its tolerance: what is seen with such a one alone is reported so.
-RIGHT_SHARE = 0.04
-# A change of which the baseline leaves a smaller share can't be separated from what both sets have in common.
-LEAST_SEEN = 0.02
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
 TOO_UNSURE = "these runs are too few, or move too alike, to tell its size from zero"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
@@ -180,15 +178,15 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
     """Changes that these two sets can't show, and why."""
     evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
-    right = project(gram, evidence, design.prior.tightened(LOOSE_SHARE / RIGHT_SHARE))
+    right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
         seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
         if group.effect.id in OF_FRICTION and design.moves_once[group.joint]:
             reason = "it moves in one run a side at most: how much friction differs from run to run is not known"
-        elif seen[0] >= LEAST_SEEN:
+        elif seen[0] >= CHANGE.least_seen:
             continue
-        elif seen[1] >= 2.0 * LEAST_SEEN:
+        elif seen[1] >= 2.0 * CHANGE.least_seen:
             reason = "the two sets move too differently for a URDF that may be wrong; one that is right would tell"
         elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
             share = 100.0 * used[group.joint].in_motion

@@ -21,6 +21,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.regression.run_spread import squares_left
@@ -28,11 +29,6 @@ from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import centre_of
 from ident.effects.base import Effect, SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
-
-# Two places are distinguished by more than so many standard deviations.
-APART = 2.0
-# What explains less than this share of what a change does is separated from it by any blocks.
-NEAR = 0.5
 
 
 def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
@@ -48,7 +44,7 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
     beside = project(gram, evidence, search.prior, others)
     best = search.best_by_key(beside, others)
     left = squares_left(evidence, project(gram, evidence, search.prior, groups)).sum(axis=0)
-    least, found = NEAR * best[own.key][0], []
+    least, found = CHANGE.near * best[own.key][0], []
     for score, rival in best.values():
         bodies = own.effect.id in BODIES and rival.effect.id in BODIES
         here = own.effect.scope == rival.effect.scope == "joint" and rival.joint == own.joint
@@ -64,7 +60,7 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
 def distinguished(difference: Float[Array, " B"]) -> bool:
     """Whether one model leaves more than another beyond what blocks differ by."""
     blocks = len(difference)
-    return bool(difference.sum() > APART * np.sqrt(blocks) * difference.std(ddof=1))
+    return bool(difference.sum() > CHANGE.apart * np.sqrt(blocks) * difference.std(ddof=1))
 
 
 def place_bodies(

@@ -19,16 +19,13 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import COMMON_GAIN, OF_FRICTION
 from ident.diagnosis.change.laws import FrictionChange
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
 from ident.effects.base import SessionContext
 from ident.effects.session_context import friction_level
 
 FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, COMMON_GAIN - OF_FRICTION
-# Share of what friction by load explains that a gain explains alone, from which on it is one.
-NEARLY_ALL = 0.95
-# Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.
-DAY_TO_DAY = 0.02
 
 
 @dataclass(frozen=True)
@@ -47,10 +44,6 @@ class DayToDay:
         """
         pairs = zip(runs, self.sessions, strict=True)
         return self.step**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
-
-
-# Two shares are the same if they differ by less than so many standard deviations.
-SAME = 2.0
 
 
 def day_to_day(
@@ -73,7 +66,7 @@ def day_to_day(
     change = np.concatenate(columns) @ beta
     friction = np.concatenate([run.friction[:, group.joint] for run in group.effect.asked(session).runs])
     share = max(float(change @ change / max(abs(float(friction @ change)), 1e-300)), 1e-12)
-    between = DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
+    between = CHANGE.day_to_day * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
     # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
     return DayToDay(float(between / share), float(np.median(spread) / share), sessions)
 
@@ -92,7 +85,7 @@ def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
     if (gain.effect.id, other.effect.id, gain.joint) != (GAIN, BY_LOAD, other.joint):
         return False
     alone, whole = (model.gain(one)[0] for one in (gain, other))
-    return bool(alone >= NEARLY_ALL * whole)
+    return bool(alone >= CHANGE.gain_share * whole)
 
 
 def may_be_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:
@@ -113,4 +106,4 @@ def may_be_gain(group: Group, session: SessionContext, beta: Array, covariance: 
     dry, viscous = beta / level
     spread = covariance / np.outer(level, level)
     error = np.sqrt(max(spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1], 0.0))
-    return bool(rigid.std() < friction.std() and abs(dry - viscous) < SAME * error)
+    return bool(rigid.std() < friction.std() and abs(dry - viscous) < CHANGE.same_share * error)

@@ -9,6 +9,7 @@ from ident.checks.report import TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
@@ -17,9 +18,6 @@ from ident.motion.out_of_core import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-
-# Runs of a set that are used: an even choice of more. Some dozens hold all that is to be known of what runs differ by.
-MOST_RUNS = 100
 
 
 def compare_reports(
@@ -63,7 +61,7 @@ def compare_reports(
         if not own:
             raise no_motion(side[0].session.path or side[0].session.name)
         earlier = len(motions)
-        motions = [*motions, *(own[k] for k in choose_runs(len(own), -(-len(own) // MOST_RUNS)))]
+        motions = [*motions, *(own[k] for k in choose_runs(len(own), -(-len(own) // CHANGE.most_runs)))]
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     currents = any(run.current is not None for report in reports for run in report.session.runs)

@@ -8,13 +8,12 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.diagnosis.change.settings import CHANGE
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import friction_level, hardly_moves, travel
 
-# Points between which a torque of no known law is a straight line over the joint's angle, without and with direction.
-POINTS_EVEN, POINTS_ODD = 6, 4
 # What stands in for every change that has no name.
 UNLISTED = "unlisted_change"
 
@@ -87,8 +86,8 @@ class UnlistedChange(Effect):
         low, high, columns = variant.shape["low_rad"], variant.shape["high_rad"], []
         for run in session.runs:
             place = (run.motion.q[:, joint] - low) / max(high - low, 1e-9)
-            odd = run.direction[:, joint, None] * _hats(place, POINTS_ODD)
-            columns.append(np.concatenate([_hats(place, POINTS_EVEN), odd], axis=1))
+            odd = run.direction[:, joint, None] * _hats(place, CHANGE.points_odd)
+            columns.append(np.concatenate([_hats(place, CHANGE.points_even), odd], axis=1))
         return columns
 
     def parameters(

@@ -22,16 +22,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ident.arrays import Array, Float, Int
+from ident.diagnosis.change.settings import PRIOR
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import RIDGE, Prior
 from ident.diagnosis.regression.positive import positive
-
-# Least variance that a shared law is believed to have, as a share of the square of its largest size: that these runs
-# need none says little of others. Of the URDF, as a share of its loosest belief. Below the last a law is left out.
-LEAST, LEAST_URDF, ABSENT = 1e-2, 4e-2, 1e-7
-# By how much a variance may shrink in one round, and rounds.
-SHRINK, ROUNDS = 0.03, 12
-CLOSE = 0.1
 
 
 def learn_prior(
@@ -57,7 +51,7 @@ def learn_prior(
     term = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(widths)), widths)])
     variance, urdf = np.ones(len(widths)), 1.0
     kept = np.arange(len(columns))
-    for _ in range(ROUNDS):
+    for _ in range(PRIOR.rounds):
         own = term[kept[first:]]
         at = columns[kept]
         whole = gram[np.ix_(at, at)].copy()
@@ -73,17 +67,18 @@ def learn_prior(
         square = np.bincount(own, mean[first:] ** 2 * loose, len(widths))
         open_part = np.bincount(own, np.diag(spread)[first:] * loose, len(widths))
         freedom = np.maximum(widths - open_part / variance, 1e-6 * widths)
-        new = np.where(variance > ABSENT, np.clip(np.maximum(square / freedom, SHRINK * variance), ABSENT, 1.0), ABSENT)
+        free = np.clip(np.maximum(square / freedom, PRIOR.shrink * variance), PRIOR.absent, 1.0)
+        new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
-        error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, LEAST_URDF, 1.0))
-        settled = np.abs(np.log(new / variance)).max() < CLOSE and abs(np.log(error / urdf)) < CLOSE
+        error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0))
+        settled = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
         variance, urdf = new, error
         if settled:
             break
-        kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > ABSENT)])
+        kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)])
     weights = np.zeros(layout.size + 1)
     weights[at], weights[-1] = -mean, 1.0
-    further = prior.further / np.maximum(variance[term[first:tuned]], LEAST)
+    further = prior.further / np.maximum(variance[term[first:tuned]], PRIOR.least)
     return replace(prior, base=prior.base / urdf, further=further), weights
 
 

@@ -20,6 +20,7 @@ from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.learnt_prior import learn_prior, measure_block_dispersion
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
 from ident.diagnosis.change.permuted_sets import PermutedSets
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.design import Group, NotTestable, layout_of
@@ -34,11 +35,6 @@ from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-
-# Standard deviation of a URDF's numbers, as a share of each link's own: two sets of recordings need no good one.
-LOOSE_SHARE = 0.5
-# Standard deviation of a shared law's coefficients, in their largest plausible size: twice what a diagnosis believes.
-LOOSE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +94,7 @@ def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -
     """What is known of the baseline beforehand."""
     layout, scale = sums.evidence.layout, sums.evidence.scale
     sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
-    std = LOOSE * sizes * scale[layout.tuned - layout.further : layout.tuned]
+    std = CHANGE.shared_laws * sizes * scale[layout.tuned - layout.further : layout.tuned]
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 
 
@@ -106,7 +102,8 @@ def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tu
     """The prior that the recordings support, every change beside it, and the weights of what is then left."""
     scale = sums.evidence.scale
     first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
-    later = [(one.columns, (LOOSE * _largest(one, session) * scale[one.columns]) ** -2.0) for one in first.values()]
+    sizes = [CHANGE.shared_laws * _largest(one, session) * scale[one.columns] for one in first.values()]
+    later = [(one.columns, size**-2.0) for one, size in zip(first.values(), sizes, strict=True)]
     widths = [len(group.columns) for group in sums.common]
     return learn_prior(sums.evidence, loose_prior(sums, session, baseline), widths, later)
 
@@ -135,7 +132,7 @@ def build_design(
     at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
     motions = [*first, *second]
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
-    baseline = fit_baseline(first, arm, LOOSE_SHARE, still=at_rest)
+    baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=at_rest)
     session = build_session(baseline, motions, common_clock=False)
     own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
     own = replace(own, common_clock=one_clock)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.diagnosis.regression.dwells import DwellRows, HeldFriction
@@ -20,12 +21,6 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
-
-# Folds of each set; a set of fewer runs is cut into pieces.
-FOLDS, PIECES = 5, 3
-# Blocks of each set: as many as a diagnosis has of one. Of fewer than the second number no test can show anything: all
-# of their signs are alike by chance in one of a hundred cases.
-SIDE_BLOCKS, FEWEST_BLOCKS = 64, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +44,7 @@ class Sides:
     def too_short(self) -> bool:
         """Whether one of the sets is too short for any test."""
         blocks = int(self.later_blocks.sum())
-        return min(blocks, len(self.run_of_block) - blocks) < FEWEST_BLOCKS
+        return min(blocks, len(self.run_of_block) - blocks) < CHANGE.fewest_blocks
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -68,7 +63,8 @@ def partition_sides(
     lengths = np.array([motion.filtered_length for motion in motions])
     seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
     totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
-    counts = np.maximum(1, np.round(seconds / np.maximum(settings.shortest_block_s, totals / SIDE_BLOCKS)).astype(int))
+    of_block = np.maximum(settings.shortest_block_s, totals / CHANGE.side_blocks)
+    counts = np.maximum(1, np.round(seconds / of_block).astype(int))
     starts = tuple(
         np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
     )
@@ -91,7 +87,7 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
     for side in (False, True):
         here = later[run_of_block] == side
         runs = run_of_block[here] - run_of_block[here].min()
-        dealt = runs % FOLDS if runs.max() + 1 >= PIECES else np.arange(len(runs)) % PIECES
+        dealt = runs % CHANGE.folds if runs.max() + 1 >= CHANGE.pieces else np.arange(len(runs)) % CHANGE.pieces
         folds[here] = first + dealt
         first = int(folds[here].max()) + 1
     return folds

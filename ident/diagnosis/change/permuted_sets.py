@@ -29,16 +29,10 @@ from scipy.special import digamma, polygamma
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
+from ident.diagnosis.change.settings import PERMUTED
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
 from ident.diagnosis.regression.positive import positive
-
-# Degrees of freedom of a variance from few laws, and as many as other laws may lend: they are not independent.
-PRIOR_DOF, MOST_DOF = 2.0, 20.0
-# Parts of each side that are dealt (its runs; every sixth together where there are more), or of a run; dealings.
-MOST_PARTS, PIECES, DEALINGS = 6, 3, 6
-# Mean square of a gain that counts as none.
-LEAST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -111,7 +105,7 @@ class PermutedSets:
                     gain = float(rest[at, -1] @ np.linalg.solve(matrix, rest[at, -1]))
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
-        squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), LEAST) for key in keys])
+        squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
         many = min(len(self.dealings), self.freedom)
         freedom = many * np.array([float(np.mean([width for _, width in gains[key]])) for key in keys])
         usual = fit_scaled_f(squares, freedom)
@@ -173,8 +167,8 @@ def _parts(sides: Sides) -> Int[Array, " B"]:
         here = np.flatnonzero(sides.later_blocks == side)
         runs = np.unique(sides.run_of_block[here], return_inverse=True)[1]
         count = int(runs.max()) + 1
-        few = np.arange(len(here)) * PIECES // len(here)
-        found[here] = first + (few if count == 1 else runs % min(count, MOST_PARTS))
+        few = np.arange(len(here)) * PERMUTED.pieces // len(here)
+        found[here] = first + (few if count == 1 else runs % min(count, PERMUTED.most_parts))
         first = int(found[here].max()) + 1
     return found
 
@@ -188,7 +182,7 @@ def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
     for k in rng.permutation(len(halves[0]) * len(halves[1])):
         one = frozenset((*halves[0][k // len(halves[1])], *halves[1][k % len(halves[1])]))
         found.setdefault(min(tuple(sorted(one)), tuple(sorted(every - one))), one)
-        if len(found) == DEALINGS:
+        if len(found) == PERMUTED.dealings:
             break
     return tuple(np.array(sorted(one)) for one in found.values())
 
@@ -196,11 +190,11 @@ def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
 def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> NullVariance:
     """Scale and degrees of freedom of a prior of variances, by the moments of their logarithms."""
     if len(squares) < 3:
-        return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PRIOR_DOF)
+        return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom)
     logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
     mean, beyond = float(logs.mean()), float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
-    if beyond <= float(polygamma(1, 0.5 * MOST_DOF)):
-        half = 0.5 * MOST_DOF
+    if beyond <= float(polygamma(1, 0.5 * PERMUTED.most_freedom)):
+        half = 0.5 * PERMUTED.most_freedom
     else:
-        half = float(brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * MOST_DOF))
+        half = float(brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * PERMUTED.most_freedom))
     return NullVariance(float(np.exp(mean + digamma(half) - np.log(half))), 2.0 * half)

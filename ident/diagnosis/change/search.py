@@ -32,6 +32,7 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.friction_drift import GAIN, DayToDay, day_to_day, is_gain_by_load
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
+from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
@@ -40,16 +41,6 @@ from ident.diagnosis.selection.name_probability import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.intervals import NORMAL_95
-
-# Odds that a change must have to be named, if something has changed as likely as not.
-LEAST_ODDS = 10.0
-# Changes of greatest evidence, and likeliest ones, that are weighed at each step; rounds of swaps.
-MOST_WEIGHED, ROUNDS = 6, 2
-# Log odds that something changed are worth this share of what they say (of names of real arms below 12 nats half were
-# right, of others nine of ten), and those of one law against another this; of a class are names short of so few nats.
-TEMPER, AGAINST, CLASS_NATS = 0.1, 0.5, 3.0
-# Odds that a change must have besides, where what laws gain by chance decides: of names below them 1 of 9 was right.
-FEW_DEALT = 50.0
 
 
 @dataclass(frozen=True)
@@ -128,7 +119,7 @@ class ChangeSearch(Search):
     @cached_property
     def least(self) -> float:
         """Log evidence that a change must have; of their places and points effects pay for themselves."""
-        return float(np.log(LEAST_ODDS * len({group.effect.id for group in self.evidence.layout.groups})))
+        return float(np.log(CHANGE.least_odds * len({group.effect.id for group in self.evidence.layout.groups})))
 
     @cached_property
     def asked(self) -> int:
@@ -182,7 +173,7 @@ class ChangeSearch(Search):
 
     def _settled(self, names: list[Group], failed: dict[Key, Weighed], fallen: set[Key]) -> list[Group]:
         """The names, each at its best point or with a likelier one in its place, without those that do not stand."""
-        for _ in range(ROUNDS):
+        for _ in range(CHANGE.rounds):
             before = list(names)
             for slot, own in enumerate(names):
                 others = names[:slot] + names[slot + 1 :]
@@ -217,7 +208,7 @@ class ChangeSearch(Search):
                 uneven = float(np.square(scores[:, group.columns] @ scaled).sum()) / gain**2 * len(scores)
                 return 0.5 * (len(scores) + len(group.columns)) * np.log1p(1.0 / uneven) - self.cost_of(group)
 
-            tried = (sorted(counts, key=key, reverse=True)[:MOST_WEIGHED] for key in (counts.__getitem__, odds))
+            tried = (sorted(counts, key=key, reverse=True)[: CHANGE.most_weighed] for key in (counts.__getitem__, odds))
             likely = sorted({one for some in tried for one in some}, key=lambda one: -counts[one])
             self._candidates[known] = {one: best[one] for one in likely}
         return self._candidates[known]
@@ -263,15 +254,15 @@ class ChangeSearch(Search):
         """
         others = [one.group for k, one in enumerate(weighed) if k != slot]
         own, standing = weighed[slot].group, weighed[slot].standing
-        name, sure = own.effect.id, TEMPER * weighed[slot].odds
+        name, sure = own.effect.id, CHANGE.temper * weighed[slot].odds
         best: dict[str, float] = {name: sure}
         evidence = self.score_beside(self.evidence.gram(), own, others)
         for one, score in self._rivals(own, others).items():
             # Evidence is worth as much less as the change's variance exceeds that of the noise model.
-            odds = sure + AGAINST * (score - evidence) / np.exp(standing.looser)
+            odds = sure + CHANGE.against * (score - evidence) / np.exp(standing.looser)
             best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
         total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # nothing at all is as likely at the threshold
-        near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CLASS_NATS)
+        near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CHANGE.class_nats)
         likely = self.settings.most_sure * float(np.exp(sure - total))
         odds = {one: float(np.exp(sure + log)) for log, one in near}
         more = [group.effect.id for group in places] + ([GAIN] if gain else [])
@@ -301,5 +292,5 @@ class ChangeSearch(Search):
         least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = standing.nats - max(cost, least) - self.least
         if not standing.of_the_day:  # what decides came of few permutations
-            odds -= np.log(FEW_DEALT)
+            odds -= np.log(CHANGE.few_dealt_odds)
         return Weighed(group, standing, float(odds))

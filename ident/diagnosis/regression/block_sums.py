@@ -20,8 +20,8 @@ from scipy.linalg.lapack import dtpttr, dtrttp
 from ident.arrays import Array, Float, Int
 from ident.motion.out_of_core import SpooledArrays
 
-# Sums of one joint that are more numbers than this wait on disk: 8 MB.
-HELD_NUMBERS = 1_000_000
+# Sums of one joint that are more numbers than this wait on disk: 40 MB.
+HELD_NUMBERS = 5_000_000
 
 Halves = list[Float[Array, " h"]] | SpooledArrays
 """Of each block its sums below the diagonal and on it, in memory or on disk."""

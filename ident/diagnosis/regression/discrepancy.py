@@ -20,18 +20,12 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.motion.motion import last_turns
+from ident.records import read_group
 
 Block = Literal["state", "memory", "time", "coupling"]
 BLOCKS: tuple[Block, ...] = ("state", "memory", "time", "coupling")
 
-# Columns of the blocks that are drawn: twice as many change no variance by more than its error.
-STATE_COLUMNS, COUPLING_COLUMNS = 64, 32
-# Length scales of the features, in standard deviations of their inputs.
-LENGTHS = (0.5, 1.0, 2.0)
-# Travel [rad] and time [s] over which a joint forgets its last reversal.
-TRAVELS, AGES = (0.005, 0.02, 0.1), (0.1, 0.5)
-# Waves of the session's time.
-WAVES = 4
+SHAPE = read_group(__file__, "discrepancy")
 
 
 class Discrepancy(Effect):
@@ -71,16 +65,17 @@ class Discrepancy(Effect):
         x = (_inputs(run, joint) - centre) / scale
         direction = run.direction[:, joint : joint + 1]
         if self.block == "state":
-            return _features(x[:, :5], direction, STATE_COLUMNS, 3, 100 + joint)
+            return _features(x[:, :5], direction, SHAPE.state_columns, 3, 100 + joint)
         if self.block == "coupling":
-            return _features(x[:, 5:], direction, COUPLING_COLUMNS, 2, 200 + joint)
+            return _features(x[:, 5:], direction, SHAPE.coupling_columns, 2, 200 + joint)
         if self.block == "memory":
             age, moved = since_reversal(run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint])
-            fade = [np.exp(-np.abs(moved) / travel) for travel in TRAVELS] + [np.exp(-age / one) for one in AGES]
+            fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
+            fade += [np.exp(-age / one) for one in SHAPE.ages_s]
             fading = np.stack(fade, axis=1)
             return np.concatenate([fading, fading * direction, fading * direction * x[:, 2:3]], axis=1)
         at = (run.motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
-        waves = np.cos(np.pi * at[:, None] * np.arange(1, WAVES + 1))
+        waves = np.cos(np.pi * at[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
 
@@ -105,7 +100,7 @@ def _features(
     weights = np.zeros((x.shape[1], count))
     for m in range(count):
         used = rng.choice(x.shape[1], min(int(rng.integers(1, active + 1)), x.shape[1]), replace=False)
-        weights[used, m] = rng.standard_normal(len(used)) / LENGTHS[m % len(LENGTHS)]
+        weights[used, m] = rng.standard_normal(len(used)) / SHAPE.lengths[m % len(SHAPE.lengths)]
     waves = np.cos(x @ weights + rng.uniform(0.0, 2.0 * np.pi, count))
     waves[:, 1::2] *= direction
     return np.asarray(waves)

@@ -27,17 +27,9 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.intervals import coefficient_interval
 from ident.effects.session_context import coulomb_level
 from ident.motion.motion import Motion
+from ident.records import read_group
 
-# Share of a hold that is kept at the least when its ends, which filter and smoother blur, are cut off.
-KEPT_SHARE = 1.0 / 3.0
-# A change of torque within a hold parts it where it is larger than so many levels of static friction and noise.
-JUMP_LEVELS, JUMP_NOISE = 2.0, 6.0
-# Standard deviation of what friction leans to after a motion, in units of its level.
-LEANING = 0.5
-# The shortest stretch between two such jumps [s].
-JUMP_SHORTEST_S = 0.1
-# An angle that a joint has kept from one run to the next [rad or m], beside the encoder's noise.
-SAME_ANGLE = 1e-3
+LIMIT = read_group(__file__, "dwells")
 
 
 @dataclass(frozen=True)
@@ -88,7 +80,7 @@ def _holds_of(moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int
     for start, stop in _stretches(~moving):
         if stop - start < reach:  # a turn
             continue
-        cut = min(reach, int((1.0 - KEPT_SHARE) * (stop - start) / 2.0))
+        cut = min(reach, int((1.0 - LIMIT.kept_share) * (stop - start) / 2.0))
         found.append(Hold(start + cut, stop - cut, float(heading[start - 1]) if start else 0.0))
     return tuple(found)
 
@@ -148,7 +140,7 @@ def dwell_rows(
     changes = 1 + np.flatnonzero(np.diff(blocks))  # where another block of time begins
     found = []
     for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
-        q, jump = motion.q[motion.coarse, j], JUMP_LEVELS * friction[j] + JUMP_NOISE * noise[j]
+        q, jump = motion.q[motion.coarse, j], LIMIT.jump_levels * friction[j] + LIMIT.jump_noise * noise[j]
         parted = _parted((*holds, *turns), tables[j][:, -1], q, jump, motion)
         pieces = [
             (start, stop, one.sign, number)
@@ -178,7 +170,7 @@ def _parted(
     holds: Sequence[Hold], torque: Float[Array, " t"], q: Float[Array, " t"], jump: float, motion: Motion
 ) -> list[Hold]:
     """Holds of a joint, parted where the torque jumps or the joint has crept on; of motion after that nobody knows."""
-    least, found = round(JUMP_SHORTEST_S / (motion.interval * motion.lowpass.factor)) + 1, []
+    least, found = round(LIMIT.shortest_s / (motion.interval * motion.lowpass.factor)) + 1, []
     for one in holds:
         sign = one.sign
         whole = [(0, one.stop - one.start)]
@@ -234,7 +226,7 @@ def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows
     for k, one in enumerate(parts):
         own = one.hold + number
         if len(own):
-            begins = k != alike and one.sign[0] == 0.0 and abs(one.angle[0] - kept) < SAME_ANGLE
+            begins = k != alike and one.sign[0] == 0.0 and abs(one.angle[0] - kept) < LIMIT.same_angle
             own = own - int(begins)
             number, kept = int(own[-1]) + 1, float(one.angle[-1])
         hold.append(own)
@@ -277,4 +269,4 @@ class HeldFriction(Effect):
         return None if any(signs) else f"{session.joint_names[joint]} never comes to rest"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LEANING * coulomb_level(session, joint)])
+        return np.array([LIMIT.leaning * coulomb_level(session, joint)])

@@ -25,7 +25,7 @@ from ident.robot.chain import PER_LINK
 CHUNK_SIZE = 2_000 * 36
 # The same of a session whose baseline's columns are kept from pass to pass, some 100 MiB at the most; and of runs whose
 # tables wait in memory until noise and scale are known: those of more wait on disk.
-KEPT_SIZE, WAITING_SIZE = 30_000 * 36, 4_000 * 36
+KEPT_SIZE, WAITING_SIZE = 30_000 * 36, 14_000 * 36
 # Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
 BATCH_COLUMNS = 64
 

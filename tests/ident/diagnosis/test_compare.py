@@ -12,11 +12,11 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.confounded_links import distinguished, place_bodies
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
-from ident.diagnosis.change.learnt_prior import LEAST
-from ident.diagnosis.change.paired_design import LOOSE, PairedDesign, build_design
+from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.permuted_sets import _parts
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch
+from ident.diagnosis.change.settings import CHANGE, PRIOR
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.name_probability import estimate_effects
@@ -330,7 +330,7 @@ def test_laws_that_both_sets_share_are_as_large_as_laws_are(arm: ArmModel) -> No
     (first,) = [one for one in design.sums.common if one.effect.id == "torque_offset" and one.joint == 1]
     at = design.sums.common.index(first)
     column = sum(len(one.columns) for one in design.sums.common[:at])
-    largest = LOOSE * LARGEST_OFFSET_SHARE * rated_torque(design.session, 1)
+    largest = CHANGE.shared_laws * LARGEST_OFFSET_SHARE * rated_torque(design.session, 1)
     scale = evidence.scale[evidence.layout.tuned - evidence.layout.further + column]
     loosest = 1.0 / (largest * scale) ** 2
-    assert loosest * (1.0 - 1e-9) <= design.prior.further[column] <= loosest / LEAST * (1.0 + 1e-9)
+    assert loosest * (1.0 - 1e-9) <= design.prior.further[column] <= loosest / PRIOR.least * (1.0 + 1e-9)
