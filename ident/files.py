@@ -10,12 +10,15 @@ import secrets
 import shutil
 import socket
 import stat
+import sys
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ident.errors import InputError
@@ -24,12 +27,9 @@ from ident.outputs import (
     absolute,
     require_own_folder,
     require_plain,
-    sha256_of,
     unwritable,
     write_marker,
 )
-
-__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "user_cache", "write_record"]
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -45,6 +45,21 @@ class WithoutBytecode(SourceFileLoader):
 
     def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
         """Where Python would write its bytecode."""
+
+
+def run_python(path: Path, name: str) -> ModuleType:
+    """Runs a Python file as a module of a name, and leaves nothing beside it."""
+    loader = WithoutBytecode(name, str(path))
+    spec = spec_from_loader(name, loader)
+    assert spec is not None
+    module = module_from_spec(spec)
+    # Dataclasses look their module up while it is being made; a second file must not find the first one's.
+    sys.modules[name] = module
+    try:
+        loader.exec_module(module)
+    finally:
+        del sys.modules[name]
+    return module
 
 
 @contextmanager
@@ -170,9 +185,15 @@ def clear_temporaries(target: Path) -> None:
 
 def _put_in_place(temporary: Path, target: Path) -> None:
     """Renames a folder to its target; what was there has the temporary name afterwards."""
+    exchanged = False
     if not target.exists():
         os.replace(temporary, target)
-    elif not _exchange(temporary, target):
+        return
+    with suppress(AttributeError, OSError, TypeError):  # of a system that can't
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+        names = AT_FDCWD, os.fsencode(temporary), AT_FDCWD, os.fsencode(target)
+        exchanged = rename(*names, RENAME_EXCHANGE) == 0
+    if not exchanged:
         retired = temporary.with_name(temporary.name + RETIRED)
         os.replace(target, retired)
         try:
@@ -181,15 +202,6 @@ def _put_in_place(temporary: Path, target: Path) -> None:
             os.replace(retired, target)
             raise
         shutil.rmtree(retired, ignore_errors=True)
-
-
-def _exchange(first: Path, second: Path) -> bool:
-    """Lets two names change places in one step; False where the system can't."""
-    try:
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError, TypeError):
-        return False
-    return bool(rename(AT_FDCWD, os.fsencode(first), AT_FDCWD, os.fsencode(second), RENAME_EXCHANGE) == 0)
 
 
 @contextmanager

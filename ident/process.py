@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn, Self, TextIO
 
 from ident.errors import InputError, visible
 
@@ -68,13 +68,19 @@ def run_command(name: str, module: str) -> NoReturn:
         name: The command's name, for its messages.
         module: Module with a typer application called `app`.
     """
-    with _patient_streams(name) as streams, _signals(name) as signals:
+    with _patient_streams(name) as streams, _Signals(name) as signals:
         if not sys.warnoptions:  # a library's warnings are for us: what concerns the user is told as an issue
             warnings.simplefilter("ignore")
         status = _run(name, module, signals)
         for stream in streams:
             stream.flush()
-        status = status or _told(name, streams)
+        for failed in (one.failed for one in streams if one.failed is not None):
+            if not isinstance(failed, BrokenPipeError):  # who closed a pipe has read enough
+                with suppress(OSError, ValueError):
+                    reason = failed.strerror or str(failed)
+                    print(f"{name}: the screen's output: {reason}; the results' files are written", file=sys.stderr)
+                status = status or SYSTEM
+                break
     gc.freeze()  # else Python looks through all that is loaded once more before it ends: 0.3 s
     sys.exit(status)
 
@@ -123,17 +129,6 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         say("stopped")
         return signals.status
     return status if isinstance(status, int) else 0
-
-
-def _told(name: str, streams: tuple[_Patient, ...]) -> int:
-    """Status for output that could not be printed; who closed a pipe has read enough."""
-    for stream in streams:
-        if stream.failed is not None and not isinstance(stream.failed, BrokenPipeError):
-            with suppress(OSError, ValueError):
-                reason = stream.failed.strerror or str(stream.failed)
-                print(f"{name}: the screen's output: {reason}; the results' files are written", file=sys.stderr)
-            return SYSTEM
-    return 0
 
 
 class _Patient:
@@ -195,6 +190,18 @@ class _Signals:
 
     def __init__(self, name: str) -> None:
         self.name, self.is_loading, self.came, self.status = name, True, False, SIGNALLED + signal.SIGINT
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+            with suppress(ValueError, OSError):  # not in the main thread: whoever runs us there has their own
+                if signal.getsignal(number) != signal.SIG_IGN:  # nohup and its like stay as they are
+                    self._before.setdefault(number, signal.signal(number, self))
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        for number, earlier in self._before.items():
+            signal.signal(number, earlier)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         self.status = SIGNALLED + number
@@ -205,18 +212,3 @@ class _Signals:
             os._exit(self.status)
         self.came = True
         raise KeyboardInterrupt
-
-
-@contextmanager
-def _signals(name: str) -> Iterator[_Signals]:
-    handler = _Signals(name)
-    before: dict[int, Any] = {}
-    for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-        with suppress(ValueError, OSError):  # not in the main thread: whoever runs us there has their own
-            if signal.getsignal(number) != signal.SIG_IGN:  # nohup and its like stay as they are
-                before.setdefault(number, signal.signal(number, handler))
-    try:
-        yield handler
-    finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)

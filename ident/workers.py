@@ -40,7 +40,7 @@ def run_tasks(
     scheduler: str | None = None,
     done: Callable[[str], None] = lambda name: None,
 ) -> None:
-    """Runs all tasks, in any order.
+    """Runs all tasks, in any order and in fresh processes, which know nothing of earlier tasks of another kind.
 
     Args:
         function: Importable; returns the name of its task.
@@ -55,14 +55,9 @@ def run_tasks(
     """
     if not tasks:
         return
-    if scheduler is None:
-        _run_here(function, tasks, workers, done)
-    else:
+    if scheduler is not None:
         _run_on_cluster(function, tasks, scheduler, done)
-
-
-def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, done: Callable[[str], None]) -> None:
-    """In fresh processes: they know nothing of earlier tasks of another kind."""
+        return
     waiting = dict(enumerate(tasks))
     for _ in range(MOST_LOSSES):
         workers = min(workers, len(waiting))

@@ -13,7 +13,7 @@ from ident.diagnosis.result import Diagnosis
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import FILES, write_export, write_patch
-from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
+from ident.model.evaluation import VERIFICATION_SCHEMA, Check, check_limits, evaluate, load_limits
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.results import Provenance, Result, files_of, runs_of
@@ -143,7 +143,9 @@ def verify(model: HybridModel | str | Path, sessions: Sources, limits: str | Pat
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
     opened = open_sessions(sessions, loaded, chosen.topic, chosen.session_file, chosen.cutoff, learning=False)
     name = loaded.robot.name if loaded is model else Path(str(model)).name
-    checks = tuple(check for score in evaluate(loaded, opened.groups, name).sessions for check in wanted.check(score))
+    checks = tuple(
+        check for score in evaluate(loaded, opened.groups, name).sessions for check in check_limits(score, wanted)
+    )
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
     origin = Provenance("ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps)
     return Verification(name, loaded.robot.name, loaded.joint_names, checks, seen, chosen.in_sample, provenance=origin)

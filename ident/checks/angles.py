@@ -44,7 +44,7 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
         return session, []
     found = compare_velocities(session)
     # Whether the velocities are in the positions' unit.
-    alike = found is None or not found.moving.any() or float(np.median(found.slope[found.moving])) > 0.1
+    alike = found is None or not found[0].any() or float(np.median(found[1][found[0]])) > 0.1
     converted = scale_angles(session, math.radians(1.0), turning, alike)
     as_radians, as_degrees = (0.0, 0.0) if arm is None else [explained_by_model(s, arm) for s in (session, converted)]
     tells = max(as_degrees, as_radians) > LIMIT.model_tells

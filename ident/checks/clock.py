@@ -14,7 +14,7 @@ from ident.arrays import Array, Float
 from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import CLOCK as LIMIT
-from ident.checks.filtered_run import Velocities, compare_velocities
+from ident.checks.filtered_run import compare_velocities
 from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
@@ -169,10 +169,16 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
     """Finds time that runs at another rate. The session is corrected for the checks that follow; a fit is refused."""
     interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
     found = compare_velocities(session)
-    if found is not None and found.moving.any():
-        factor = _common_factor(found)
-        if factor is not None:
-            return _tell_factor(session, factor, "measured velocity is {:.4g} times the positions' derivative")
+    if found is not None and found[0].any():
+        moving, slope, correlation = found
+        slopes, degrees = slope[moving], math.degrees(1.0)
+        middle = float(np.median(slopes))
+        if (correlation[moving] >= LIMIT.clock_correlation).all() and len(slopes) >= 2 and middle > 0.0:
+            # By one factor, all of them, and not that of degrees, which are no clock.
+            alike = np.abs(slopes / middle - 1.0).max() <= LIMIT.clock_spread
+            in_degrees = min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < LIMIT.clock_spread
+            if abs(middle - 1.0) > LIMIT.clock_off and alike and not in_degrees:
+                return _tell_factor(session, middle, "measured velocity is {:.4g} times the positions' derivative")
     if interval > LIMIT.slowest_interval_s or 0.0 < interval < LIMIT.fastest_interval_s:
         # An interval between 0.2 ms and 0.2 s, in ms, us or ns.
         unit = 1e-3 if interval < 200.0 else 1e-6 if interval < 2e5 else 1e-9
@@ -181,18 +187,6 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
     if found is None and arm is not None:
         return session, _compare_inertia(session, arm)
     return session, []
-
-
-def _common_factor(found: Velocities) -> float | None:
-    """The factor by which all moving joints' velocities are off together, if they are; degrees are no clock."""
-    slopes, degrees = found.slope[found.moving], math.degrees(1.0)
-    middle = float(np.median(slopes))
-    alike = (found.correlation[found.moving] >= LIMIT.clock_correlation).all() and len(slopes) >= 2
-    if not alike or middle <= 0.0 or abs(middle - 1.0) <= LIMIT.clock_off:
-        return None
-    apart = np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread
-    in_degrees = min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < LIMIT.clock_spread
-    return None if apart or in_degrees else middle
 
 
 def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session, list[TelemetryIssue]]:
@@ -241,7 +235,7 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     found, degrees = compare_velocities(session), math.degrees(1.0)
     if found is None:
         return session, []
-    moving, slope, correlation = found.moving, found.slope, found.correlation
+    moving, slope, correlation = found
     in_degrees = moving & (np.abs(slope / degrees - 1.0) < LIMIT.clock_spread) & (correlation > LIMIT.clock_correlation)
     if moving.any() and in_degrees[moving].all():
         runs = [one if one.velocity is None else one.replace(velocity=one.velocity / degrees) for one in session.runs]

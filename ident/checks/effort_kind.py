@@ -110,22 +110,17 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
             if issue.issue == "effort_not_torque":
                 faint = states.heavy[joint] and fit.is_sure and fit.gravity > 0.0 and not fit.lacks_gravity
                 return "motor_current" if faint else "external_torque", issue.evidence
-        if _is_current(session, joint):
-            return "motor_current", f"the current times a constant gain; {reported}"
+        pairs = [(run.effort[:, joint], run.current[:, joint]) for run in session.runs if run.current is not None]
+        if pairs and len(pairs) == len(session.runs):
+            effort, current = (np.concatenate(values) for values in zip(*pairs, strict=True))
+            lengths = float(np.linalg.norm(effort) * np.linalg.norm(current))
+            if abs(float(effort @ current)) > (1.0 - LIMIT.same) * lengths:  # made of the current, or in another unit
+                return "motor_current", f"the current times a constant gain; {reported}"
         if not states.moving[joint]:
             return "unknown", "it hardly moves"
         return "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", reported
 
     return tuple(JointEffort(name, *judge(joint, name)) for joint, name in enumerate(session.joints))
-
-
-def _is_current(session: Session, joint: int) -> bool:
-    """Whether the effort was made of the current, or is it in another unit."""
-    pairs = [(run.effort[:, joint], run.current[:, joint]) for run in session.runs if run.current is not None]
-    if not pairs or len(pairs) < len(session.runs):
-        return False
-    effort, current = (np.concatenate(values) for values in zip(*pairs, strict=True))
-    return abs(float(effort @ current)) > (1.0 - LIMIT.same) * float(np.linalg.norm(effort) * np.linalg.norm(current))
 
 
 def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:

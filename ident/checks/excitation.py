@@ -54,24 +54,22 @@ class Independence:
             Share of the acceleration's variance that does not follow from the angle, the least over what is left where
             one recording is left out, NaN where the joint does not move; and strokes in either direction.
         """
-        least = []
-        for taken in self._sums:
-            parts = np.array([one.sum(axis=0) for one in taken] if len(taken) > 1 else list(taken[0]) if taken else [])
-            shares = _shares(parts.sum(axis=0) - parts) if taken else np.empty(0)
-            least.append(float(np.min(shares[np.isfinite(shares)])) if np.isfinite(shares).any() else np.nan)
-        return np.array(least), self._strokes
-
-
-def _shares(sums: Float[Array, "p 5 5"]) -> Float[Array, " p"]:
-    """Of the last column's variance, what does not follow from the others; of several sums."""
-    columns, target = sums[:, :4, :4], sums[:, :4, 4]
-    size = np.sqrt(np.maximum(np.diagonal(columns, axis1=1, axis2=2), 1e-300))
-    inverse = np.linalg.pinv(columns / (size[:, :, None] * size[:, None, :]), rcond=1e-9, hermitian=True)
-    explained = np.einsum("pi,pij,pj->p", target / size, inverse, target / size)
-    variance = sums[:, 4, 4] - target[:, 0] ** 2 / sums[:, 0, 0]
-    known = variance > 0.0
-    share = np.divide(sums[:, 4, 4] - explained, variance, out=np.full(len(sums), np.nan), where=known)
-    return np.where(known, np.clip(share, 0.0, 1.0), np.nan)
+        least = np.full(len(self._sums), np.nan)
+        for j, taken in enumerate(self._sums):
+            if not taken:
+                continue
+            parts = np.array([one.sum(axis=0) for one in taken] if len(taken) > 1 else list(taken[0]))
+            sums = parts.sum(axis=0) - parts
+            columns, target = sums[:, :4, :4], sums[:, :4, 4]
+            size = np.sqrt(np.maximum(np.diagonal(columns, axis1=1, axis2=2), 1e-300))
+            inverse = np.linalg.pinv(columns / (size[:, :, None] * size[:, None, :]), rcond=1e-9, hermitian=True)
+            explained = np.einsum("pi,pij,pj->p", target / size, inverse, target / size)
+            variance = sums[:, 4, 4] - target[:, 0] ** 2 / sums[:, 0, 0]
+            known = variance > 0.0
+            if known.any():
+                left = (sums[:, 4, 4] - explained)[known] / variance[known]
+                least[j] = np.min(np.clip(left, 0.0, 1.0))
+        return least, self._strokes
 
 
 # States that are kept of each session or part: there may be very many.

@@ -47,15 +47,13 @@ ARRANGEMENT = read_group(__file__, "arrangement")
 # Samples by which both ends are extended: three times the filter's own.
 PADDING = 3 * (LIMIT.filter_order + 1)
 # Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
-_KEPT: WeakKeyDictionary[Recording, FilteredRun | None] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Recording, FilteredRun] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredRun:
     """Low-passed motion of a run on an even grid, shapes (T, n)."""
 
-    run: str  # name of the run
-    time: Float[Array, " T"]  # session clock [s]
     q: Float[Array, "T n"]  # position and its derivatives [rad, rad/s, rad/s²]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
@@ -69,12 +67,8 @@ def filter_run(run: Recording) -> FilteredRun | None:
     Returns:
         The motion without the filter's transients, or None where the run is too short to have any.
     """
-    if run not in _KEPT:
-        _KEPT[run] = _filter(run)
-    return _KEPT[run]
-
-
-def _filter(run: Recording) -> FilteredRun | None:
+    if run in _KEPT:
+        return _KEPT[run]
     if len(run) < LIMIT.least_samples or run.duration <= 0.0:
         return None
     interval = run.sample_interval
@@ -97,20 +91,16 @@ def _filter(run: Recording) -> FilteredRun | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
-    return FilteredRun(run.name, grid[keep], q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)
+    _KEPT[run] = FilteredRun(q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)
+    return _KEPT[run]
 
 
-@dataclass(frozen=True, eq=False)
-class Velocities:
-    """Measured velocity = slope · derivative of position, per joint, where it moves."""
+def compare_velocities(session: Session) -> tuple[Bool[Array, " n"], Float[Array, " n"], Float[Array, " n"]] | None:
+    """Measured velocity = slope · derivative of position over all runs; None where no velocity was measured.
 
-    moving: Bool[Array, " n"]
-    slope: Float[Array, " n"]
-    correlation: Float[Array, " n"]
-
-
-def compare_velocities(session: Session) -> Velocities | None:
-    """Slope and correlation over all runs; None where no velocity was measured."""
+    Returns:
+        By joint whether it moves, slope and correlation.
+    """
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     motions = [motion for motion in motions if motion.dq_measured is not None]
     if not motions:
@@ -120,4 +110,4 @@ def compare_velocities(session: Session) -> Velocities | None:
     xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
     # A wrong time base scales the derivative, so moving is determined by either of the two.
     moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > LIMIT.moving_rad_s
-    return Velocities(moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300)))
+    return moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300))

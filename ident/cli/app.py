@@ -136,10 +136,9 @@ def diagnose(
 
     with progress_line(console, "diagnose"):
         if until is None:
-            examined = examine(sessions, robot, options)
+            diagnosis, analysis, motions, loaded = examine(sessions, robot, options)
         else:
-            examined = examine_until(until, sessions, robot, options)
-    analysis, loaded = examined.analysis, examined.model
+            diagnosis, analysis, motions, loaded = examine_until(until, sessions, robot, options)
 
     def write_page() -> None:
         if html is None:
@@ -155,18 +154,18 @@ def diagnose(
             reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
-        write_diagnosis_report(html, examined.diagnosis.to_dict(), evaluation, pictures)
+        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures)
 
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:
             from ident.show.timeline.gap import gap_curves, gap_marks
             from ident.show.timeline.writing import write_timeline
 
-            issues, marks, curves = examined.diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
-            write_timeline(rrd, analysis.baseline.nominal, examined.motions, loaded, issues, marks, curves)
+            issues, marks, curves = diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
+            write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
 
     places = {"page": html, "timeline": None if analysis is None else rrd}
-    hand_over(examined.diagnosis, json_file, write_page, write_rrd, places=places)
+    hand_over(diagnosis, json_file, write_page, write_rrd, places=places)
 
 
 @command

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from itertools import chain
@@ -93,7 +93,6 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
         if "json_file" in signature.parameters or signature.return_annotation is not None:
             keyword = inspect.Parameter.KEYWORD_ONLY
             made.append(inspect.Parameter("json_file", keyword, default=None, annotation=JsonFile))
-        marks = {one.name: _mark_of(one.annotation) for one in made}
 
         def run(**given: Any) -> None:
             chosen = {name: value for name, value in given.items() if name in signature.parameters}
@@ -101,7 +100,7 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
                 # Nothing given is the default; what may be given again comes as a list.
                 values = {one.name: given[one.name] for one in own if given[one.name] is not None}
                 chosen[name] = kinds[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
-            _check_places(marks, given)
+            _check_places(made, given)
             found = function(**chosen)
             if found is not None:
                 hand_over(found, given["json_file"])
@@ -113,19 +112,18 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
     return make
 
 
-def _mark_of(annotation: Any) -> Any:
-    """How a command takes an argument: what is a path by its type is read, where no mark says that it is written."""
-    marks = [one for one in getattr(annotation, "__metadata__", ()) if one == READS or isinstance(one, Writes)]
-    return next(iter(marks), READS if "Path" in str(get_args(annotation)[:1]) else "")
+def _check_places(parameters: Sequence[inspect.Parameter], given: Mapping[str, Any]) -> None:
+    """Looks at all that a command reads and writes, by the marks of its parameters.
 
-
-def _check_places(marks: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Looks at all that a command reads and writes, by the marks of its arguments."""
+    What is a path by its type is read, where no mark says that it is written.
+    """
     read: list[Any] = []
     files: dict[str, Path | None] = {}
     folders: dict[str, tuple[Path | None, str]] = {}
-    for name, mark in marks.items():
+    for name, kind in ((one.name, one.annotation) for one in parameters):
         value, label = given[name], "--json" if name == "json_file" else f"--{name}"
+        marks = [one for one in getattr(kind, "__metadata__", ()) if one == READS or isinstance(one, Writes)]
+        mark = next(iter(marks), READS if "Path" in str(get_args(kind)[:1]) else "")
         if mark == READS:
             read += value if isinstance(value, list) else [value]
         elif isinstance(mark, Writes) and mark.kind:

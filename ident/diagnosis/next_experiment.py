@@ -88,4 +88,4 @@ def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict
     words = words if words.startswith(joint) else words[0].upper() + words[1:]
     command = f"plan excite --robot {shlex.quote(robot)}{separate} --joint {shlex.quote(joint)} --out next_motion"
     motion = f"{words}; `{command}` works it out and writes it"
-    return {"separates": list(effects), "motion": motion, "minutes": SHOWINGS[family].minutes}
+    return {"separates": list(effects), "motion": motion, "minutes": SHOWINGS[family]["minutes"]}

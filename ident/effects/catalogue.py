@@ -7,16 +7,14 @@ which models and plans carry, too. What may be said of an effect beside its law 
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 from pathlib import Path
-from types import ModuleType
 
 from ident.effects import contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission
 from ident.effects.base import Effect, StatesEffect
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
-from ident.files import WithoutBytecode
+from ident.files import run_python
 from ident.laws.carried import TABLE
 
 FILES = (contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission)
@@ -55,7 +53,15 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
     """
     if extra is None:
         return CATALOGUE
-    module = _run_file(extra)
+    if not extra.is_file():
+        raise InputError(extra, "there is no such file", "give the path of a Python file")
+    if extra.suffix != ".py":
+        raise InputError(extra, "it is no Python file", "name it something.py")
+    try:
+        module = run_python(extra, f"armgap_effect_{extra.stem}")
+    except Exception as error:  # whatever a user's file may raise is the user's to mend
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(extra, f"it doesn't run ({reason})", "mend the file") from error
     own = [
         kind
         for _, kind in inspect.getmembers(module, inspect.isclass)
@@ -81,21 +87,3 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
             what = f"{kind.__name__} can't be made ({error})"
             raise InputError(extra, what, "let it need no arguments") from error
     return tuple(found)
-
-
-def _run_file(path: Path) -> ModuleType:
-    if not path.is_file():
-        raise InputError(path, "there is no such file", "give the path of a Python file")
-    if path.suffix != ".py":
-        raise InputError(path, "it is no Python file", "name it something.py")
-    name = f"armgap_effect_{path.stem}"
-    loader = WithoutBytecode(name, str(path))
-    spec = importlib.util.spec_from_loader(name, loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    try:
-        loader.exec_module(module)
-    except Exception as error:  # whatever a user's file may raise is the user's to mend
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError(path, f"it doesn't run ({reason})", "mend the file") from error
-    return module

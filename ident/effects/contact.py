@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.session_context import CONTACT as LIMIT
 from ident.effects.session_context import arm_reach, rated_torque
@@ -68,7 +68,21 @@ class ExternalContact(Effect):
         return (0, 1, 2)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [_push(run, variant) for run in session.runs]
+        """−Jᵀ for the three directions of the base frame, inside the window."""
+        start, end, outward = (variant.shape[name] for name in ("start_s", "end_s", "outward"))
+        edge = 0.5 * (end - start) if variant.shape["swells"] else min(LIMIT.edge, (end - start) / 4)
+        found = []
+        for run in session.runs:
+            time = run.motion.time
+            columns = np.zeros((len(time), run.n, 3))
+            inside = np.flatnonzero((time > start) & (time < end))
+            if f"run {run.motion.name}" in variant.shape and len(inside):
+                ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
+                envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
+                force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), outward)
+                columns[inside] = envelope[:, None, None] * force
+            found.append(columns)
+        return found
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -220,19 +234,3 @@ def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
     squares = np.nan_to_num(np.concatenate([values[::every] for values in leftover])) ** 2
     middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
     return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
-
-
-def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
-    """−Jᵀ for the three directions of the base frame, inside the window."""
-    time = run.motion.time
-    columns = np.zeros((len(time), run.n, 3))
-    start, end = variant.shape["start_s"], variant.shape["end_s"]
-    inside = np.flatnonzero((time > start) & (time < end))
-    if f"run {run.motion.name}" not in variant.shape or len(inside) == 0:
-        return columns
-    edge = 0.5 * (end - start) if variant.shape["swells"] else min(LIMIT.edge, (end - start) / 4)
-    ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
-    envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
-    force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), variant.shape["outward"])
-    columns[inside] = envelope[:, None, None] * force
-    return columns

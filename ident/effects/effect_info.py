@@ -182,16 +182,9 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-@dataclass(frozen=True)
-class Showing:
-    """A kind of motion and what it takes."""
-
-    family: str  # short name; `plan excite` has motions of these names
-    words: str  # what to do, with {joint} for the joint
-    minutes: float  # usual length [min]
-
-
-SHOWINGS: dict[str, Showing] = {family: Showing(family, **one) for family, one in TABLE["motions"].items()}
+# Kinds of motion by their short names, of which `plan excite` has motions: what to do in `words`, with {joint} for the
+# joint, and the usual length in `minutes`.
+SHOWINGS: dict[str, dict[str, Any]] = TABLE["motions"]
 # What parts two effects that are the same torque, or nearly so, in every motion: another set-up of the arm.
 KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
 
@@ -209,7 +202,7 @@ def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
 
 def describe_motion(family: str, joint: str) -> str:
     """A kind of motion in words, for one joint."""
-    return SHOWINGS[family].words.format(joint=joint)
+    return str(SHOWINGS[family]["words"].format(joint=joint))
 
 
 def setup_for(effects: Sequence[str], known: Iterable[Any]) -> str | None:

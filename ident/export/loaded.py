@@ -6,8 +6,6 @@ by what was meant. Without recordings, every file must differ from the tuned arm
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +20,7 @@ from ident.export.bodies import random_states
 from ident.export.controllers import describe_arm
 from ident.export.identified import IdentifiedArm, in_module
 from ident.export.mjcf import SPRING_SUFFIX, write_mjcf, write_urdf
-from ident.files import WithoutBytecode
+from ident.files import run_python
 from ident.laws.acting import Effect, acting_torque, read_log, shifted
 from ident.laws.motion import Arm, Losses, MovingArm
 from ident.motion.motion import Motion
@@ -340,15 +338,4 @@ class WrittenFile:
 
 def load_module(path: Path) -> ModuleType:
     """Imports a written module from its file."""
-    name = f"armgap_patch_{path.parent.name.strip('.')}"
-    loader = WithoutBytecode(name, str(path))
-    spec = importlib.util.spec_from_loader(name, loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses look their module up while it is being made; a second patch must not find the first one's.
-    sys.modules[name] = module
-    try:
-        loader.exec_module(module)
-    finally:
-        del sys.modules[name]
-    return module
+    return run_python(path, f"armgap_patch_{path.parent.name.strip('.')}")

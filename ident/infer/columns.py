@@ -98,7 +98,18 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
     for name in names:
         for template, label in _readings(UNIT.sub("", name), shorts):
             members[template].setdefault(label, name)
-    found = filter(None, (_family(template, by_label, shorts) for template, by_label in members.items()))
+    found = []
+    for template, by_label in members.items():
+        labels = list(by_label)
+        if all(label.isdecimal() for label in labels):
+            labels.sort(key=int)
+            if [int(label) - int(labels[0]) for label in labels] != list(range(len(labels))):
+                continue
+        elif shorts and all(label in shorts for label in labels):
+            labels.sort(key=lambda label: shorts[label])
+        if len(labels) > 1:
+            own = tuple(by_label[label] for label in labels)
+            found.append(ColumnFamily(template, own, tuple(labels), *judge_words(template)))
     return sorted(found, key=lambda family: family.doubt)
 
 
@@ -118,20 +129,6 @@ def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:
         joint, _, channel = name.rpartition("/")
         found.append((f"{PLACE}/{channel}", joint))
     return found
-
-
-def _family(template: str, by_label: dict[str, str], shorts: dict[str, int]) -> ColumnFamily | None:
-    labels = list(by_label)
-    if all(label.isdecimal() for label in labels):
-        labels.sort(key=int)
-        if [int(label) - int(labels[0]) for label in labels] != list(range(len(labels))):
-            return None
-    elif shorts and all(label in shorts for label in labels):
-        labels.sort(key=lambda label: shorts[label])
-    if len(labels) < 2:
-        return None
-    channel, doubt = judge_words(template)
-    return ColumnFamily(template, tuple(by_label[label] for label in labels), tuple(labels), channel, doubt)
 
 
 MEASURED = ("effort", "current")
@@ -196,20 +193,18 @@ def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[t
         names = tuple(f"joint_{i + 1}" for i in range(count)) if numbered else labels
         return labels, names, "numbered by the file" if numbered else "named by the file"
     own = tuple(label for label in position.labels if label in arm.joint_names)  # a whole robot's log has more
-    matched = own or (None if numbered else _match(position.labels, arm.joint_names))
+    matched = own
+    if not own and not numbered:
+        inside = [[name for name in arm.joint_names if label in name] for label in position.labels]
+        renamed = map_by_ending(position.labels, arm.joint_names)
+        if all(len(found) == 1 for found in inside) and len({found[0] for found in inside}) == len(inside):
+            matched = tuple(found[0] for found in inside)
+        elif set(position.labels) <= set(renamed):
+            matched = tuple(renamed[label] for label in position.labels)
     if matched:
         return own or labels, matched[: arm.n], "the file's names are the robot's"
     robot = arm.joint_names[:count]
     return labels, robot, f"the file's {', '.join(labels)} in the robot's order, base to tip"
-
-
-def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | None:
-    """The robot's joints that labels speak of, if each speaks of one."""
-    inside = [[name for name in robot if label in name] for label in labels]
-    if all(len(found) == 1 for found in inside) and len({found[0] for found in inside}) == len(labels):
-        return tuple(found[0] for found in inside)
-    renamed = map_by_ending(labels, robot)
-    return tuple(renamed[label] for label in labels) if set(labels) <= set(renamed) else None
 
 
 HINT = "name its columns in [columns] of session.toml yourself"

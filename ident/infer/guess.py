@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -69,13 +68,3 @@ class Signals:
         """A recording of the motion with a torque, its joints called so if not by their own names."""
         position, velocity = self.tables["position"], self.tables.get("velocity")
         return Recording("guess", tuple(joints or self.joints), self.time, position, torque, velocity=velocity)
-
-
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """A session.toml in the making."""
-
-    columns: dict[str, str]  # foreign name -> native name
-    settings: dict[str, Any] = field(default_factory=dict)  # keys of session.toml beside `[columns]`
-    reasons: tuple[Reason, ...] = ()  # why, in the order in which they are reported
-    left_out: tuple[str, ...] = ()  # what is not used, in words

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from html import escape
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +19,7 @@ from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
 from ident.infer.columns import MEASURED, guess_by_data, guess_by_name
-from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
+from ident.infer.guess import ForeignTable, Reason, Signals, read_foreign
 from ident.infer.units import (
     GAINS,
     angle_unit,
@@ -49,35 +49,49 @@ class NewSession(Result):
     """A session.toml that was guessed."""
 
     file: Path  # where it stands or is to stand
-    guess: Guess  # what was guessed, and why
-    text: str  # the file's text
+    columns: dict[str, str]  # foreign name -> native name
+    settings: dict[str, Any]  # keys of session.toml beside `[columns]`
+    reasons: tuple[Reason, ...]  # why, in the order in which they are reported
+    left_out: tuple[str, ...]  # what is not used, in words
     # The telemetry check of the session under these settings; None where no robot was given.
     report: TelemetryReport | None = None
 
     @property
     def has_effort(self) -> bool:
         """Whether there is a torque or current; an arm that logs goal and position only has none."""
-        return any(name.rpartition("/")[2] in MEASURED for name in self.guess.columns.values())
+        return any(name.rpartition("/")[2] in MEASURED for name in self.columns.values())
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "schema": SCHEMA,
             "file": str(self.file),
-            "robot": self.provenance.settings.get("robot") or self.guess.settings.get("robot"),
-            "joints": sorted({name.rpartition("/")[0] for name in self.guess.columns.values() if "/" in name}),
-            "columns": self.guess.columns,
-            "settings": self.guess.settings,
-            "reasons": [reason.to_dict() for reason in self.guess.reasons],
-            "left_out": list(self.guess.left_out),
+            "robot": self.provenance.settings.get("robot") or self.settings.get("robot"),
+            "joints": sorted({name.rpartition("/")[0] for name in self.columns.values() if "/" in name}),
+            "columns": self.columns,
+            "settings": self.settings,
+            "reasons": [reason.to_dict() for reason in self.reasons],
+            "left_out": list(self.left_out),
             "telemetry": [] if self.report is None else [issue.to_dict() for issue in self.report.issues],
             "provenance": self.provenance.to_dict(),
         }
 
+    @cached_property
+    def text(self) -> str:
+        """The text of session.toml: keys, then tables, the evidence as comments."""
+        pages = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+        template = pages.from_string(Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8"))
+        quoted = partial(json.dumps, ensure_ascii=False)
+        # A comment stays within its line whatever names stand in it.
+        words = {"comment": lambda text: quoted(text)[1:-1].replace("\x7f", "?"), "json": quoted, "key": toml_key}
+        channels = groupby(self.columns.items(), key=lambda column: column[1].rpartition("/")[2])
+        body = template.render(guess=self, channels=channels, gains=GAINS, marked=GUESSED, **words)
+        return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
+
     def summary(self) -> str:
         """The guesses in plain lines."""
-        lines = [f"{reason.what}: {reason.guess} ({reason.evidence})" for reason in self.guess.reasons]
-        return "\n".join([*lines, *self.guess.left_out])
+        lines = [f"{reason.what}: {reason.guess} ({reason.evidence})" for reason in self.reasons]
+        return "\n".join([*lines, *self.left_out])
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.summary())}</pre>"
@@ -132,14 +146,13 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
             what = "its columns' names don't say which is position"
             raise RecordingError(table.source, what, "give --robot: its motion tells the columns")
         signals = guess_by_data(table, arm)
-    place = place_of(path)
-    guess = _complete(table, signals, arm)
+    found = _complete(place_of(path), table, signals, arm)
     if robot is not None:
-        guess.settings["robot"] = os.path.relpath(robot, place.parent) if Path(robot).is_file() else robot
-    return NewSession(place, guess, write_text(guess))
+        found.settings["robot"] = os.path.relpath(robot, found.file.parent) if Path(robot).is_file() else robot
+    return found
 
 
-def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Guess:
+def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel | None) -> NewSession:
     """Units, signs and order of the signals, as columns and settings."""
     whole = np.isfinite(np.column_stack([signals.time, *signals.tables.values()])).all(axis=1)
     tables = {name: values[whole] for name, values in signals.tables.items()}
@@ -180,19 +193,7 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
     unused = [name for name in table.columns if name not in columns]
     left += [f"not used: {listed(unused)}"] if unused else []
-    return Guess(columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
-
-
-def write_text(guess: Guess) -> str:
-    """The text of session.toml: keys, then tables, the evidence as comments."""
-    pages = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    template = pages.from_string(Path(__file__).with_name("session.toml.j2").read_text(encoding="utf-8"))
-    quoted = partial(json.dumps, ensure_ascii=False)
-    # A comment stays within its line whatever names stand in it.
-    words = {"comment": lambda text: quoted(text)[1:-1].replace("\x7f", "?"), "json": quoted, "key": toml_key}
-    channels = groupby(guess.columns.items(), key=lambda column: column[1].rpartition("/")[2])
-    body = template.render(guess=guess, channels=channels, gains=GAINS, marked=GUESSED, **words)
-    return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
+    return NewSession(place, columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
 
 
 def _digest(body: str) -> str:

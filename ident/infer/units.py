@@ -84,9 +84,9 @@ def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None
     if "velocity" not in signals.tables:
         return signals, None, None
     found = compare_velocities(Session("guess", (signals.run(np.zeros_like(signals.tables["position"])),)))
-    if found is None or not found.moving.any():
+    if found is None or not found[0].any():
         return signals, None, None
-    slope, match = (float(np.median(one[found.moving])) for one in (found.slope, found.correlation))
+    slope, match = (float(np.median(one[found[0]])) for one in found[1:])
     seen = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
     if abs(slope - 1.0) < LIMIT.slope_off and match > LIMIT.same_signal:
         return signals, Reason("velocity", "in the positions' unit per second", seen), None

@@ -185,6 +185,14 @@ def score_runs(name: str, traces: Sequence[RunTrace]) -> SessionScore:
     rungs = tuple(traces[0].rungs)
     payload = traces[0].motion.payload
     errors = [{rung: t.motion.tau_filtered - t.filtered[rung] for rung in rungs} for t in traces]
+    measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    r2 = np.full((len(rungs), measured.shape[1]), np.nan)  # 1 − mean square error over variance: a bias is an error too
+    for j, rows in enumerate(moving.T):
+        variance = np.var(measured[rows, j]) if rows.sum() > 10 else 0.0
+        for r, rung in enumerate(rungs if variance > 0.0 else ()):
+            left = np.concatenate([error[rung][:, j] for error in errors])[rows]
+            r2[r, j] = 1.0 - np.mean(left**2) / variance
     return SessionScore(
         name=name,
         joints=traces[0].motion.joints,
@@ -194,7 +202,7 @@ def score_runs(name: str, traces: Sequence[RunTrace]) -> SessionScore:
         energy_error=np.array([[trace.energy_error(rung) for trace in traces] for rung in rungs]),
         squares=_squares(traces, errors, rungs, moving=True),
         rest_squares=_squares(traces, errors, rungs, moving=False),
-        r2=np.array([_r2(traces, [error[rung] for error in errors]) for rung in rungs]),
+        r2=r2,
     )
 
 
@@ -218,30 +226,8 @@ def _mean(values: Array, axis: int) -> Array:
     return np.where(count > 0, np.where(there, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
 
 
-def _r2(traces: Sequence[RunTrace], errors: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
-    """1 − mean square error over variance of the torque, where the joint moves: a bias is an error too."""
-    measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
-    error = np.concatenate(list(errors))
-    moving = np.concatenate([trace.motion.moving for trace in traces])
-    r2 = np.full(measured.shape[1], np.nan)
-    for j in range(len(r2)):
-        rows = moving[:, j]
-        if rows.sum() > 10 and np.var(measured[rows, j]) > 0:
-            r2[j] = 1.0 - np.mean(error[rows, j] ** 2) / np.var(measured[rows, j])
-    return r2
-
-
 VERIFICATION_SCHEMA = "ident.verification/1"
 LARGEST, LEAST = ("torque_rmse_Nm", "energy_error_J"), ("r2_moving",)
-
-
-@dataclass(frozen=True)
-class Limit:
-    """One figure and the value that it must keep to."""
-
-    figure: str  # a table of the file
-    joint: str  # a joint's name, or `total`
-    bound: float  # largest value, or least value of an R²
 
 
 @dataclass(frozen=True)
@@ -249,34 +235,36 @@ class Check:
     """One limit on one session; a figure that the recordings can't tell does not pass."""
 
     session: str
-    limit: Limit
+    figure: str  # a table of the file
+    joint: str  # a joint's name, or `total`
+    bound: float  # largest value, or least value of an R²
     value: float | None
 
     @property
     def passed(self) -> bool:
         if self.value is None:
             return False
-        return self.value >= self.limit.bound if self.limit.figure in LEAST else self.value <= self.limit.bound
+        return self.value >= self.bound if self.figure in LEAST else self.value <= self.bound
 
     def to_dict(self) -> dict[str, Any]:
-        return {"session": self.session, **vars(self.limit), "value": self.value, "passed": self.passed}
+        return {**vars(self), "passed": self.passed}
 
 
-@dataclass(frozen=True)
-class ModelLimits:
-    """All limits of a file."""
+# Figure, joint and bound of each limit in the file's order, and the rung that must keep them; None for the last.
+ModelLimits = tuple[list[tuple[str, str, float]], str | None]
 
-    limits: tuple[Limit, ...]  # in the file's order
-    rung: str | None = None  # rung of the ladder that must keep them; None for the last
 
-    def check(self, score: SessionScore) -> tuple[Check, ...]:
-        """Every limit on one session."""
-        row = -1 if self.rung is None else score.rungs.index(self.rung)
-        columns = [*score.joints, "total"]
-        tables = dict(zip((*LARGEST, *LEAST), (score.rmse_mean, np.abs(score.energy_mean), score.r2), strict=True))
-        values = [float(tables[limit.figure][row, columns.index(limit.joint)]) for limit in self.limits]
-        pairs = zip(self.limits, values, strict=True)
-        return tuple(Check(score.name, limit, None if math.isnan(value) else value) for limit, value in pairs)
+def check_limits(score: SessionScore, limits: ModelLimits) -> tuple[Check, ...]:
+    """Every limit on one session."""
+    bounds, rung = limits
+    row = -1 if rung is None else score.rungs.index(rung)
+    columns = [*score.joints, "total"]
+    tables = dict(zip((*LARGEST, *LEAST), (score.rmse_mean, np.abs(score.energy_mean), score.r2), strict=True))
+    checks = []
+    for figure, joint, bound in bounds:
+        value = float(tables[figure][row, columns.index(joint)])
+        checks.append(Check(score.name, figure, joint, bound, None if math.isnan(value) else value))
+    return tuple(checks)
 
 
 def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> ModelLimits:
@@ -307,7 +295,7 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
                 raise InputError(where, "no such joint in the model", f"use one of: {', '.join(names)}")
             if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
                 raise InputError(where, f"{bound!r} is no number", "give a finite number")
-            limits.append(Limit(figure, joint, float(bound)))
+            limits.append((figure, joint, float(bound)))
     if not limits:
         raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
-    return ModelLimits(tuple(limits), rung)
+    return limits, rung

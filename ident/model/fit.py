@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,30 +135,21 @@ def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Ide
     states = np.concatenate(parts, axis=1)
     low, high = np.quantile(states, [TAILS, 1.0 - TAILS], axis=1)
     even = np.unique(np.linspace(0, states.shape[1] - 1, STATES).astype(int))
-    variance = np.concatenate(list(_torque_variance(states[:, even], nominal, found)))
-    half = np.sqrt(np.quantile(variance, COVERED, axis=0))
-    return TrainingRange(nominal.joint_names, low, high, half * float(np.median(quantile(found.estimate.dof))))
-
-
-def _torque_variance(
-    states: Float[Array, "3 T n"], nominal: ArmModel, found: Identified
-) -> Iterator[Float[Array, "t n"]]:
-    """Variance of each joint's torque at some states [N² m²], a thousand of them at a time."""
-    estimate, base = found.estimate, found.inertia.base
-    kept = np.arange(estimate.rank)
-    for part in np.array_split(states, -(-states.shape[1] // 1000), axis=1):
-        q, dq, ddq = part
-        regressor = nominal.regressor(q, dq, ddq, base.columns)
-        sign = np.tanh(dq / np.maximum(found.loss.params.transition_speed, 1e-9))
+    estimate, params, kept = found.estimate, found.loss.params, np.arange(found.estimate.rank)
+    variance = np.empty((len(even), nominal.n))  # of each joint's torque [N² m²]
+    for rows in np.array_split(np.arange(len(even)), -(-len(even) // 1000)):
+        q, dq, ddq = states[:, even[rows]]
+        regressor = nominal.regressor(q, dq, ddq, found.inertia.base.columns)
+        sign = np.tanh(dq / np.maximum(params.transition_speed, 1e-9))
         losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : estimate.per_joint]
-        out = np.empty(dq.shape)
-        for j in range(dq.shape[1]):
+        for j in range(nominal.n):
             index = np.concatenate([kept, estimate.index(j)])
             x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
-            out[:, j] = np.sum((x @ estimate.covariance[np.ix_(index, index)]) * x, axis=1)
-            run = found.spread[j] * np.array([found.loss.params.viscous[j], found.loss.params.coulomb[j]])
-            out[:, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
-        yield out
+            run = found.spread[j] * np.array([params.viscous[j], params.coulomb[j]])
+            variance[rows, j] = np.sum((x @ estimate.covariance[np.ix_(index, index)]) * x, axis=1)
+            variance[rows, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
+    half = np.sqrt(np.quantile(variance, COVERED, axis=0))
+    return TrainingRange(nominal.joint_names, low, high, half * float(np.median(quantile(found.estimate.dof))))
 
 
 LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")

@@ -116,7 +116,7 @@ def identify(
     frictionless, found = find_frictionless(clear, nominal.n, through_reversals)
     share = urdf_share(found, base, scale)
     if mode == "nominal":
-        found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
+        found = found.without_inertias(base_prior(base, max(share, 1e-6) * scale))
     zero = lossless_parameters(found, frictionless)
     # All losses but offsets can't be negative, nor named laws' coefficients as their kind says.
     positions = [found.index(j)[:3] for j in range(nominal.n)]
@@ -143,7 +143,7 @@ def identify(
         condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
     loss = _loss_results(found, losses, nominal.joint_names, _transition(few(motions), arm, losses, laws))
-    inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
+    inertias = () if mode == "nominal" else inertia.figures(quantile(found.dof[: base.rank]) * inertia.std)
     tied = tied_figures(found, base, nominal.joint_names, named)
     through = sums.through_reversals
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
@@ -176,19 +176,6 @@ def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, "
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
     return high
-
-
-def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimate:
-    """The losses' estimate with the inertias held at the URDF's, which may be off as far as the prior says."""
-    rank = found.rank
-    own = np.linalg.inv(found.information[rank:, rank:])
-    values = np.concatenate([np.zeros(rank), own @ found.score[rank:]])
-    through, off = own @ found.information[rank:, :rank], np.linalg.inv(prior)
-    covariance = np.zeros_like(found.covariance)
-    covariance[:rank, :rank] = off
-    covariance[rank:, rank:] = own + through @ off @ through.T
-    covariance += np.diag(found.wandering)
-    return replace(found, values=values, covariance=covariance)
 
 
 def _within_bounds(
@@ -263,16 +250,6 @@ def _loss_results(
         residual_rms=freeze(found.noise),
         at_bound=bound,
         dof=freeze(dof),
-    )
-
-
-def _inertia_figures(inertia: InertiaResults, found: JointEstimate) -> tuple[InertiaFigure, ...]:
-    base = inertia.base
-    values = base.mapping @ inertia.arm.inertial_parameters
-    reach = quantile(found.dof[: base.rank]) * inertia.std
-    return tuple(
-        InertiaFigure(name, float(value), float(value - half), float(value + half), float(informed))
-        for name, value, half, informed in zip(base.names, values, reach, inertia.informed, strict=True)
     )
 
 

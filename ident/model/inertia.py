@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -29,11 +29,8 @@ from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.model.loss import InertiaFigure
 from ident.robot.arm import ArmModel
-
-if TYPE_CHECKING:
-    import cvxpy as cp
-
 
 Mode = Literal["nominal", "base", "consistent"]
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -70,6 +67,14 @@ class InertiaResults:
     # Share of each base parameter's prior variance that the data take away, 0 (silent) to 1.
     informed: Float[Array, " r"]
     condition_number: float  # of the column-scaled, whitened base regressor: over 100 is poor excitation
+
+    def figures(self, reach: Float[Array, " r"]) -> tuple[InertiaFigure, ...]:
+        """The base parameters one by one, `reach` being half the width of each one's interval."""
+        values = self.base.mapping @ self.arm.inertial_parameters
+        return tuple(
+            InertiaFigure(name, float(value), float(value - half), float(value + half), float(informed))
+            for name, value, half, informed in zip(self.base.names, values, reach, self.informed, strict=True)
+        )
 
 
 def base_parameters(arm: ArmModel) -> BaseParameters:
@@ -189,9 +194,16 @@ def solve_bounded(
     if links is not None:
         steps = np.ones(len(links)) if scale is None else np.asarray(scale)
         numbers = slice(0, len(links))
-        change = cp.multiply(1.0 / size[numbers], moved[numbers])
-        bodies = _bodies(cp, links + steps * free[numbers], steps, change)
-        bounds += [one for link, one in enumerate(bodies) if link not in free_links]
+        change, held = cp.multiply(1.0 / size[numbers], moved[numbers]), links + steps * free[numbers]
+        unit = pseudo_inertia(np.eye(10)).reshape(10, 16)
+        for link in (one for one in range(len(links) // 10) if one not in free_links):
+            # One matrix inequality a link, in units of its mass and its size.
+            part = slice(10 * link, 10 * link + 10)
+            mass, moment = max(steps[part.start], 1e-12), max(steps[part.start + 4], 1e-12)
+            frame = 1.0 / np.sqrt([moment, moment, moment, mass])
+            entries = np.outer(frame, frame).ravel()[:, None] * unit.T
+            matrix = cp.reshape(entries @ held[part] + (entries * steps[part]) @ change[part], (4, 4), order="C")
+            bounds.append(matrix >> MARGIN * np.eye(4))
     problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ moved)), bounds)
     with catch_warnings():  # of a loose tolerance, which the status says too
         simplefilter("ignore")
@@ -201,19 +213,6 @@ def solve_bounded(
     found = free + np.asarray(moved.value) / size
     found[kept] = np.maximum(found[kept], 0.0)
     return found
-
-
-def _bodies(cp: Any, links: Array, steps: Array, change: cp.Expression) -> list[cp.Constraint]:
-    """One matrix inequality a link, in units of its mass and its size; its numbers are `links` + `steps` · change."""
-    unit, bodies = pseudo_inertia(np.eye(10)).reshape(10, 16), []
-    for first in range(0, len(links), 10):
-        part = slice(first, first + 10)
-        mass, moment = max(steps[first], 1e-12), max(steps[first + 4], 1e-12)
-        frame = 1.0 / np.sqrt([moment, moment, moment, mass])
-        entries = np.outer(frame, frame).ravel()[:, None] * unit.T
-        matrix = cp.reshape(entries @ links[part] + (entries * steps[part]) @ change[part], (4, 4), order="C")
-        bodies.append(matrix >> MARGIN * np.eye(4))
-    return bodies
 
 
 def solve_partly_non_negative(

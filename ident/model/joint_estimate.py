@@ -20,7 +20,7 @@ the link, to which neither viscous friction nor the rotor belongs: where the rec
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -72,6 +72,18 @@ class JointEstimate:
     def index(self, joint: int) -> Int[Array, " p"]:
         """Positions of a joint's loss parameters."""
         return self.rank + self.per_joint * joint + np.arange(self.per_joint)
+
+    def without_inertias(self, prior: Float[Array, "r r"]) -> JointEstimate:
+        """The losses' estimate with the inertias held at the URDF's, which may be off as far as the prior says."""
+        rank = self.rank
+        own = np.linalg.inv(self.information[rank:, rank:])
+        values = np.concatenate([np.zeros(rank), own @ self.score[rank:]])
+        through, off = own @ self.information[rank:, :rank], np.linalg.inv(prior)
+        covariance = np.zeros_like(self.covariance)
+        covariance[:rank, :rank] = off
+        covariance[rank:, rank:] = own + through @ off @ through.T
+        covariance += np.diag(self.wandering)
+        return replace(self, values=values, covariance=covariance)
 
 
 # The normal equations under the present weights, and what they were made of.

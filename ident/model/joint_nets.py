@@ -180,16 +180,6 @@ NEAR = np.geomspace(0.1, 100.0, 4)
 FEWEST_ROWS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedNet:
-    """Layers of one joint's net, and what it says of rows that it was not solved with."""
-
-    weights: tuple[Float[Array, "f w"], Float[Array, "w 1"]]  # (inputs, width) and (width, 1)
-    biases: tuple[Float[Array, " w"], Float[Array, " 1"]]  # (width,) and (1,)
-    unseen: Float[Array, " T"]  # prediction of every row by the net of the folds that it does not lie in, shape (T,)
-    error: float  # mean square of what is left on rows left out, in units of the target's
-
-
 def width_of(inputs: int) -> int:
     """Hidden units of a solved net: the drawn ones, and a pair for each input that passes it straight on."""
     return DRAWN + 2 * inputs
@@ -202,8 +192,8 @@ def solve_net(
     fold: Int[Array, " T"],
     seed: int,
     strange: Float[Array, "T f"] | None = None,
-) -> SolvedNet:
-    """The net of one joint.
+) -> tuple[tuple[Array, Array], tuple[Array, Array], Float[Array, " T"], float]:
+    """The net of one joint, and what it says of rows that it was not solved with.
 
     Args:
         x: Standardised inputs.
@@ -212,13 +202,17 @@ def solve_net(
         fold: Which part each row is left out with.
         seed: Of the units.
         strange: The inputs as a net takes them that has not seen their part; the same if None.
+
+    Returns:
+        Weights (inputs, width) and (width, 1); biases (width,) and (1,); prediction of every row by the net of the
+        folds that it does not lie in, (T,); and mean square of what is left so, in units of the target's.
     """
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((x.shape[1], DRAWN)) / np.sqrt(x.shape[1])
     bias = rng.uniform(-BIAS, BIAS, DRAWN)
     if counts.sum() < FEWEST_ROWS:
         solution = np.zeros(DRAWN + x.shape[1] + 1)
-        return SolvedNet(*_layers(drawn, bias, solution), np.zeros(len(x)), 1.0)
+        return *_layers(drawn, bias, solution), np.zeros(len(x)), 1.0
     scales, ridge = _search(x[counts][::2], y[counts][::2], fold[counts][::2], drawn[:, :SEARCHED], bias[:SEARCHED])
     drawn = drawn * scales[:, None]
     rows = _rows(x, drawn, bias)
@@ -229,7 +223,7 @@ def solve_net(
     unseen = np.einsum(
         "tp,tp->t", there, parts[best][np.searchsorted(sums.labels, fold).clip(max=len(sums.labels) - 1)]
     )
-    return SolvedNet(*_layers(drawn, bias, sums.solve(ridge * NEAR[best])), unseen, float(errors[best]))
+    return *_layers(drawn, bias, sums.solve(ridge * NEAR[best])), unseen, float(errors[best])
 
 
 def _search(x: Array, y: Array, fold: Array, drawn: Array, bias: Array) -> tuple[Float[Array, " f"], float]:

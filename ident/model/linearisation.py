@@ -36,6 +36,9 @@ from ident.robot.arm import ArmModel
 LEAST_MOVING = 20
 # Losses that can't be negative: motor inertia, viscous and Coulomb friction.
 LOSSES = 3
+# Of a run: where it moves; filtered columns of motion and, last, torque to be explained, zero where it does not move;
+# sums of their squares and products, stretch by stretch.
+Known = tuple[Bool[Array, "t n"], Float[Array, "n t k"], Float[Array, "s n k k"]]
 
 
 def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[ArmModel, BaseParameters]:
@@ -51,7 +54,14 @@ def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[
     rank, size = base.rank, base.rank + n * LOSSES
     targets = [motion.tau_filtered - motion.filtered(rigid_torque(arm, motion)) for motion in motions]
     widths = transition_speeds(motions, targets)
-    grams = _joint_grams(motions, arm, base, targets, widths)
+    grams = np.zeros((n, rank + LOSSES + 1, rank + LOSSES + 1))  # XᵀX of each joint's moving rows; its torque is last
+    for motion, target in zip(motions, targets, strict=True):
+        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
+        friction = loss_columns(motion, widths)[..., :LOSSES]
+        for j in range(n):
+            there = motion.moving[:, j]
+            x = np.concatenate([rows[there, j], friction[there, j], target[there, j : j + 1]], axis=1)
+            grams[j] += x.T @ x
     believed = np.concatenate([(1 / scale)[:, None] * lift, np.zeros((len(scale), n * LOSSES))], axis=1)
     noise, tuned = np.ones(n), arm
     for _ in range(2):  # once with equal weights, once with each joint's own noise
@@ -67,22 +77,6 @@ def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[
         tuned = arm.with_inertial_parameters(arm.inertial_parameters + lift @ found[:rank])
         noise = _effective_noise(motions, tuned, found[rank:].reshape(n, LOSSES), widths)
     return tuned, base
-
-
-def _joint_grams(
-    motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, targets: Sequence[Array], widths: Array
-) -> Float[Array, "n k k"]:
-    """XᵀX of each joint over its moving rows: regressor, losses, and torque as the last column."""
-    size = base.rank + LOSSES + 1
-    grams = np.zeros((arm.n, size, size))
-    for motion, target in zip(motions, targets, strict=True):
-        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
-        friction, moving = loss_columns(motion, widths)[..., :LOSSES], motion.moving
-        for j in range(arm.n):
-            there = moving[:, j]
-            x = np.concatenate([rows[there, j], friction[there, j], target[there, j : j + 1]], axis=1)
-            grams[j] += x.T @ x
-    return grams
 
 
 def _effective_noise(
@@ -232,9 +226,9 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     grid = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
     grid += [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
     samples = [
-        one.moving[part].sum(axis=0)
-        for motion, one in zip(motions, known, strict=True)
-        for part in _pieces(len(one.moving), motion)
+        moving[part].sum(axis=0)
+        for motion, (moving, *_) in zip(motions, known, strict=True)
+        for part in _pieces(len(moving), motion)
     ]
     best = _sharpest(np.array([_misfit(motions, known, trial) for trial in grid]), np.array(samples))
     ranges, speeds = ([getattr(grid[best[j]], name)[j] for j in range(n)] for name in ("range", "speed"))
@@ -258,19 +252,8 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
     return np.argmax(worse <= AS_LIKELY + np.log(len(misfit)), axis=0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """What all trials share of a run: where it moves, filtered columns of motion, and, last, torque to be explained.
-
-    Rows where it does not move are zero; `sums` are those of their squares and products, stretch by stretch.
-    """
-
-    moving: Bool[Array, "t n"]
-    rows: Float[Array, "n t k"]
-    sums: Float[Array, "s n k k"]
-
-
-def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
+def _known(motion: Motion, torque: Float[Array, "T n"]) -> Known:
+    """What all trials share of a run."""
     moving, target = _between_rests(motion), motion.tau_filtered - motion.filtered(torque)
     # Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning.
     heading, pace = np.sign(motion.dq), np.abs(motion.dq)
@@ -280,7 +263,7 @@ def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
     rows = np.concatenate([motion.filtered(moves), target[:, :, None]], axis=2)
     rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
     sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
-    return _Known(moving, rows, np.array(sums))
+    return moving, rows, np.array(sums)
 
 
 def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
@@ -309,18 +292,18 @@ def _pieces(samples: int, motion: Motion) -> list[slice]:
     return [slice(start, start + length) for start in range(0, samples, length)]
 
 
-def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches n"]:
+def _misfit(motions: Sequence[Motion], known: Sequence[Known], trial: Sliding) -> Float[Array, "stretches n"]:
     """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
-    count = known[0].rows.shape[2] + 1
+    count = known[0][1].shape[2] + 1
     pieces = []
-    for motion, one in zip(motions, known, strict=True):
-        slip = np.where(one.moving, motion.filtered(trial.direction(motion)), 0.0).T
-        grams = np.empty((*one.sums.shape[:2], count, count))
-        grams[..., 1:, 1:] = one.sums
-        for k, part in enumerate(_pieces(len(one.moving), motion)):
+    for motion, (moving, rows, sums) in zip(motions, known, strict=True):
+        slip = np.where(moving, motion.filtered(trial.direction(motion)), 0.0).T
+        grams = np.empty((*sums.shape[:2], count, count))
+        grams[..., 1:, 1:] = sums
+        for k, part in enumerate(_pieces(len(moving), motion)):
             own = slip[:, part]
             grams[k, :, 0, 0] = np.einsum("jt,jt->j", own, own)
-            grams[k, :, 0, 1:] = grams[k, :, 1:, 0] = (own[:, None] @ one.rows[:, part])[:, 0]
+            grams[k, :, 0, 1:] = grams[k, :, 1:, 0] = (own[:, None] @ rows[:, part])[:, 0]
         pieces.append(grams)
     grams = np.concatenate(pieces)
     found = np.zeros(grams.shape[:2])

@@ -164,28 +164,18 @@ def make_folds(
         rng: Spreads the groups over the parts.
     """
     runs = np.repeat(np.arange(len(lengths)), lengths)
-    groups = runs if len(lengths) >= 2 * FOLDS else _stretches(lengths, every)
-    return _share_out(runs if len(lengths) >= FEWEST_RUNS else groups, rng), groups
-
-
-def _stretches(lengths: Sequence[int], every: int) -> Int[Array, " T"]:
-    """Stretches of runs; none goes on into the next run."""
-    size = min(max(1, STRETCH // every), max(1, sum(lengths) // (2 * FOLDS)))
-    numbers, first = [], 0
-    for length in lengths:
-        count = max(1, round(length / size))
-        numbers.append(first + np.arange(length) * count // max(length, 1))
-        first += count
-    return np.concatenate(numbers)
-
-
-def _share_out(groups: Int[Array, " T"], rng: np.random.Generator) -> Int[Array, " T"]:
-    """Parts of about the same size."""
-    sizes = np.bincount(groups)
+    groups = runs
+    if len(lengths) < 2 * FOLDS:  # stretches of runs; none goes on into the next run
+        size = min(max(1, STRETCH // every), max(1, sum(lengths) // (2 * FOLDS)))
+        counts = [max(1, round(length / size)) for length in lengths]
+        firsts = np.cumsum([0, *counts])
+        parts = zip(firsts, counts, lengths, strict=False)
+        groups = np.concatenate([first + np.arange(n) * count // max(n, 1) for first, count, n in parts])
+    shared = runs if len(lengths) >= FEWEST_RUNS else groups
+    sizes = np.bincount(shared)
     order = rng.permutation(len(sizes))
-    order = order[np.argsort(-sizes[order], kind="stable")]
     filled, part = np.zeros(FOLDS), np.zeros(len(sizes), dtype=int)
-    for group in order:
+    for group in order[np.argsort(-sizes[order], kind="stable")]:  # the largest first: parts of about the same size
         part[group] = int(np.argmin(filled))
         filled[part[group]] += sizes[group]
-    return part[groups]
+    return part[shared], groups

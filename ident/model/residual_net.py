@@ -100,9 +100,19 @@ class ResidualNet:
         return self.network.run(x) * self.output_std
 
     def save(self, folder: Path) -> None:
-        """Writes residual.safetensors and residual.json into a folder."""
+        """Writes residual.safetensors and residual.json into a folder.
+
+        Raises:
+            OSError: The system can't: the disk is full, say.
+        """
+        from safetensors import SafetensorError
+        from safetensors.numpy import save_file
+
         with atomic_write(folder / "residual.safetensors") as part:
-            _save_arrays(self.network.arrays(), part)
+            try:
+                save_file({name: np.ascontiguousarray(value) for name, value in self.network.arrays().items()}, part)
+            except SafetensorError as error:
+                raise OSError(EIO, str(error), str(part)) from None
         record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
@@ -157,17 +167,6 @@ class ResidualNet:
         return cls(options, network, mean, std, scale, bounds=bounds)
 
 
-def _save_arrays(arrays: dict[str, Array], path: Path) -> None:
-    """Writes arrays as safetensors; OSError where the system can't: the disk is full, say."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import save_file
-
-    try:
-        save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, path)
-    except SafetensorError as error:
-        raise OSError(EIO, str(error), str(path)) from None
-
-
 def fit_residual_net(
     states: Sequence[tuple[Array, Array, Array, Array]],
     residuals: Sequence[Float[Array, "T n"]],
@@ -211,28 +210,20 @@ def fit_residual_net(
         dense = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
         return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale))
     folds, groups = make_folds([len(part) for part in residuals], every, np.random.default_rng(options.seed))
-    bounds = NetBounds.of(np.stack(whole[1:]), mask > 0.0)
-    x, strange = _features(whole, mask > 0.0, folds, bounds)
-    mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
-    inputs = (x - mean) / std, (strange - mean) / std
-    network, unseen = _solve(inputs, y / scale, mask > 0.0, folds, options.seed, progress)
-    run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
-    gate = shrink_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
-    network = network.scaled([one.weight for one in gate])
-    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
-
-
-def _features(
-    state: tuple[Array, Array, Array, Array], counts: Bool[Array, "T n"], folds: Int[Array, " T"], bounds: NetBounds
-) -> tuple[Float[Array, "T n f"], Float[Array, "T n f"]]:
-    """Inputs of a net a joint as the net of all samples sees them, and as the net sees them that has not seen them."""
-    seen = np.stack(state[1:])  # speed, acceleration and load
-    unseen = np.empty((*counts.shape, JOINT_FEATURES))
-    for fold in np.unique(folds):
+    seen, counts = np.stack(whole[1:]), mask > 0.0  # speed, acceleration and load
+    bounds, strange = NetBounds.of(seen, counts), np.empty((*mask.shape, JOINT_FEATURES))
+    for fold in np.unique(folds):  # inputs as a net sees them that has not seen them
         left = folds == fold
         others = NetBounds.of(seen[:, ~left], counts[~left]) if not left.all() else bounds
-        unseen[left] = joint_features(*others.clip(*seen[:, left]))
-    return joint_features(*bounds.clip(*seen)), unseen
+        strange[left] = joint_features(*others.clip(*seen[:, left]))
+    x = joint_features(*bounds.clip(*seen))
+    mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
+    inputs = (x - mean) / std, (strange - mean) / std
+    network, unseen = _solve(inputs, y / scale, counts, folds, options.seed, progress)
+    run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
+    gate = shrink_net(scale * unseen, y, counts, interval * every * dq, groups, run)
+    network = network.scaled([one.weight for one in gate])
+    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), gate, bounds)
 
 
 def _solve(
@@ -248,12 +239,14 @@ def _solve(
     joints = y.shape[1]
     solved = []
     for j in range(joints):
-        solved.append(solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j]))
+        *found, error = solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j])
+        solved.append(found)
         if progress is not None:
-            progress(j + 1, joints, solved[-1].error)
-    first, last = (np.stack([one.weights[i] for one in solved]) for i in range(2))
-    bias, offset = (np.stack([one.biases[i][None] for one in solved]) for i in range(2))
-    return JointNets((first, last), (bias, offset)), np.stack([one.unseen for one in solved], axis=1)
+            progress(j + 1, joints, error)
+    weights, biases, unseen = zip(*solved, strict=True)
+    first, last = map(np.stack, zip(*weights, strict=True))
+    bias, offset = (np.stack(own)[:, None] for own in zip(*biases, strict=True))
+    return JointNets((first, last), (bias, offset)), np.stack(unseen, axis=1)
 
 
 def fit_net_of_arm(

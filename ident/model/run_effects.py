@@ -38,37 +38,10 @@ NU, SQUARED = (part.ravel() for part in np.meshgrid(FREEDOMS, SCALES**2, indexin
 LOG_GAMMA = np.array([lgamma(0.5 * nu) for nu in NU])
 
 
-@dataclass(frozen=True, eq=False)
-class SharedVariance:
-    """What is known of the law, under each of w hypotheses of what the variances stand for."""
-
-    weights: Float[Array, "w k"]  # how likely each hypothesis and pair of ν and s² is, shape (w, k); they add up to one
-
-    @property
-    def freedom(self) -> float:
-        """Degrees of freedom that the law lends to a variance."""
-        return float(1.0 / (self.weights.sum(axis=0) @ (1.0 / NU)))
-
-    def moderate(
-        self, squares: Float[Array, "w v"], dof: Float[Array, " v"], factor: Float[Array, " w"] | float = 1.0
-    ) -> Float[Array, " v"]:
-        """Variances by their own squares and the law's.
-
-        Args:
-            squares: Sum of squares of each variance under each hypothesis.
-            dof: Degrees of freedom of each sum.
-            factor: Of the variance under each hypothesis.
-        """
-        weights = self.weights * np.broadcast_to(factor, len(self.weights))[:, None]
-        total = NU + dof[:, None]
-        own = (weights.sum(axis=0) * NU * SQUARED / total).sum(axis=1)
-        return np.asarray(own + np.einsum("wv,wv->v", squares, (weights @ (1.0 / total).T)))
-
-
 def share_variance(
     squares: Float[Array, "w v"], dof: Float[Array, " v"], surprise: Float[Array, " w"] | float = 0.0
-) -> SharedVariance:
-    """The law behind some variances.
+) -> Float[Array, "w k"]:
+    """How likely each hypothesis of what variances stand for and pair of ν and s² is; all add up to one.
 
     Args:
         squares: Sum of squares of each variance under each hypothesis.
@@ -84,7 +57,32 @@ def share_variance(
     reported = (len(dof) * log + gained.sum(axis=0)) - np.einsum("wvk,vk->wk", left, 0.5 * (NU + dof[:, None]))
     reported = reported - np.broadcast_to(surprise, len(reported))[:, None]
     likely = np.exp(reported - reported.max())
-    return SharedVariance(likely / likely.sum())
+    return np.asarray(likely / likely.sum())
+
+
+def lent_freedom(weights: Float[Array, "w k"]) -> float:
+    """Degrees of freedom that the law lends to a variance."""
+    return float(1.0 / (weights.sum(axis=0) @ (1.0 / NU)))
+
+
+def moderate(
+    weights: Float[Array, "w k"],
+    squares: Float[Array, "w v"],
+    dof: Float[Array, " v"],
+    factor: Float[Array, " w"] | float = 1.0,
+) -> Float[Array, " v"]:
+    """Variances by their own squares and the law's.
+
+    Args:
+        weights: Of hypotheses and laws, see `share_variance`.
+        squares: Sum of squares of each variance under each hypothesis.
+        dof: Degrees of freedom of each sum.
+        factor: Of the variance under each hypothesis.
+    """
+    weights = weights * np.broadcast_to(factor, len(weights))[:, None]
+    total = NU + dof[:, None]
+    own = (weights.sum(axis=0) * NU * SQUARED / total).sum(axis=1)
+    return np.asarray(own + np.einsum("wv,wv->v", squares, (weights @ (1.0 / total).T)))
 
 
 # Steps towards the variances at each pass of the weights.
@@ -192,8 +190,8 @@ def fit_run_effects(
             reported = np.maximum(reported, 0.0) * (runs - 1) / runs  # the mean over the runs is no change
             squares = (change**2).sum(axis=1).reshape(1, -1)
             shared = share_variance(squares, reported.ravel())
-            spread = np.sqrt(shared.moderate(squares, reported.ravel())).reshape(spread.shape)
-            dof = reported + shared.freedom
+            spread = np.sqrt(moderate(shared, squares, reported.ravel())).reshape(spread.shape)
+            dof = reported + lent_freedom(shared)
     covariance = _posterior(inner, spread)
     change = (covariance @ score[..., None])[..., 0]
     return [
@@ -253,4 +251,4 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
     shared = share_variance(flat, dof.ravel(), surprise)
     runs = len(effects[0].change)
     factor = WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
-    return shared.moderate(flat, dof.ravel(), factor).reshape(shape), dof + shared.freedom
+    return moderate(shared, flat, dof.ravel(), factor).reshape(shape), dof + lent_freedom(shared)

@@ -71,7 +71,7 @@ class Cells:
             name: np.where(good, values, np.nan)[~lost]
             for (name, values), good in zip(self.columns.items(), finite.T, strict=True)
         }
-        return Table(kept, tuple(issue for issue in issues if issue is not None))
+        return kept, tuple(issue for issue in issues if issue is not None)
 
     def _dropped(self, issue: str, rows: Int[Array, " g"], kind: str, read: int) -> TelemetryIssue | None:
         if len(rows) == 0:
@@ -120,9 +120,9 @@ def named_columns(
             raise RecordingError(source, "has no samples", "give a table with samples")
         columns, unused = drop_empty(columns, source)
         if all(np.isfinite(values).all() for name, values in columns.items() if not name.endswith("/temperature")):
-            return Table(columns, (*issues, *unused))
-        table = Cells(source, columns).screen()
-        return Table(table.columns, (*issues, *unused, *table.issues))
+            return columns, (*issues, *unused)
+        screened, found = Cells(source, columns).screen()
+        return screened, (*issues, *unused, *found)
 
     return NamedColumns(tuple(names), read, numbers)
 

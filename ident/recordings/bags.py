@@ -106,6 +106,18 @@ class Stream:
         """Time of the headers [s], or of receipt where no message has one: a single zero may be a clock's start."""
         return np.array(self.stamps if any(self.stamps) else self.receipts, dtype=np.int64) * 1e-9
 
+    def of_joints(self, joints: Sequence[str], path: Path) -> Columns:
+        """The messages as columns of joints, their time among them [s]; fields that they leave empty are left out."""
+        if len(set(joints)) < len(joints):
+            twice = next(joint for joint in joints if list(joints).count(joint) > 1)
+            raise RecordingError(path, f"messages name the joint {twice!r} twice", "correct the publisher")
+        columns, nothing = {TIME: self.time}, np.full(len(joints), np.nan)
+        for name, values in zip(FIELDS, zip(*self.rows, strict=True), strict=True):
+            if any(len(row) for row in values):
+                table = np.array([row if len(row) == len(joints) else nothing for row in values])
+                columns.update({f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)})
+        return columns
+
 
 def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     """Joints may stand in any order and be spread over messages.
@@ -134,7 +146,7 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     streams.pop((), None)
     if not streams:
         raise RecordingError(path, f"no message on {topic}", "give a bag in which the joint states were recorded")
-    publishers = _publishers({key: _joint_columns(key, one, path) for key, one in streams.items()})
+    publishers = _publishers({key: one.of_joints(key, path) for key, one in streams.items()})
     columns, others = merge(publishers, [any(name.endswith("/effort") for name in one) for one in publishers], path)
     issues = []
     for apart in (tuple(dict.fromkeys(map(joint_of, names))) for names in others):
@@ -150,19 +162,6 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
         evidence, remedy = f"{path.name}: no effort of {', '.join(silent)}; left out", "record effort of every joint"
         issues.append(TelemetryIssue("missing_channel", tuple(silent), "note", evidence, remedy))
     return held_columns(columns, path, tuple(issues))
-
-
-def _joint_columns(joints: Sequence[str], stream: Stream, path: Path) -> Columns:
-    """One publisher's messages as columns, its time among them [s]; fields that it leaves empty are left out."""
-    if len(set(joints)) < len(joints):
-        twice = next(joint for joint in joints if list(joints).count(joint) > 1)
-        raise RecordingError(path, f"messages name the joint {twice!r} twice", "correct the publisher")
-    columns, nothing = {TIME: stream.time}, np.full(len(joints), np.nan)
-    for name, values in zip(FIELDS, zip(*stream.rows, strict=True), strict=True):
-        if any(len(row) for row in values):
-            table = np.array([row if len(row) == len(joints) else nothing for row in values])
-            columns.update({f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)})
-    return columns
 
 
 def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product, takewhile
 from pathlib import Path
 
@@ -79,14 +79,8 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
 
 TIME = "time"
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns under their native names, all of the same length, and what was found when reading them."""
-
-    columns: Mapping[str, Float[Array, " T"]]
-    issues: tuple[TelemetryIssue, ...] = field(default=())
+# Columns under their native names, all of the same length, and what was found when reading them.
+Table = tuple[Mapping[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +179,8 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     Raises:
         RecordingError: No joint at all, a missing column, or settings of a joint that is not there.
     """
-    table = columns.read(native_names(columns.names, session_file, source))
-    found = _without_gaps_in_temperature(table.columns)
+    cells, seen = columns.read(native_names(columns.names, session_file, source))
+    found = _without_gaps_in_temperature(cells)
     joints = tuple(joint_of(column) for column in found if column.endswith("/position"))
     if not joints:
         remedy = f"use `ident new`, or [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
@@ -218,7 +212,7 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
     else:
         remedy = "add it, or sample_rate_hz = … (a constant rate) to session.toml"
         raise RecordingError(source, "missing column time", remedy)
-    return Recording(name=name, joints=joints, time=time, source=source, issues=(*table.issues, *issues), **channels)
+    return Recording(name=name, joints=joints, time=time, source=source, issues=(*seen, *issues), **channels)
 
 
 def _channels(

@@ -52,8 +52,14 @@ class Bag:
         files = [one for one in path.iterdir() if not one.is_dir()] if path.is_dir() else [path]
         self.size = sum(require_regular(file, "give a bag", RecordingError) for file in files)
         for file in files:
-            if file.suffix.lower() == ".db3":
-                _require_tables(file)
+            if file.suffix.lower() != ".db3":
+                continue
+            with sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True) as database:
+                for kind, sql in database.execute("SELECT type, sql FROM sqlite_master"):
+                    # Views, triggers, computed columns and virtual tables make rows without end of nothing.
+                    if kind not in ("table", "index") or re.search(r"(?i)\bvirtual\b|\bas\s*\(", str(sql)):
+                        raise ValueError("its database has more than tables")
+            database.close()
         self._reader: Any = rosbag1.Reader(path) if self.old else rosbag2.Reader(path)
         self._types: dict[str, Any] = dict(KNOWN)
 
@@ -129,19 +135,6 @@ class _Bytes:
             raise ValueError(f"a text of {length} bytes in {len(self.raw)}")
         self.at += length
         return found.rstrip(b"\0").decode(errors="replace")
-
-
-def _require_tables(path: Path) -> None:
-    """Passes if a database holds plain tables: others make rows without end of nothing.
-
-    Raises:
-        ValueError: Views, triggers, computed columns or virtual tables.
-    """
-    with sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True) as database:
-        for kind, sql in database.execute("SELECT type, sql FROM sqlite_master"):
-            if kind not in ("table", "index") or re.search(r"(?i)\bvirtual\b|\bas\s*\(", str(sql)):
-                raise ValueError("its database has more than tables")
-    database.close()
 
 
 def _bounded(decompressor: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,8 @@ def fill_session(session: Session, folder: Path) -> None:
     for run in session.runs:
         write_recording(run, folder / f"{run.name}.parquet")
     settings: dict[str, Any] = dict(session.metadata)
-    own = {"robot": session.robot, "effort_kind": session.effort_kind, "gravity_mps2": session.gravity}
+    body = None if session.payload is None else asdict(session.payload)
+    own = {"robot": session.robot, "effort_kind": session.effort_kind, "payload": body, "gravity_mps2": session.gravity}
     settings |= {key: value for key, value in own.items() if value is not None}
-    if session.payload is not None:
-        settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}
     if settings:
         (folder / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")

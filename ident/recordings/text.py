@@ -237,17 +237,17 @@ def open_text(path: Path) -> NamedColumns:
         if not filled:
             raise RecordingError(path, "has no column of numbers", "give a table of samples")
         keys = {i: f"column_{i}/position" for i in filled} | dict.fromkeys(stamps[:1], TIME)
-        table = _read(path, layout, keys)
+        columns, _ = _read(path, layout, keys)
         # A name that stands twice is no name: its column goes by its number.
         own = {i: str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i] for i in keys}
-        return {own[i]: table.columns[key] for i, key in keys.items()}
+        return {own[i]: columns[key] for i, key in keys.items()}
 
     return NamedColumns(layout.names, lambda chosen: _read(path, layout, chosen), numbers)
 
 
 def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
-        return Table({})
+        return {}, ()
     columns, data = None, pa.memory_map(str(path)).read_buffer() if layout.separator != " " else b""
     if layout.separator == " ":  # runs of blanks are made one: Arrow knows single separators only
         data = re.sub(rb" {2,}", b" ", path.read_bytes().replace(b"\t", b" "))
@@ -264,12 +264,12 @@ def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
         columns, unused = drop_empty(columns, path)
         chosen = {index: native for index, native in chosen.items() if native in columns}
     if columns is None or not all(np.isfinite(values).all() for values in columns.values()):
-        damaged = read_damaged(path, data, layout, chosen)
-        return Table(damaged.columns, (*unused, *damaged.issues))
+        screened, issues = read_damaged(path, data, layout, chosen)
+        return screened, (*unused, *issues)
     rows = len(next(iter(columns.values())))
     if not rows:
         raise RecordingError(path, "has a header and no rows", "give a table with samples")
     if ends_within_cell(path, layout):
         columns = {name: values[:-1] for name, values in columns.items()}
         unused = (*unused, cut_short(path, "row", rows))
-    return Table(columns, unused)
+    return columns, unused

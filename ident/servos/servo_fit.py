@@ -97,7 +97,7 @@ def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[G
 
 # What is reported, by figure: its unit, its words, and the reason where it is not.
 TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-FIGURES: dict[str, dict[str, str]] = TEXT["figures"]
+FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 
 
@@ -283,8 +283,6 @@ def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> li
 
 
 SCHEMA = "ident.servo/1"
-# Causes of a dead band that goal and position can't part, whatever the motion.
-SAME_AS_DEAD_BAND = ("dead_band", "dry_friction", "backlash")
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +299,7 @@ class ServoArm(Result):
             errors = {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after}
             joints[one.joint] = {
                 "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in reported.items()},
-                "class": {"dead_band_rad": list(SAME_AS_DEAD_BAND)} if "dead_band_rad" in reported else {},
+                "class": {name: FIGURES[name]["class"] for name in reported if "class" in FIGURES[name]},
                 "not_told": dict(one.untold),
                 "heldout": None if np.isnan(one.rms_before) else errors,
             }

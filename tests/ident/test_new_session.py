@@ -66,8 +66,8 @@ def test_an_rtde_log_is_told_by_its_names(run: Recording, tmp_path: Path) -> Non
     table = np.column_stack([run.time, run.position + 0.01, run.position, run.velocity, turned])
     text_table(tmp_path / "run.csv", names, table, " ")
     found = new(tmp_path, "tm5-900")
-    assert found.guess.settings["effort_sign"] == {"joint_2": -1}
-    assert found.guess.columns["target_q_0"] == "joint_1/position_command"
+    assert found.settings["effort_sign"] == {"joint_2": -1}
+    assert found.columns["target_q_0"] == "joint_1/position_command"
     assert_same(tmp_path, run)
     assert inspect(tmp_path).is_fit  # the robot is named in the file
 
@@ -83,8 +83,8 @@ def test_a_libfranka_log_is_in_milliseconds(run: Recording, tmp_path: Path) -> N
     table = np.column_stack([8000 + 1e3 * run.time, np.ones(len(run)), *measured, zero, zero])
     text_table(tmp_path / "run.csv", names, table)
     found = new(tmp_path, "tm5-900")
-    assert found.guess.settings["time_unit"] == "ms"
-    assert found.guess.columns["tau_J[0]"] == "joint_1/effort"
+    assert found.settings["time_unit"] == "ms"
+    assert found.columns["tau_J[0]"] == "joint_1/effort"
     assert_same(tmp_path, run)
 
 
@@ -95,15 +95,15 @@ def test_degrees_are_told_by_the_robots_limits(run: Recording, arm: ArmModel, tm
     values = [wide.time, np.degrees(wide.position), np.gradient(wide.position, wide.time, axis=0), wide.effort]
     text_table(tmp_path / "run.csv", names, np.column_stack(values))
     found = new(tmp_path, "tm5-900")
-    assert found.guess.settings["angle_unit"] == "deg"
-    assert any("0.0175" in line for line in found.guess.left_out)
+    assert found.settings["angle_unit"] == "deg"
+    assert any("0.0175" in line for line in found.left_out)
     assert_same(tmp_path, wide, velocity=False)
     # An arm that, read in degrees, would stand nearly still moved in radians: its URDF's limits are too narrow.
     narrow = re.sub(r'(lower|upper)="[^"]*"', lambda one: f'{one[1]}="{-0.1 if one[1] == "lower" else 0.1}"', arm.urdf)
     (tmp_path / "narrow.urdf").write_text(narrow, encoding="utf-8")
     text_table(tmp_path / "log.csv", [*names[:7], *names[13:]], np.column_stack([run.time, run.position, run.effort]))
     found = new(tmp_path / "log.csv", tmp_path / "narrow.urdf")
-    assert found.guess.settings.get("angle_unit", "rad") == "rad"
+    assert found.settings.get("angle_unit", "rad") == "rad"
     assert "URDF's limits" in found.summary()
 
 
@@ -113,8 +113,8 @@ def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: Ar
     motion = (run.position, np.gradient(run.position, run.time, axis=0), run.position, run.velocity)
     text_table(tmp_path / "run.csv", [], np.column_stack([run.time, *motion, rigid, run.effort / 10.0]))
     found = new(tmp_path, arm)
-    assert found.guess.columns.items() >= {"1": "time", "20": "joint_1/velocity", "32": "joint_1/current"}.items()
-    assert found.guess.settings["drive_gain_Nm_per_A"]["joint_2"] == pytest.approx(10.0, rel=0.05)  # gravity moves it
+    assert found.columns.items() >= {"1": "time", "20": "joint_1/velocity", "32": "joint_1/current"}.items()
+    assert found.settings["drive_gain_Nm_per_A"]["joint_2"] == pytest.approx(10.0, rel=0.05)  # gravity moves it
     assert found.report.is_fit
 
 
@@ -124,7 +124,7 @@ def test_without_time_the_rate_is_told_by_the_velocity(run: Recording, tmp_path:
     np.savez(tmp_path / "run.npz", *tables, run.effort)  # type: ignore[arg-type]
     found = new(tmp_path / "run.npz", "tm5-900")
     assert found.file == tmp_path / "run.toml"
-    assert found.guess.settings["sample_rate_hz"] == pytest.approx(125.0, rel=0.01)
+    assert found.settings["sample_rate_hz"] == pytest.approx(125.0, rel=0.01)
     np.testing.assert_allclose(load_session(tmp_path / "run.npz").runs[0].effort, run.effort)
 
 
@@ -194,12 +194,12 @@ def test_a_data_set_and_a_bag_are_told_by_their_names(run: Recording, tmp_path: 
     """LeRobot's features without joints' names, and the fields of a driver's own message."""
     columns = {"observation.state": run.position, "action": run.position, "observation.effort": run.effort}
     folder = lerobot(tmp_path / "set", None, {**columns, "timestamp": run.time})
-    assert new(folder, "tm5-900").guess.columns["action.5"] == "joint_6/position_command"
+    assert new(folder, "tm5-900").columns["action.5"] == "joint_6/position_command"
     assert_same(folder, run, velocity=False)
 
     channels = (("q", "position"), ("tau_J", "effort"))
     write_states(tmp_path / "bag", "/arm/states", run, channels, StoragePlugin.MCAP)
-    assert new(tmp_path / "bag", "tm5-900").guess.columns["/arm/states:tau_J.0"] == "joint_1/effort"
+    assert new(tmp_path / "bag", "tm5-900").columns["/arm/states:tau_J.0"] == "joint_1/effort"
     assert_same(tmp_path / "bag", run, velocity=False)
 
 
@@ -209,7 +209,7 @@ def test_a_whole_robots_log_leaves_its_arms_joints(run: Recording, tmp_path: Pat
     names = [f"states:{kind}.{joint}" for kind in ("position", "effort") for joint in joints]
     table = [np.column_stack([run.time, one, run.time]) for one in (run.position, run.effort)]
     text_table(tmp_path / "run.csv", ["time", *names], np.column_stack([run.time, *table]))
-    assert new(tmp_path, "tm5-900").guess.columns["states:position.joint_4"] == "joint_4/position"
+    assert new(tmp_path, "tm5-900").columns["states:position.joint_4"] == "joint_4/position"
     assert_same(tmp_path, run, velocity=False)
 
 
@@ -226,5 +226,5 @@ def test_names_in_another_language_axes_by_letters_slides_in_millimetres(tmp_pat
     path.write_text(path.read_text().replace(".", ","))
     (tmp_path / "arm.urdf").write_text(arm.urdf, encoding="utf-8")
     found = new(path, tmp_path / "arm.urdf")
-    assert found.guess.settings["slide_scale"] == {"slide_2": 1e-3, "slide_4": 1e-3}
+    assert found.settings["slide_scale"] == {"slide_2": 1e-3, "slide_4": 1e-3}
     assert_same(path, made, velocity=False)

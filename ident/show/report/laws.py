@@ -42,6 +42,25 @@ class _Law:
     left: list[Float[Array, " t"]]  # what all other names leave [N m]
     items: Sequence[RunResidual]  # the runs
 
+    @classmethod
+    def of(cls, analysis: Analysis, finding: Finding) -> _Law:
+        """That of a finding, at the joint where it tells most."""
+        law, beta = finding.estimate.refined, finding.estimate.coefficients
+        session, series = analysis.session.survey, analysis.series
+        columns = law.effect.columns(session, law.joint, law.variant)
+        if law.effect.rows == "own":
+            joint = law.joint
+        else:
+            falls = {name: before - finding.rms_after[name] for name, before in finding.rms_before.items()}
+            joint = analysis.diagnosis.joints.index(max(falls, key=lambda name: falls[name]))
+        torque = []
+        for item, one in zip(series, columns, strict=True):
+            whole = item.run.motion.filtered(one @ beta)
+            torque.append(np.asarray(whole if whole.ndim == 1 else whole[:, joint]))
+        return cls(
+            joint, torque, [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)], series
+        )
+
     def where(self) -> list[Array]:
         return [item.counts[:, self.joint] for item in self.items]
 
@@ -63,7 +82,7 @@ def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
     """One picture a finding, in the order of the findings; None where nothing can be drawn."""
     pictures: list[LawPicture | None] = []
     for finding in analysis.diagnosis.findings if analysis.series else ():
-        law, effect = _torque_of(analysis, finding), finding.estimate.group.effect
+        law, effect = _Law.of(analysis, finding), finding.estimate.group.effect
         if not sum(int(inside.sum()) for inside in law.where()):
             pictures.append(None)
         elif effect.drawn_over in CURVES:
@@ -71,22 +90,6 @@ def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
         else:
             pictures.append(_over_time(analysis, law))
     return tuple(pictures) if analysis.series else (None,) * len(analysis.diagnosis.findings)
-
-
-def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
-    law, beta = finding.estimate.refined, finding.estimate.coefficients
-    session, series = analysis.session.survey, analysis.series
-    columns = law.effect.columns(session, law.joint, law.variant)
-    if law.effect.rows == "own":
-        joint = law.joint
-    else:
-        falls = {name: before - finding.rms_after[name] for name, before in finding.rms_before.items()}
-        joint = analysis.diagnosis.joints.index(max(falls, key=lambda name: falls[name]))
-    torque = []
-    for item, one in zip(series, columns, strict=True):
-        whole = item.run.motion.filtered(one @ beta)
-        torque.append(np.asarray(whole if whole.ndim == 1 else whole[:, joint]))
-    return _Law(joint, torque, [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)], series)
 
 
 def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | None:

@@ -134,27 +134,26 @@ def facts_section(facts: Mapping[str, Any]) -> Section | None:
 
 def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
     """Where models come from: data, options, versions; one folded block a model."""
-    values = {"models": [{"name": name, **_facts(model)} for name, model in models]}
-    return Section("provenance", "Provenance", "provenance.html", values)
-
-
-def _facts(model: HybridModel) -> dict[str, Any]:
-    past = model.provenance
-    options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
-    facts = [
-        ("robot", model.robot.name),
-        ("URDF, SHA-256", model.robot.digest),
-        ("options", options or UNKNOWN),
-        ("fitted on", f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN),
-        ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
-        ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
-        ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
-        ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
-    ]
-    if past.get("accepted"):
-        accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
-        facts.insert(3, ("refusals overruled", accepted))
-    return {"facts": facts, "data": past.get("data", [])}
+    told = []
+    for name, model in models:
+        past = model.provenance
+        runs = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN
+        options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
+        facts = [
+            ("robot", model.robot.name),
+            ("URDF, SHA-256", model.robot.digest),
+            ("options", options or UNKNOWN),
+            ("fitted on", runs),
+            ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
+            ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
+            ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
+            ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
+        ]
+        if past.get("accepted"):
+            accepted = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
+            facts.insert(3, ("refusals overruled", accepted))
+        told.append({"name": name, "facts": facts, "data": past.get("data", [])})
+    return Section("provenance", "Provenance", "provenance.html", {"models": told})
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

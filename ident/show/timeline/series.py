@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.evaluation import RunTrace, trace_run
+from ident.model.evaluation import trace_run
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.show.palette import MEASURED, rung_colours, rung_name
@@ -41,36 +41,30 @@ class Curve:
 
 def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
     """All curves of a run; power of the last rung only, the others' can be read off torque and speed."""
-    yield from _measured_curves(motion)
-    if model is not None:
-        yield from _rung_curves(trace_run(model, motion))
-
-
-def _measured_curves(motion: Motion) -> Iterator[Curve]:
     coarse = motion.coarse
-    work = _work(motion, motion.tau)
-    tables = (
+    measured = (
         ("torque", motion.tau_filtered),
         ("power", motion.filtered(motion.tau * motion.dq)),
-        ("energy", work[coarse]),
+        ("energy", _work(motion, motion.tau)[coarse]),
     )
     for j, joint in enumerate(motion.joints):
-        for group, table in tables:
+        for group, table in measured:
             yield Curve(joint, (group, "measured"), "measured", MEASURED, table[:, j])
         yield Curve(joint, ("motion", "position"), "position [rad]", "#444444", motion.q[coarse, j])
         yield Curve(joint, ("motion", "velocity"), "velocity [rad/s]", "#0072b2", motion.dq[coarse, j])
-
-
-def _rung_curves(trace: RunTrace) -> Iterator[Curve]:
-    motion = trace.motion
+    if model is None:
+        return
+    trace = trace_run(model, motion)
+    motion = trace.motion  # of the model's joints
     colours, last = rung_colours(tuple(trace.rungs)), tuple(trace.rungs)[-1]
     for rung, torque in trace.rungs.items():
-        tables = (
+        tables = [
             ("torque", trace.filtered[rung]),
             ("residual", motion.tau_filtered - trace.filtered[rung]),
-            ("energy", _work(motion, torque)[motion.coarse]),
-            *([("power", motion.filtered(torque * motion.dq))] if rung == last else []),
-        )
+            ("energy", _work(motion, torque)[coarse]),
+        ]
+        if rung == last:
+            tables.append(("power", motion.filtered(torque * motion.dq)))
         for j, joint in enumerate(motion.joints):
             for group, table in tables:
                 yield Curve(joint, (group, rung), rung_name(rung), colours[rung], table[:, j])

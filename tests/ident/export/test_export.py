@@ -18,7 +18,7 @@ from ident.export.loaded import load_module
 from ident.export.write import FILES, write_export
 from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses
-from ident.model.evaluation import evaluate, load_limits
+from ident.model.evaluation import check_limits, evaluate, load_limits
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
@@ -185,10 +185,10 @@ def test_limits_are_kept_or_not(model: HybridModel, tmp_path: Path) -> None:
     score = evaluate(model, [("E", motions)]).pooled
     file = tmp_path / "limits.toml"
     file.write_text("[torque_rmse_Nm]\njoint_1 = 1.1\njoint_2 = 0.9\ntotal = 1.1\n[r2_moving]\njoint_2 = 0.9\n")
-    checks = load_limits(file, model.joint_names, model.rungs).check(score)
+    checks = check_limits(score, load_limits(file, model.joint_names, model.rungs))
     assert [check.passed for check in checks] == [True, False, True, True]
     file.write_text('rung = "analytic"\n[torque_rmse_Nm]\njoint_1 = 1.1\n')
-    assert not load_limits(file, model.joint_names, model.rungs).check(score)[0].passed
+    assert not check_limits(score, load_limits(file, model.joint_names, model.rungs))[0].passed
 
 
 @pytest.mark.parametrize(

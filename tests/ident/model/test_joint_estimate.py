@@ -20,7 +20,7 @@ from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_
 from ident.model.identification import Identified, describe, identify
 from ident.model.inertia import base_parameters, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
-from ident.model.run_effects import USUAL_SPREAD, RunEffect, share_variance, wandering
+from ident.model.run_effects import USUAL_SPREAD, RunEffect, moderate, share_variance, wandering
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
@@ -214,9 +214,9 @@ def test_hypotheses_are_weighed_by_what_they_explain() -> None:
     """Under the hypothesis that fits, all variances are alike: it takes nearly all weight, a costly one none."""
     rng = np.random.default_rng(4)
     right, wrong = _squares(rng, np.full(10, 0.02), 8), _squares(rng, np.geomspace(0.001, 0.4, 10), 8)
-    weights = share_variance(np.concatenate([right, wrong]), np.full(10, 8.0)).weights.sum(axis=1)
+    weights = share_variance(np.concatenate([right, wrong]), np.full(10, 8.0)).sum(axis=1)
     assert weights[0] > 0.999
-    seen = share_variance(np.concatenate([right, right]), np.full(10, 8.0), np.array([0.0, 20.0])).weights.sum(axis=1)
+    seen = share_variance(np.concatenate([right, right]), np.full(10, 8.0), np.array([0.0, 20.0])).sum(axis=1)
     assert seen[1] < 1e-6
 
 
@@ -303,5 +303,5 @@ def test_moderated_variances_are_nearer_to_the_truth() -> None:
         spread = 0.02 * np.exp(0.2 * rng.standard_normal(12))
         squares, dof = _squares(rng, spread, 3), np.full(12, 3.0)
         own.append(np.abs(np.log(squares[0] / 3.0 / spread**2)))
-        shared.append(np.abs(np.log(share_variance(squares, dof).moderate(squares, dof) / spread**2)))
+        shared.append(np.abs(np.log(moderate(share_variance(squares, dof), squares, dof) / spread**2)))
     assert np.mean(shared) < 0.6 * np.mean(own)
