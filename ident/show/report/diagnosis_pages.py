@@ -10,14 +10,7 @@ import numpy as np
 
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
-from ident.show.report.diagnosis_verdict import (
-    energy_pair,
-    in_order_of_joints,
-    in_units_of,
-    order_of,
-    units_of,
-    verdict_section,
-)
+from ident.show.report import diagnosis_verdict as verdict
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
@@ -29,7 +22,21 @@ from ident.show.report.page import (
     save_page,
     telemetry_section,
 )
-from ident.show.report.words import axis_name, axis_unit, fixed, interval_words, percent, sentence, shade, significant
+from ident.show.report.words import (
+    DASH,
+    axis_name,
+    axis_unit,
+    bar,
+    fixed,
+    glue,
+    interval_words,
+    pair,
+    percent,
+    row_places,
+    sentence,
+    shade,
+    significant,
+)
 from ident.show.terminal import (
     describe_notes,
     describe_spread,
@@ -81,14 +88,68 @@ def render_diagnosis_report(
     return render_page(title, sections, describe_origin(record))
 
 
+def verdict_section(record: Mapping[str, Any]) -> Section:
+    """Verdict, what to make of it, and the gap joint by joint."""
+    session = record.get("session", {})
+    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
+    values = {
+        "headline": glue(verdict.diagnosis_headline(record)),
+        "first": glue(verdict.first_action(record)),
+        "lead": glue(" ".join(filter(None, (verdict.describe_findings(record), verdict.describe_unnamed(record))))),
+        "telemetry": record.get("telemetry", []),
+        "motion": glue(verdict.describe_motion(record)),
+        "doubts": [glue(line) for line in verdict.describe_reservations(record)],
+        "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
+        f"{fixed(session.get('duration_s', 0.0), 0)} s",
+        "gaps": gap_rows(record),
+        "units": verdict.units_of(record),
+        # The model untuned is the user's own where one was given.
+        "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
+    }
+    return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
+
+
+def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Residual, ceiling and noise of every joint, with bars on one scale."""
+    gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
+    after = heldout.get("rms_after_Nm", {}) if named else {}
+    joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
+    sizes = [gap["rms_Nm"] for gap in gaps.values()]
+    rows = []
+    for joint, gap in gaps.items():
+        energy = gap.get("energy_error_J") or {}
+        shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
+        shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
+        rows.append(
+            {
+                "joint": joint,
+                "places": row_places([gap["rms_Nm"], gap["noise_floor_Nm"]]),
+                "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
+                "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
+                "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
+                **shown,
+                "bars": {key: None if value is None else bar(value, sizes) for key, value in shown.items()},
+            }
+        )
+    return rows
+
+
+def _spread(record: Mapping[str, Any], std: float | None) -> float | None:
+    """A spread over the runs; a single run has none."""
+    return None if record.get("session", {}).get("runs", 0) < 2 else std
+
+
 def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | None] = ()) -> Section | None:
     """The named effects, a card each: how sure, how large, how far they shrink the gap, and their twins."""
     runs = record.get("session", {}).get("runs", 2)  # of a single run an energy error has no spread
     picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
-    for one in in_order_of_joints(record):
-        before, after = (energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        cards.append((one, order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
-    title, values = "What causes it, and what to do", {"findings": cards, "record": record, "in_units_of": in_units_of}
+    for one in verdict.in_order_of_joints(record):
+        before, after = (verdict.energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
+        cards.append((one, verdict.order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
+    title, values = (
+        "What causes it, and what to do",
+        {"findings": cards, "record": record, "in_units_of": verdict.in_units_of},
+    )
     return Section("findings", title, "findings.html", values) if cards else None
 
 
@@ -99,7 +160,9 @@ def where_section(record: Mapping[str, Any]) -> Section | None:
     places, maps, untuned = (from_start(record, key) for key in ("where", "maps", "maps_fixed"))
     places = [one for one in places if one["p_value"] <= USUAL_MAP.significant]
     values = {
-        "sentences": [in_units_of([one["joint"]], record, describe_place(one)) for one in places[:MOST_SENTENCES]],
+        "sentences": [
+            verdict.in_units_of([one["joint"]], record, describe_place(one)) for one in places[:MOST_SENTENCES]
+        ],
         "map": map_table(maps, record["joints"]),
         "fixed": map_table(untuned, record["joints"]),
     }
@@ -177,8 +240,8 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         "headline": words,
         "order": order,
         "places_of": places_of,
-        "in_units_of": in_units_of,
-        "units": units_of(record),
+        "in_units_of": verdict.in_units_of,
+        "units": verdict.units_of(record),
         "spread": describe_spread(record),
         "notes": [f"{sentence(line)}." for line in describe_notes(record)],
         "silent": silent_groups(without_still(record)),

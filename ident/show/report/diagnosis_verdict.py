@@ -1,4 +1,4 @@
-"""The diagnosis in one sentence, and the gap of every joint.
+"""A diagnosis in words: its verdict, what to do first, what is not known.
 
 All words begin with the joint of the largest gap, the first place of the map: the first line, what to do first, and the
 names as they are shown. A torque that is off by a factor elsewhere is reported before, as no size is right then.
@@ -17,19 +17,13 @@ from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
-from ident.errors import plural
-from ident.show.report.page import Section
 from ident.show.report.words import (
-    DASH,
     TABLES,
-    bar,
     effect_name,
     fixed,
-    glue,
     join_words,
     pair,
     percent,
-    row_places,
     sentence,
     significant,
     with_units,
@@ -38,27 +32,6 @@ from ident.show.report.words import (
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
-
-
-def verdict_section(record: Mapping[str, Any]) -> Section:
-    """Verdict, what to make of it, and the gap joint by joint."""
-    session = record.get("session", {})
-    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
-    values = {
-        "headline": glue(diagnosis_headline(record)),
-        "first": glue(first_action(record)),
-        "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
-        "telemetry": record.get("telemetry", []),
-        "motion": glue(describe_motion(record)),
-        "doubts": [glue(line) for line in describe_reservations(record)],
-        "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
-        f"{fixed(session.get('duration_s', 0.0), 0)} s",
-        "gaps": gap_rows(record),
-        "units": units_of(record),
-        # The model untuned is the user's own where one was given.
-        "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
-    }
-    return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
@@ -297,36 +270,6 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
     window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
     return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
-
-
-def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Residual, ceiling and noise of every joint, with bars on one scale."""
-    gaps, heldout, named = record.get("gap", {}), record.get("heldout") or {}, bool(record.get("findings"))
-    after = heldout.get("rms_after_Nm", {}) if named else {}
-    joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
-    sizes = [gap["rms_Nm"] for gap in gaps.values()]
-    rows = []
-    for joint, gap in gaps.items():
-        energy = gap.get("energy_error_J") or {}
-        shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
-        shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
-        rows.append(
-            {
-                "joint": joint,
-                "places": row_places([gap["rms_Nm"], gap["noise_floor_Nm"]]),
-                "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
-                "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
-                "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
-                **shown,
-                "bars": {key: None if value is None else bar(value, sizes) for key, value in shown.items()},
-            }
-        )
-    return rows
-
-
-def _spread(record: Mapping[str, Any], std: float | None) -> float | None:
-    """A spread over the runs; a single run has none."""
-    return None if record.get("session", {}).get("runs", 0) < 2 else std
 
 
 def _finding(finding: Mapping[str, Any]) -> str:
