@@ -51,11 +51,6 @@ class States:
         return np.sqrt(np.mean(self.dq**2, axis=0)) > self.settings.moving_rad_s
 
     @property
-    def telling(self) -> Bool[Array, " n"]:
-        """Joints whose torque the model can be held against."""
-        return self.moving | (self.gravity.std(axis=0) > self.settings.static_Nm)
-
-    @property
     def alive(self) -> Bool[Array, " n"]:
         """Joints whose torque changes at all."""
         spread = self.tau.std(axis=0)
@@ -155,7 +150,8 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Sign, scale and origin of the measured torque."""
     held = states.settings
-    tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
+    telling = states.moving | (states.gravity.std(axis=0) > held.static_Nm)
+    tested = [int(joint) for joint in np.flatnonzero(telling & states.alive)]
     rows = {joint: _below_cuts(session, states, joint) for joint in tested}
     right, wrong = ({j: fit_signed(states, j, sign, rows[j]) for j in tested} for sign in (1.0, -1.0))
     explained = {j: max(held.sign_explains, right[j].explained + held.sign_better) for j in tested}

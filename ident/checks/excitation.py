@@ -18,7 +18,7 @@ from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EXCITATION, ExcitationSettings, filter_run
 from ident.checks.report import TelemetryReport, issue_of, joints_at
 from ident.errors import RecordingError, plural
-from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Session, Severity, TelemetryIssue, count_blocks
+from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 # Parts of a single recording that are left out in turn, as the held-out splits do.
@@ -105,7 +105,7 @@ class Amount:
             return
         self._runs += len(session.runs)
         self._seconds += session.duration
-        self._blocks += count_blocks(session)
+        self._blocks += sum(int(run.duration / SHORTEST_BLOCK_S) for run in session.runs)
         for run in (run for run in session.runs if len(run)):
             self._low = np.minimum(self._low, run.position.min(axis=0))
             self._high = np.maximum(self._high, run.position.max(axis=0))

@@ -22,12 +22,11 @@ from ident.effects.session_context import (
     SessionContext,
     Variant,
     friction_level,
-    friction_states,
     lacking,
     least_rest_speed,
     rated_torque,
 )
-from ident.laws.carried import JointStates, LawKind, evaluate
+from ident.laws.carried import JointStates, LawKind, evaluate, states_of
 
 __all__ = ["Effect", "Expression", "Interval", "Range", "RunContext", "SessionContext", "Variant"]
 __all__ += ["delta_interval", "linear_interval"]
@@ -292,7 +291,11 @@ class StatesEffect(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         shape = {**variant.shape, **variant.inner}
-        return [evaluate(self.states.columns, friction_states(run, joint), shape) for run in session.runs]
+        found = []
+        for run in session.runs:
+            at = states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
+            found.append(evaluate(self.states.columns, at, shape))
+        return found
 
     def at_state(self, shape: Mapping[str, float], q: float = 0.0, dq: float = 0.0, load: float = 0.0) -> Array:
         """Its columns at one state, sliding in the direction of the speed: what sentences evaluate, shape (k,)."""

@@ -98,14 +98,6 @@ def linear_interval(
     return _about(float(weights @ coefficients), weights @ covariance @ weights)
 
 
-def beside_prior(
-    coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], deviation: Float[Array, " k"]
-) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
-    """Estimates and their covariance, drawn to zero where a prior of such deviations says more than the recordings."""
-    gain = deviation[:, None] ** 2 * np.linalg.inv(np.diag(deviation**2) + covariance)
-    return gain @ coefficients, gain @ covariance
-
-
 def drawn_interval(
     function: Callable[[Float[Array, " k"]], float], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
 ) -> Interval:

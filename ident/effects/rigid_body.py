@@ -21,7 +21,7 @@ from ident.effects.added_body import (
     weighs,
 )
 from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
-from ident.effects.intervals import SizePrior, beside_prior, coefficient_interval, delta_interval, linear_interval
+from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import RIGID_BODY as LIMIT
 from ident.effects.session_context import arm_mass, arm_reach
 from ident.robot.arm import ArmModel
@@ -175,8 +175,10 @@ class LinkInertialError(Effect):
     ) -> dict[str, Interval]:
         arm = session.runs[0].arm
         change = _acting_law(arm, joint, variant)
-        widest = LIMIT.widest * self.prior_scale(session, joint, variant)
-        coefficients, covariance = beside_prior(coefficients, covariance, widest)
+        # Drawn to zero where the prior says more than the recordings.
+        widest = (LIMIT.widest * self.prior_scale(session, joint, variant)) ** 2
+        gain = widest[:, None] * np.linalg.inv(np.diag(widest) + covariance)
+        coefficients, covariance = gain @ coefficients, gain @ covariance
         mass, none = linear_interval(change[0], coefficients, covariance), -float(arm.inertial_parameters[10 * joint])
         if not weighs(arm, joint):
             mass = Interval(mass.value, min(none, mass.value), max(arm_mass(arm), mass.value), "both")

@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.intervals import coefficient_interval as coefficient_interval
-from ident.laws.carried import JointStates, states_of
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
 from ident.records import read_group
@@ -156,11 +155,6 @@ def joined(session: SessionContext, signal: str, joint: int) -> Float[Array, " T
     """A joint's signal over all runs: one of the motion's (`q`, `dq`, `ddq`) or of the run's own (`link`, `total`)."""
     parts = [getattr(run.motion if hasattr(run.motion, signal) else run, signal)[:, joint] for run in session.runs]
     return np.concatenate(parts)
-
-
-def friction_states(run: RunContext, joint: int) -> JointStates:
-    """A joint's states as laws of its friction see them."""
-    return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
 
 
 def usual_speed(session: SessionContext, joint: int) -> float:

@@ -78,8 +78,3 @@ def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[A
         return np.zeros_like(tuning), 1.0
     missed = np.linalg.norm(torque @ moved) / np.linalg.norm(torque @ (tuning.ravel() / scale))
     return tuning + (scale * moved).reshape(tuning.shape), float(missed)
-
-
-def inertia_about_axes(arm: ArmModel, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
-    """Inertia of an arm's bodies about each joint's axis, the others held [kg m²]."""
-    return np.diagonal(arm.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2)

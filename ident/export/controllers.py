@@ -19,7 +19,6 @@ from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.effects import base
 from ident.errors import InputError
-from ident.export.bodies import inertia_about_axes
 from ident.export.identified import IdentifiedArm, in_module
 from ident.export.templates import fill
 from ident.files import atomic_folder
@@ -158,7 +157,9 @@ def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
     rng = np.random.default_rng(0)
     q = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (POSES, arm.n))
     left = np.maximum(arm.effort_limit - np.abs(arm.gravity(q)) - losses.coulomb, 0.0)
-    most = np.min(left / (inertia_about_axes(arm, q) + losses.motor_inertia), axis=0)
+    # Of the bodies about each joint's axis, the others held [kg m²].
+    inertia = np.diagonal(arm.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2)
+    most = np.min(left / (inertia + losses.motor_inertia), axis=0)
     return np.where((arm.effort_limit > 0.0) & (arm.effort_limit < UNLIMITED), most, np.inf)
 
 

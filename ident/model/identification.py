@@ -27,7 +27,6 @@ from ident.model.inertia import (
     base_parameters,
     base_prior,
     compute_condition,
-    free_of,
     parameter_scale,
     solve_bounded,
 )
@@ -155,9 +154,11 @@ def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, "
 
     Solves Δβᵀ (C + s² B S² Bᵀ)⁻¹ Δβ = r for s, C the covariance of the data's Δβ. Source: Paule and Mandel 1982.
     """
-    information = free_of(found.information, base.rank)
-    cross, own = found.information[: base.rank, base.rank :], found.information[base.rank :, base.rank :]
-    score = found.score[: base.rank] - cross @ np.linalg.pinv(own, hermitian=True) @ found.score[base.rank :]
+    rank, cross = base.rank, found.information[: base.rank, base.rank :]
+    own = np.linalg.pinv(found.information[rank:, rank:], hermitian=True)
+    # What the data tell of the base parameters once the losses are free.
+    information = found.information[:rank, :rank] - cross @ own @ cross.T
+    score = found.score[:rank] - cross @ own @ found.score[rank:]
     root = np.linalg.cholesky((base.mapping * scale**2) @ base.mapping.T)
     whitened = root.T @ information @ root
     values, vectors = np.linalg.eigh(whitened)

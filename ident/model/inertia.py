@@ -113,12 +113,6 @@ def lift_base(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array,
     return weighted.T @ np.linalg.inv(weighted @ base.mapping.T)
 
 
-def free_of(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
-    """Information on the base parameters once the loss parameters are free."""
-    cross, own = information[:rank, rank:], information[rank:, rank:]
-    return information[:rank, :rank] - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
-
-
 def base_prior(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "r r"]:
     """Information on the base parameters that lies in trusting each inertial number to its scale."""
     return np.linalg.inv((base.mapping * scale**2) @ base.mapping.T)

@@ -168,11 +168,6 @@ FEWEST_BLOCKS = 5  # of held-out splits: a median over them, and a spread, need 
 SHORTEST_BLOCK_S = 1.5  # a shorter block holds less than one swing of an arm and is a copy of its neighbours
 
 
-def count_blocks(session: Session) -> int:
-    """How many blocks of at least the shortest length the runs can be cut into."""
-    return sum(int(run.duration / SHORTEST_BLOCK_S) for run in session.runs)
-
-
 def cut_before(run: Recording, rows: Int[Array, " k"]) -> tuple[Recording, ...]:
     """Cuts a run before each of some rows, given in order; the pieces are named `run[0]`, `run[1]`, …"""
     edges = [0, *(int(row) for row in rows), len(run)]

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from ident.errors import plural, visible
 from ident.progress import listening
+from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
     from ident.model.evaluation import SessionScore
@@ -47,8 +48,6 @@ COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 def ladder_table(score: SessionScore) -> Table:
     """Energy and torque error of every rung, a joint a line."""
-    from ident.show.palette import rung_name  # few commands show a ladder
-
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
     table = Table(
         "model", "joint", title=f"{score.name}: {plural(len(score.runs), 'run')}{payload}", title_justify="left"

@@ -100,7 +100,11 @@ def verdict_key(record: Mapping[str, Any]) -> str:
     """The verdict by which words are chosen: of a gap without a name, whether it is small, or has names beside it."""
     if record["verdict"] != "none_of_catalogue":
         return str(record["verdict"])
-    return "small" if is_small(record) else "mostly" if record.get("findings") else "none_of_catalogue"
+    gaps = record.get("gap", {}).values()
+    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
+    if record.get("nearest") and not loud:  # all that speaks for a gap is a candidate that came near to a name
+        return "small"
+    return "mostly" if record.get("findings") else "none_of_catalogue"
 
 
 def first_action(record: Mapping[str, Any]) -> str:
@@ -192,13 +196,6 @@ def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
     after, gaps = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
     left = {joint: min(gap["rms_Nm"], after.get(joint, math.inf)) for joint, gap in gaps.items()}
     return [joint for joint, gap in gaps.items() if left[joint] > OVERTUNED * gap.get("fixed_rms_Nm", math.inf)]
-
-
-def is_small(record: Mapping[str, Any]) -> bool:
-    """Whether the only thing that speaks for a gap is a candidate that came near to a name."""
-    gaps = record.get("gap", {}).values()
-    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
-    return record["verdict"] == "none_of_catalogue" and bool(record.get("nearest")) and not loud
 
 
 def describe_findings(record: Mapping[str, Any]) -> str:

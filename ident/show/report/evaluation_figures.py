@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Float
 from ident.model.evaluation import Evaluation, RunTrace, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
@@ -129,12 +129,6 @@ def run_name(evaluation: Evaluation, index: int) -> str:
     return (run if run == score.name else f"{score.name}/{run}") + payload
 
 
-def rest_spans(time: Float[Array, " t"], moving: Bool[Array, " t"]) -> list[tuple[float, float]]:
-    """Stretches in which a joint rests, where no model of its state can tell the torque."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moving, [0]]).astype(int)))
-    return [(float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2) if b - a > 1]
-
-
 def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     """Measured torque and every rung over time, one panel a joint."""
     time = trace.time - trace.time[0]
@@ -142,8 +136,11 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     panels = []
     for j, joint in enumerate(trace.motion.joints):
         figure, axes = make_panel("time [s]", "torque [N m]")
-        for start, end in rest_spans(time, trace.motion.moving[:, j]):
-            axes.axvspan(start, end, color=REST, linewidth=0)
+        # Where it rests no model of its state can tell the torque.
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~trace.motion.moving[:, j], [0]]).astype(int)))
+        for start, end in edges.reshape(-1, 2):
+            if end - start > 1:
+                axes.axvspan(float(time[start]), float(time[end - 1]), color=REST, linewidth=0)
         axes.plot(*thin(time, trace.motion.tau_filtered[:, j]), color=MEASURED, linewidth=1.7)
         for rung, torque in trace.filtered.items():
             axes.plot(*thin(time, torque[:, j]), color=colours[rung], linewidth=0.95)
