@@ -152,7 +152,14 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     held = states.settings
     telling = states.moving | (states.gravity.std(axis=0) > held.static_Nm)
     tested = [int(joint) for joint in np.flatnonzero(telling & states.alive)]
-    rows = {joint: _below_cuts(session, states, joint) for joint in tested}
+    rows = {}
+    for j in tested:  # states whose torque a limit does not cut off; all where no limit does, or hardly one is left
+        every, kept = np.concatenate([run.effort[:, j] for run in session.runs]), np.ones(len(states.tau), dtype=bool)
+        for sign in (1.0, -1.0):
+            count, level = flat_top(sign * every)
+            if count:
+                kept &= sign * states.tau[:, j] < level - NEAR_CUT * np.ptp(every)
+        rows[j] = kept if kept.mean() > LEAST_UNCUT else np.ones_like(kept)
     right, wrong = ({j: fit_signed(states, j, sign, rows[j]) for j in tested} for sign in (1.0, -1.0))
     explained = {j: max(held.sign_explains, right[j].explained + held.sign_better) for j in tested}
     flipped = [j for j in tested if wrong[j].explained > explained[j]]
@@ -167,16 +174,6 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         issues.append(issue_of("sign", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
     upright = right | {j: wrong[j] for j in flipped}
     return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
-
-
-def _below_cuts(session: Session, states: States, joint: int) -> Bool[Array, " T"]:
-    """States whose torque a limit does not cut off; all where no limit does, or hardly one is left."""
-    kept, every = np.ones(len(states.tau), dtype=bool), np.concatenate([run.effort[:, joint] for run in session.runs])
-    for sign in (1.0, -1.0):
-        count, level = flat_top(sign * every)
-        if count:
-            kept &= sign * states.tau[:, joint] < level - NEAR_CUT * np.ptp(every)
-    return kept if kept.mean() > LEAST_UNCUT else np.ones_like(kept)
 
 
 def _check_scale(

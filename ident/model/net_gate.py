@@ -90,30 +90,21 @@ def shrink_net(
         helps = (gain.mean(axis=0) > needed * doubt) & ~_is_worse(without, without - share * own)
         weight = np.where(helps & (gain.mean(axis=0) > best), share, weight)
         best = np.where(weight == share, gain.mean(axis=0), best)
-    weight = _spare_the_total(weight, without, own)
+    # Joints go until the energy error of all joints together is no worse than without any net.
+    together = without.sum(axis=1, keepdims=True)
+
+    def mixed(choice: Array) -> Float[Array, "g 1"]:
+        return (without - choice * own).sum(axis=1, keepdims=True)
+
+    while weight.any() and _is_worse(together, mixed(weight))[0]:
+        trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
+        weight = min(trials, key=lambda choice: float(np.sum(mixed(choice) ** 2)))
     after = left - np.where(weight > 0.0, weight, 1.0) * predicted
     count = np.maximum(moving.sum(axis=0), 1.0)
     rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
     works = [_by_group(np.where(moving, part * travel, 0.0), witness if run is None else run) for part in (left, after)]
     energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
-
-
-def _spare_the_total(
-    weight: Float[Array, " n"], without: Float[Array, "g n"], own: Float[Array, "g n"]
-) -> Float[Array, " n"]:
-    """Lets joints go until the energy error of all joints together is no worse than without any net."""
-
-    def mixed(choice: Array) -> Float[Array, "g 1"]:
-        return (without - choice * own).sum(axis=1, keepdims=True)
-
-    def total(choice: Array) -> float:
-        return float(np.sum(mixed(choice) ** 2))
-
-    while weight.any() and _is_worse(without.sum(axis=1, keepdims=True), mixed(weight))[0]:
-        trials = [np.where(np.arange(len(weight)) == j, 0.0, weight) for j in np.flatnonzero(weight)]
-        weight = min(trials, key=total)
-    return weight
 
 
 def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"]) -> Bool[Array, " n"]:

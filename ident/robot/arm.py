@@ -79,7 +79,23 @@ class ArmModel:
             raise RobotError(
                 where, f"the parser refused it ({first_line(error)})", "check it with check_urdf"
             ) from None
-        _require_serial_arm(model, where, urdf)
+        # A chain of one-axis joints whose every joint moves some mass.
+        if model.nv == 0:
+            raise RobotError(where, "it has no moving joint", "give an arm")
+        if model.nq != model.nv or model.nv != model.njoints - 1:
+            what = "it has joints of more than one axis"
+            raise RobotError(where, what, "give an arm of revolute and prismatic joints")
+        parents = list(model.parents)[1:]
+        if parents != list(range(model.njoints - 1)):
+            fork = next(i for i, parent in enumerate(parents, start=1) if parent != i - 1)
+            tips = " or ".join(f":{name}" for name in arm_tips(urdf)[:2])
+            remedy = f"name the last joint of the arm that is meant behind the robot: {tips}"
+            raise RobotError(where, f"not a serial chain: {model.names[fork]} forks off", remedy)
+        moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
+        for i, mass in enumerate(moved, start=1):
+            if not mass > 0.0:
+                remedy = "add <inertial> to the links beyond that joint"
+                raise RobotError(where, f"joint {model.names[i]} moves no mass", remedy)
         return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed, tip)
 
     @property
@@ -377,22 +393,3 @@ class ArmModel:
             if name not in self.joint_names:
                 remedy = f"its joints are: {', '.join(self.joint_names)}"
                 raise RobotError(self.source or self.name, f"no moving joint {name!r}", remedy)
-
-
-def _require_serial_arm(model: pin.Model, where: str, urdf: str) -> None:
-    """Raises RobotError unless the model is a chain of one-axis joints whose every joint moves some mass."""
-    if model.nv == 0:
-        raise RobotError(where, "it has no moving joint", "give an arm")
-    if model.nq != model.nv or model.nv != model.njoints - 1:
-        raise RobotError(where, "it has joints of more than one axis", "give an arm of revolute and prismatic joints")
-    parents = list(model.parents)[1:]
-    if parents != list(range(model.njoints - 1)):
-        fork = next(i for i, parent in enumerate(parents, start=1) if parent != i - 1)
-        tips = " or ".join(f":{name}" for name in arm_tips(urdf)[:2])
-        remedy = f"name the last joint of the arm that is meant behind the robot: {tips}"
-        raise RobotError(where, f"not a serial chain: {model.names[fork]} forks off", remedy)
-    moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
-    for i, mass in enumerate(moved, start=1):
-        if not mass > 0.0:
-            remedy = "add <inertial> to the links beyond that joint"
-            raise RobotError(where, f"joint {model.names[i]} moves no mass", remedy)

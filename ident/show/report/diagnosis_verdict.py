@@ -48,7 +48,15 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
         lines.append(f"The gap is largest at {joint}, {size}, {there}.")
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
-    names = [_finding(finding) for finding in shown[:3]]
+    names = []
+    for finding in shown[:3]:
+        joints, likely = finding["joints"], is_likely(finding)
+        where = join_words(joints) if len(joints) <= 3 else "the whole arm"
+        # One that is less likely than not with those of its class, and how likely they are.
+        tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
+        called = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
+        sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
+        names.append(called if likely else f"{called} ({percent(sure)})")
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
@@ -267,16 +275,6 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     parts = [f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}" for joint in named]
     window = f"after {1e3 * forward['window_s']:.0f} ms by [{units_of(record, 'mrad')}]"
     return f"Replayed under the recorded torques, the motion is off {window}: {', '.join(parts)}." if parts else ""
-
-
-def _finding(finding: Mapping[str, Any]) -> str:
-    """A name and its joints; one that is less likely than not with those of its class, and how likely they are."""
-    joints, likely = finding["joints"], is_likely(finding)
-    where = join_words(joints) if len(joints) <= 3 else "the whole arm"
-    tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
-    named = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
-    sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
-    return named if likely else f"{named} ({percent(sure)})"
 
 
 def energy_pair(heldout: Mapping[str, Any], when: str, runs: int) -> str:
