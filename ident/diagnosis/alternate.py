@@ -13,7 +13,6 @@ from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import estimate_run_spread
-from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
@@ -53,10 +52,6 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         left -= 1
         sure = _sure(search, session, baseline, doubted, start)
         search, doubted = sure.search, sure.doubted
-        drifting = _mere_drift(search, sure.found, free)
-        if drifting:
-            sure = _without(drifting, sure, session, baseline)
-            search, doubted = sure.search, sure.doubted
         error, unlikely = _how_wrong(search, sure.found, session, baseline)
         while unlikely and (error == prior.error or not left):
             sure = _without(unlikely, sure, session, baseline)
@@ -109,30 +104,6 @@ def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
             if gain > best.get((group.effect.id, group.joint), (0.0, group))[0]:
                 best[group.effect.id, group.joint] = gain, group
     return project(gram, evidence, prior, [group for _, group in best.values()])
-
-
-def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key]:
-    """Names of slow effects that wandering friction explains as well: a slow curve follows some of any random walk.
-
-    Args:
-        search: The search.
-        found: What it found.
-        free: Its evidence with friction free to vary.
-    """
-    evidence, prior = search.evidence, search.prior
-    groups = [item.group for item in found.named]
-    slow = [group for group in groups if group.effect.by_run]
-    if not slow:
-        return set()
-    gram = free.gram()
-    least = search.settings.slow_error / evidence.layout.n
-    drifting = set()
-    for group in slow:
-        model = project(gram, free, prior, [other for other in groups if other is not group])
-        variants = [other for other in evidence.layout.groups if other.key == group.key]
-        if chance_of_law(free, model, variants, np.random.default_rng(search.seed)) > least:
-            drifting.add(group.key)
-    return drifting
 
 
 def _how_wrong(

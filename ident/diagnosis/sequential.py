@@ -111,16 +111,12 @@ def share_of_look(number: int) -> float:
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
     """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
     held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
-    slow = held.slow_error * exp(-nats)
-    wandering = settings.regression.wandering
-    wandering = wandering.but(draws=max(wandering.draws, ceil(1.0 / (LIMIT.resolution * slow))))
     selection = held.but(
-        slow_error=slow,
         least_nats=held.least_nats + nats,
         inertial_odds=held.inertial_odds * exp(nats),
         event_nats=held.event_nats + nats,
     )
-    return replace(settings, selection=selection, regression=settings.regression.but(wandering=wandering))
+    return replace(settings, selection=selection)
 
 
 def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
