@@ -185,10 +185,10 @@ def clear_temporaries(target: Path) -> None:
 
 def _put_in_place(temporary: Path, target: Path) -> None:
     """Renames a folder to its target; what was there has the temporary name afterwards."""
-    exchanged = False
     if not target.exists():
         os.replace(temporary, target)
         return
+    exchanged = False
     with suppress(AttributeError, OSError, TypeError):  # of a system that can't
         rename = ctypes.CDLL(None, use_errno=True).renameat2
         names = AT_FDCWD, os.fsencode(temporary), AT_FDCWD, os.fsencode(target)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
-from ident.command_options import FitOptions
+from ident.command_options import FitOptions, Inertia
 from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
 from ident.model.block_sums import FitColumns, sum_blocks
@@ -23,7 +23,6 @@ from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
     InertiaResults,
-    Mode,
     base_parameters,
     base_prior,
     compute_condition,
@@ -183,7 +182,7 @@ def _within_bounds(
     found: JointEstimate,
     arm: ArmModel,
     base: BaseParameters,
-    mode: Mode,
+    mode: Inertia,
     bounds: tuple[Int[Array, " b"], Int[Array, " z"]],
 ) -> tuple[Float[Array, " 10n"], Float[Array, " m-r"]]:
     """Change of the inertial numbers, and losses with all that stands behind them.

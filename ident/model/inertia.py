@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -32,7 +31,6 @@ from ident.arrays import Array, Float, Int, freeze
 from ident.model.loss import InertiaFigure
 from ident.robot.arm import ArmModel
 
-Mode = Literal["nominal", "base", "consistent"]
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # Columns whose pivot is smaller than this share of the largest act on no joint torque.
 RANK_TOLERANCE = 1e-9

@@ -6,7 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -161,16 +161,6 @@ def last_turns(heading: Float[Array, "t n"]) -> Int[Array, "t n"]:
     """Sample at which each joint last turned, started or stopped; the first one before that."""
     turned = np.diff(heading, axis=0, prepend=heading[:1]) != 0.0
     return np.asarray(np.maximum.accumulate(turned * np.arange(len(heading))[:, None]))
-
-
-def whole_band(motions: Iterable[Motion]) -> float:
-    """Frequency up to which the states of most joints follow their motion in most runs [Hz]; infinite if not known.
-
-    Where torque is looked at beyond, speeds and accelerations that are half kept stand against torques that are whole:
-    where that is more than a little (`torque_band`) it looks like elasticity, whose torque grows towards its resonance.
-    """
-    known = [(motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None]
-    return known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
 
 
 def torque_band(motion: Motion, inertia: Float[Array, " n"], corner: float) -> float:

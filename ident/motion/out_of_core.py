@@ -22,7 +22,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.motion.motion import Motion, torque_band, whole_band
+from ident.motion.motion import Motion, torque_band
 
 # Samples of a session that are held in memory; those of a longer one are spooled.
 HELD_SAMPLES = 200_000
@@ -148,8 +148,16 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> Sequence[Motion]:
-    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques."""
-    corner = whole_band(motions.bare if isinstance(motions, SpooledMotions) else motions)
+    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques.
+
+    Where torque is looked at beyond the band that states follow, speeds and accelerations that are half kept stand
+    against torques that are whole: where that is more than a little (`torque_band`) it looks like elasticity, whose
+    torque grows towards its resonance.
+    """
+    bare = motions.bare if isinstance(motions, SpooledMotions) else motions
+    known = [(motion.band, motion.settings.whole_share) for motion in bare if motion.band is not None]
+    # Of most joints in most runs; infinite where nobody knows.
+    corner = known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
     if np.isfinite(corner):
         corner = float(np.median([torque_band(motion, inertia, corner) for motion in few(motions)]))
     if isinstance(motions, SpooledMotions):

@@ -10,10 +10,9 @@ import pinocchio as pin
 import pytest
 
 from ident.arrays import Array, Float
-from ident.command_options import FitOptions
+from ident.command_options import FitOptions, Inertia
 from ident.model.identification import Identified, identify
 from ident.model.inertia import (
-    Mode,
     base_parameters,
     is_consistent,
     parameter_scale,
@@ -27,7 +26,7 @@ from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, random_states, sliding_arm
 
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
-MODES: tuple[Mode, ...] = ("nominal", "base", "consistent")
+MODES: tuple[Inertia, ...] = ("nominal", "base", "consistent")
 
 
 @pytest.fixture(scope="module")
