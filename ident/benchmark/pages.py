@@ -44,7 +44,6 @@ def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, 
         Section("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
         facts_section(report.run),
     ]
-    sections.insert(3, confusion_section(record["confusion"]))
     return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", sections, subtitle)
 
 
@@ -85,6 +84,7 @@ def _tables(record: Mapping[str, Any]) -> Iterator[Section | None]:
         rows.append([axes[axis], str(place), one["cases"], *(percent(one[name]) for name in OF_WORLDS)])
     columns = "property|from, to|cases|named|classed|joint|false beside|false alarms|told a gap"
     yield _table("worlds", "In which worlds does it hold?", columns, rows, alarm=alarm)
+    yield confusion_section(record["confusion"])
 
     methods = {"this diagnosis": scores} if record["baselines"] else {}
     methods |= {TEXT["baselines"].get(name, name): own for name, own in record["baselines"].items()}

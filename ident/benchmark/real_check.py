@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.benchmark.run import BlindOptions, Progress, Say, begin_check
-from ident.benchmark.scoring import Coverage, Score, calibration_curve, calibration_error, mean, share
+from ident.benchmark.scoring import Score, calibration_curve, calibration_error, is_inside, mean, share
 from ident.benchmark.summary import group_by, in_columns
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -73,7 +73,7 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
                 given = isinstance(one, dict) and one.get("low") is not None
                 if given and key != "order" and not isinstance(true, str):
                     low, high = float(one["low"]), float(one["high"])
-                    covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
+                    covered[key] = is_inside(key, true, low, high)
             row = {
                 **{key: effect[key] for key in ("effect", "asked", "in_catalogue")},
                 "joint": effect["joints"][0] if effect["joints"] else "",
@@ -181,8 +181,8 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     once = [one for one in fresh if one["right"] or wrong[one["arm"], one["name"]] < 2]
     for title, rows in (("", fresh), (", names of one case of the arm alone", once)):
         yield f"calibration (probability, right){title}:"
-        for one in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
-            yield f"  {one.said:.2f}: {_written(one.right)}"
+        for _, _, said, right in calibration_curve([one["p"] for one in rows], [one["right"] for one in rows], BINS):
+            yield f"  {said:.2f}: {_written(right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
     spent = [one["seconds"] for one in cases if one["seconds"] is not None]
     yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""

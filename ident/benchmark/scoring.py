@@ -70,24 +70,16 @@ def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
     return Score(area, max(area - reach, 0.0), min(area + reach, 1.0), n + m)
 
 
-@dataclass(frozen=True)
-class Bin:
-    """Names whose probability lies in one bin: the mean of their probabilities, and how often they are right."""
-
-    low: float
-    high: float
-    said: float
-    right: Score
-
-
-def calibration_curve(said: Sequence[float], right: Sequence[bool], bins: int = BINS) -> tuple[Bin, ...]:
-    """Bins of equal width that hold anything."""
+def calibration_curve(
+    said: Sequence[float], right: Sequence[bool], bins: int = BINS
+) -> list[tuple[float, float, float, Score]]:
+    """Bins of equal width that hold anything: their bounds, the mean of what was said, and how often it was right."""
     p, hit = np.asarray(said, dtype=float), np.asarray(right, dtype=bool)
     which = np.minimum((p * bins).astype(int), bins - 1)
-    return tuple(
-        Bin(k / bins, (k + 1) / bins, float(p[which == k].mean()), share(hit[which == k]))
+    return [
+        (k / bins, (k + 1) / bins, float(p[which == k].mean()), share(hit[which == k]))
         for k in map(int, np.unique(which))
-    )
+    ]
 
 
 def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
@@ -115,24 +107,13 @@ WRONG_LINK_ERROR, WRONG_COM_M = 0.08, 0.008
 EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """A true parameter against its 95 % interval."""
-
-    effect: str
-    parameter: str
-    true: float
-    value: float
-    low: float
-    high: float
-
-    @property
-    def inside(self) -> bool:
-        if self.parameter == "phase_rad":
-            away = np.angle(np.exp(1j * (self.true - 0.5 * (self.low + self.high))))
-            return bool(abs(away) <= 0.5 * (self.high - self.low) + 1e-9)
-        slack = 1e-6 * abs(self.true)
-        return self.low - slack <= self.true <= self.high + slack
+def is_inside(parameter: str, true: float, low: float, high: float) -> bool:
+    """Whether an interval holds a true parameter; a phase is one whatever turns are added to it."""
+    if parameter == "phase_rad":
+        away = np.angle(np.exp(1j * (true - 0.5 * (low + high))))
+        return bool(abs(away) <= 0.5 * (high - low) + 1e-9)
+    slack = 1e-6 * abs(true)
+    return low - slack <= true <= high + slack
 
 
 @dataclass(frozen=True)
@@ -153,7 +134,8 @@ class Outcome:
     refused: bool = False  # whether it says that the catalogue does not hold the cause, at the right joint
     set_f1: float | None = None  # of all names with their joints against the truth
     shrink_share: float | None = None  # held-out closing over that of the true name alone; None if that closes nothing
-    coverage: tuple[Coverage, ...] = ()  # true parameters against intervals, of all true names
+    # True parameters of all true names: each with its effect, the reported value and interval, whether that holds it.
+    coverage: tuple[dict[str, Any], ...] = ()
     right: tuple[bool, ...] = ()  # whether each name is true
     excused: tuple[bool, ...] = ()  # whether it is true of the world, though nothing of the kind was hidden
     rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)  # names of the plain methods
@@ -196,7 +178,7 @@ class Outcome:
 
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
-        return {**record, "coverage": [{**vars(one), "inside": one.inside} for one in self.coverage]}
+        return {**record, "coverage": list(self.coverage)}
 
     def to_row(self) -> dict[str, Any]:
         """Numbers and words of the case and of its world, for a table with a row a case."""
@@ -243,9 +225,11 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
     covers = []  # parameters that both report by the same name
     for true, finding in zip(matches, findings, strict=True):
         for name, value in comparable(true, starts).items() if true else ():
-            ends = [finding["parameters"].get(name, {}).get(key) for key in ("value", "low", "high")]
-            if true and None not in ends:
-                covers.append(Coverage(true.effect, name, value, *map(float, ends)))
+            told = {key: finding["parameters"].get(name, {}).get(key) for key in ("value", "low", "high")}
+            if None not in told.values():
+                told = {key: float(end) for key, end in told.items()}
+                inside = is_inside(name, value, told["low"], told["high"])
+                covers.append({"effect": finding["effect"], "parameter": name, "true": value, **told, "inside": inside})
     # Harmonic mean of precision and recall; a cause that is named at both of its joints is found once.
     hits, found = sum(match is not None for match in matches), len({id(one) for one in matches if one is not None})
     precision, recall = hits / max(len(counted), 1), found / max(len(answer.effects), 1)

@@ -175,7 +175,7 @@ class BlindReport(Result):
             **measure(self.outcomes, HEADLINE),
             "auroc": auroc(*([score for score in some if score is not None] for some in (lacking, holding))),
             "calibration_error": calibration_error(*judged(self.outcomes)),
-            "interval_coverage": share(cover.inside for one in self.outcomes for cover in one.coverage),
+            "interval_coverage": share(cover["inside"] for one in self.outcomes for cover in one.coverage),
             **(measure(filter(is_visible, self.outcomes), PASSED) if edited else {}),
         }
 
@@ -235,7 +235,8 @@ class BlindReport(Result):
         by_truth = group_by(singles, lambda one: one.truth[0][0])
         names = group_by((name for one in self.outcomes for name in one.judged), lambda name: name[0])
         covers = group_by(
-            (cover for one in self.outcomes for cover in one.coverage), lambda one: f"{one.effect}.{one.parameter}"
+            (cover for one in self.outcomes for cover in one.coverage),
+            lambda one: f"{one['effect']}.{one['parameter']}",
         )
         edits = {}
         for effect, cases in by_truth.items():
@@ -253,7 +254,7 @@ class BlindReport(Result):
                 effect: dict(Counter(one.named[0][0] if one.named else one.verdict for one in own))
                 for effect, own in by_truth.items()
             },
-            "coverage": _full({name: share(cover.inside for cover in own) for name, own in covers.items()}),
+            "coverage": _full({name: share(cover["inside"] for cover in own) for name, own in covers.items()}),
             "reliability": _full({effect: share(right for _, _, right in own) for effect, own in names.items()}),
             **({"edits": edits} if edits else {}),
         }
@@ -274,7 +275,8 @@ class BlindReport(Result):
             **columns,
             **self._by_cause(),
             "calibration": [
-                {**vars(one), "right": vars(one.right)} for one in calibration_curve(*judged(self.outcomes))
+                {"low": low, "high": high, "said": said, "right": vars(right)}
+                for low, high, said, right in calibration_curve(*judged(self.outcomes))
             ],
             "worlds": self.worlds,
             "worst_stratum": self.worst,

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ident.errors import InputError, RecordingError
-from ident.recordings.load import TOPIC, load_session
+from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import ALIKE, CATALOGUE, EVENTS, find_cause
@@ -43,14 +43,13 @@ class CommandRecorder:
             which the command must leave its recordings.
         folder: Where both lie, in a folder a round.
         arm: The arm that moves.
-        topic: Topic of bags.
 
     Raises:
         InputError: A command that can't be split into words, or lacks a folder.
     """
 
-    def __init__(self, command: str, folder: Path, arm: ArmModel, topic: str = TOPIC) -> None:
-        self.folder, self.arm, self.topic, self.rounds = folder, arm, topic, 0
+    def __init__(self, command: str, folder: Path, arm: ArmModel) -> None:
+        self.folder, self.arm, self.rounds = folder, arm, 0
         try:
             self.words = shlex.split(command)
         except ValueError as error:
@@ -81,7 +80,7 @@ class CommandRecorder:
             raise InputError("--record", what, "mend it, and start again")
         if not any(session.iterdir()):
             raise RecordingError(session, "the command left no recording there", "write one run a command file")
-        return load_session(session, self.topic)
+        return load_session(session)
 
 
 # A simulated arm with hidden effects in the loop: the arm rests and cools while the diagnosis thinks [s].

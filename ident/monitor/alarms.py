@@ -131,9 +131,9 @@ class Outlier(Record):
 
 
 def find_outliers(
-    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], alarms: Sequence[Alarm], level: float = OUTLIER_LEVEL
+    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], alarms: Sequence[Alarm]
 ) -> tuple[Outlier, ...]:
-    """The most extreme estimate of each session that stands out; `level` is the chance of a false hint.
+    """The most extreme estimate of each session that stands out.
 
     Days before and after a change, which the alarms tell, are not compared.
     """
@@ -151,7 +151,7 @@ def find_outliers(
             scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
             p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
             known = found.get(point.session)
-            if p * tests < level and (known is None or p < known.p_value):
+            if p * tests < OUTLIER_LEVEL and (known is None or p < known.p_value):
                 found[point.session] = Outlier(arm, joint, figure, point.session, point.value, usual, spread, p)
     return tuple(found.values())
 

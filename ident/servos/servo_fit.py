@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -101,13 +101,10 @@ FIGURES: dict[str, dict[str, Any]] = TEXT["figures"]
 COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
 
 
-class ServoFigure(NamedTuple):
-    """One figure of a joint, with its 95 % interval."""
-
-    name: str
-    value: float
-    low: float
-    high: float
+Figures = dict[str, tuple[float, float, float]]
+"""Figures of a joint by name: the value, and both ends of its 95 % interval."""
+Rows = tuple[Float[Array, " R"], Float[Array, "R k"], Int[Array, " R"]]
+"""Rows of one joint at one delay: the error, what each of `COLUMNS` multiplies, and the piece of each row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +112,10 @@ class ServoJoint:
     """What is reported of one joint."""
 
     joint: str  # its name
-    figures: tuple[ServoFigure, ...]  # what is reported
+    figures: Figures  # what is reported
     untold: dict[str, str]  # figures that are not, with the reason and what would help
     rms_before: float  # following error on stretches left out: as it is, and less what the figures say [rad]
     rms_after: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of one joint at one delay: error, columns, and the piece of each row."""
-
-    error: Float[Array, " R"]
-    columns: Float[Array, "R k"]
-    piece: Int[Array, " R"]
-    names: tuple[str, ...]
 
 
 def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoint, ...]:
@@ -145,7 +132,7 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
         return _silent(joint, f"it moves by {travel:.3f} rad only: move it farther")
     delays = np.arange(0.0, LIMIT.longest_delay, LIMIT.delay_step)
     table = [_rows(runs, gravity, j, float(delay)) for delay in delays]
-    pieces = len(np.unique(table[0].piece))
+    pieces = len(np.unique(table[0][2]))
     if pieces < LIMIT.least_pieces:
         what = f"{pieces} stretches of {LIMIT.piece_s:g} s in which it moves clear of reversals"
         return _silent(joint, f"{what}: record {LIMIT.least_pieces} or more")
@@ -165,22 +152,23 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
             before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
             bend = before - 2.0 * at + after
             value += float(0.5 * LIMIT.delay_step * (before - after) / bend) if bend > 0.0 else 0.0
-        figures.append(ServoFigure("delay_s", value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step))
+        figures["delay_s"] = value, max(low - LIMIT.delay_step, 0.0), high + LIMIT.delay_step
     else:
         untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
-    figures += _total_lag(table, near, best)
-    for one in [one for one in figures if one.name == "droop_rad_Nm" and one.low > 0.0]:  # it tells the stiffness
-        figures.append(ServoFigure("gain_Nm_rad", 1.0 / one.value, 1.0 / one.high, 1.0 / one.low))
-    after = np.sqrt(losses[best if sure else 0].sum() / len(rows.error))
-    before = np.sqrt(np.mean(table[0].error ** 2))
-    return ServoJoint(joint, tuple(figures), untold, float(before), float(after))
+    figures |= _total_lag(table, near, best)
+    droop, least, most = figures.get("droop_rad_Nm", (0.0, 0.0, 0.0))
+    if least > 0.0:  # it tells the stiffness
+        figures["gain_Nm_rad"] = 1.0 / droop, 1.0 / most, 1.0 / least
+    after = np.sqrt(losses[best if sure else 0].sum() / len(rows[0]))
+    before = np.sqrt(np.mean(table[0][0] ** 2))
+    return ServoJoint(joint, figures, untold, float(before), float(after))
 
 
 def _silent(joint: str, reason: str) -> ServoJoint:
-    return ServoJoint(joint, (), dict.fromkeys((*COLUMNS, "delay_s"), reason), float("nan"), float("nan"))
+    return ServoJoint(joint, {}, dict.fromkeys((*COLUMNS, "delay_s"), reason), float("nan"), float("nan"))
 
 
-def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> _Rows:
+def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> Rows:
     """Everything goes through the run's filter, the error as the columns."""
     errors, tables, pieces, first = [], [], [], 0
     for run, load in zip(runs, gravity, strict=True):
@@ -196,24 +184,24 @@ def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, dela
         number = ((motion.time[motion.coarse] - motion.time[0]) // LIMIT.piece_s).astype(int)
         pieces.append(first + number[rows])
         first += int(number[-1]) + 1
-    known = COLUMNS if gravity[0] is not None else COLUMNS[:-1]
-    return _Rows(np.concatenate(errors), np.concatenate(tables), np.concatenate(pieces), known)
+    return np.concatenate(errors), np.concatenate(tables), np.concatenate(pieces)
 
 
-def _held_out(rows: _Rows, without: int | None = None) -> Float[Array, " P"]:
+def _held_out(rows: Rows, without: int | None = None) -> Float[Array, " P"]:
     """Squared error of each piece when its part was left out."""
-    keep = [k for k in range(rows.columns.shape[1]) if k != without]
-    x, scale = rows.columns[:, keep], np.linalg.norm(rows.columns[:, keep], axis=0)
+    error, columns, piece = rows
+    keep = [k for k in range(columns.shape[1]) if k != without]
+    x, scale = columns[:, keep], np.linalg.norm(columns[:, keep], axis=0)
     x = x / np.where(scale > 0.0, scale, 1.0)
-    names, index = np.unique(rows.piece, return_inverse=True)
+    names, index = np.unique(piece, return_inverse=True)
     part = (np.arange(len(names)) * LIMIT.parts // len(names))[index]
-    left = np.empty_like(rows.error)
-    whole, target = x.T @ x, x.T @ rows.error
+    left = np.empty_like(error)
+    whole, target = x.T @ x, x.T @ error
     for k in range(LIMIT.parts):
         out = part == k
         own = x[out]
-        beta = least_squares(whole - own.T @ own, target - own.T @ rows.error[out], 1e-10)
-        left[out] = rows.error[out] - own @ beta
+        beta = least_squares(whole - own.T @ own, target - own.T @ error[out], 1e-10)
+        left[out] = error[out] - own @ beta
     return np.bincount(index, left**2, minlength=len(names))
 
 
@@ -225,7 +213,7 @@ def _no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | 
     return bool(apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1)))
 
 
-def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[ServoFigure], dict[str, str]]:
+def _linear(rows: Rows, near: Sequence[Rows], reach: float) -> tuple[Figures, dict[str, str]]:
     """Figures that are linear in the columns, and those that are not reported.
 
     An interval spans those at all delays that are not surely worse: what the delay leaves open, the figures leave open.
@@ -236,41 +224,43 @@ def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[Serv
     others = [_solve(one)[:2] for one in near]
     low = np.min([beta - usual * std, *(b - usual * s for b, s in others)], axis=0)
     high = np.max([beta + usual * std, *(b + usual * s for b, s in others)], axis=0)
-    figures, untold = [], {}
-    for k, name in enumerate(rows.names):
+    figures: Figures = {}
+    untold: dict[str, str] = {}
+    for k, name in enumerate(COLUMNS[: len(beta)]):
         needed = not _no_worse(_held_out(rows, k), whole, reach)
         positive = name == "zero_rad" or beta[k] > 0.0
         if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
-            figures.append(ServoFigure(name, float(beta[k]), float(low[k]), float(high[k])))
+            figures[name] = float(beta[k]), float(low[k]), float(high[k])
         else:
             untold[name] = FIGURES[name]["reason"]
-    if "droop_rad_Nm" not in rows.names:
+    if len(beta) < len(COLUMNS):
         untold["droop_rad_Nm"] = "nobody knows what the joint carries: give --robot"
-    elif float(np.std(rows.columns[:, -1])) < LIMIT.least_gravity:
-        figures = [one for one in figures if one.name != "droop_rad_Nm"]
+    elif float(np.std(rows[1][:, -1])) < LIMIT.least_gravity:
+        figures.pop("droop_rad_Nm", None)
         untold["droop_rad_Nm"] = "gravity hardly changes at this joint: move the arm so that it carries more and less"
     return figures, untold
 
 
-def _solve(rows: _Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
+def _solve(rows: Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
     """Least squares, standard deviations by how the pieces differ, and their number.
 
     Source: Liang and Zeger 1986, the sandwich over clusters.
     """
-    scale = np.linalg.norm(rows.columns, axis=0)
+    error, columns, piece = rows
+    scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    x = rows.columns / scale
+    x = columns / scale
     bread = np.linalg.pinv(x.T @ x, rcond=1e-10, hermitian=True)
-    beta = bread @ (x.T @ rows.error)
-    left = rows.error - x @ beta
-    names, index = np.unique(rows.piece, return_inverse=True)
+    beta = bread @ (x.T @ error)
+    left = error - x @ beta
+    names, index = np.unique(piece, return_inverse=True)
     scores = np.zeros((len(names), x.shape[1]))
     np.add.at(scores, index, x * left[:, None])
     covariance = bread @ (scores.T @ scores) @ bread * len(names) / max(1, len(names) - x.shape[1])
     return beta / scale, np.sqrt(np.diag(covariance)) / scale, len(names)
 
 
-def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> list[ServoFigure]:
+def _total_lag(table: Sequence[Rows], near: Bool[Array, " D"], best: int) -> Figures:
     """Delay and lag together: what slow motion sees, and what hardly depends on how they share it."""
     found = {}
     for k in {best, *map(int, np.flatnonzero(near))}:
@@ -279,7 +269,7 @@ def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> li
         middle = float(beta[1]) + k * LIMIT.delay_step
         found[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
     low, high = min(one[1] for one in found.values()), max(one[2] for one in found.values())
-    return [ServoFigure("total_lag_s", found[best][0], low, high)] if low > 0.0 else []
+    return {"total_lag_s": (found[best][0], low, high)} if low > 0.0 else {}
 
 
 SCHEMA = "ident.servo/1"
@@ -295,7 +285,9 @@ class ServoArm(Result):
     def to_dict(self) -> dict[str, Any]:
         joints = {}
         for one in self.joints:
-            reported = {name: {"value": value, "low": low, "high": high} for name, value, low, high in one.figures}
+            reported = {
+                name: {"value": value, "low": low, "high": high} for name, (value, low, high) in one.figures.items()
+            }
             errors = {"rms_before_rad": one.rms_before, "rms_after_rad": one.rms_after}
             joints[one.joint] = {
                 "figures": {name: {**figure, "unit": FIGURES[name]["unit"]} for name, figure in reported.items()},
@@ -313,9 +305,10 @@ class ServoArm(Result):
             known = f"{1e3 * one.rms_after:.2f} mrad of it are not explained"
             error = f"follows within {1e3 * one.rms_before:.1f} mrad; {known}"
             lines.append(f"{one.joint}: {'nothing can be reported' if np.isnan(one.rms_before) else error}")
-            for name, *ends in (figure for figure in one.figures if "words" in FIGURES[figure.name]):
-                lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in ends)))
-            if any(figure.name == "dead_band_rad" for figure in one.figures):
+            for name, figure in one.figures.items():
+                if "words" in FIGURES[name]:
+                    lines.append("  " + FIGURES[name]["words"].format(*(1e3 * end for end in figure)))
+            if "dead_band_rad" in one.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not reported: {name}: {reason}" for name, reason in one.untold.items()]
         return "\n".join(lines)

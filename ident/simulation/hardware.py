@@ -38,6 +38,24 @@ class AddedBody:
     com: Point  # centre of mass in the link's frame [m]
     radius: float = 0.0  # radius of gyration, the same about every axis [m]
 
+    def fix_to(self, body: Any) -> None:
+        """Adds it to a link's body in MuJoCo, or takes it away: masses, first and second moments add."""
+        mass = body.mass + self.mass
+        old, com = np.array(body.ipos), np.array(self.com)
+        centre = (body.mass * old + self.mass * com) / mass
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, np.array(body.iquat))
+        turn = axes.reshape(3, 3)
+        inertia = turn @ np.diag(body.inertia) @ turn.T + self.mass * self.radius**2 * np.eye(3)
+        for part, place in ((body.mass, old - centre), (self.mass, com - centre)):
+            inertia += part * (place @ place * np.eye(3) - np.outer(place, place))
+        body.mass, body.ipos = mass, centre
+        values, vectors = np.linalg.eigh(inertia)
+        vectors[:, 0] *= np.sign(np.linalg.det(vectors))
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(vectors).reshape(9))
+        body.iquat, body.inertia = quaternion, values
+
 
 @dataclass(frozen=True)
 class Slosh:
@@ -83,7 +101,7 @@ def build_model(
     # Fixed links (tool mounts, cameras) become part of the link that carries them; the perturbations then act on all.
     spec = _as_chain(mujoco.MjSpec.from_string(without_geometry(urdf)).compile(), joints, bodies)
     for body in bodies.added:
-        _add_body(spec.body(joints[links.index(body.link)]), body)
+        body.fix_to(spec.body(joints[links.index(body.link)]))
     if (slosh := bodies.slosh) is not None:
         pulse, liquid = 2.0 * np.pi * slosh.frequency, spec.body(joints[-1]).add_body(name="slosh", pos=slosh.place)
         spring, damper = slosh.mass * pulse**2, 2.0 * slosh.damping_ratio * slosh.mass * pulse
@@ -147,25 +165,6 @@ def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
             armature=bodies.joint_inertia[j],
         )
     return spec
-
-
-def _add_body(body: Any, added: AddedBody) -> None:
-    """Fixes a body to a link, or takes one away: masses, first and second moments add."""
-    mass = body.mass + added.mass
-    old, com = np.array(body.ipos), np.array(added.com)
-    centre = (body.mass * old + added.mass * com) / mass
-    axes = np.zeros(9)
-    mujoco.mju_quat2Mat(axes, np.array(body.iquat))
-    turn = axes.reshape(3, 3)
-    inertia = turn @ np.diag(body.inertia) @ turn.T + added.mass * added.radius**2 * np.eye(3)
-    for part, place in ((body.mass, old - centre), (added.mass, com - centre)):
-        inertia += part * (place @ place * np.eye(3) - np.outer(place, place))
-    body.mass, body.ipos = mass, centre
-    values, vectors = np.linalg.eigh(inertia)
-    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(vectors).reshape(9))
-    body.iquat, body.inertia = quaternion, values
 
 
 @dataclass(frozen=True, eq=False)

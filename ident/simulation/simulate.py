@@ -220,18 +220,18 @@ class WrittenSession(Result):
 
 
 def write_simulation(
-    simulation: Simulation, folder: str | Path, answer: bool = False, sealed: bool = False, key: bytes | None = None
+    simulation: Simulation, folder: str | Path, answer: bool = False, sealed: bool = False
 ) -> WrittenSession:
     """Writes the session's folder, whole or not at all; the answer in plain text beside the runs, or sealed with a key.
 
-    A key is drawn from the system's source of secrets if none is given.
+    The key is drawn from the system's source of secrets.
 
     Raises:
         InputError: Both an open and a sealed answer were asked for, or the folder holds something else.
     """
     if answer and sealed:
         raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
-    session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
+    session, digest, secret = simulation.session, "", secrets.token_bytes(16)
     with atomic_folder(Path(folder), SESSION_KIND) as temporary:
         fill_session(session, temporary)
         if answer:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -112,21 +112,17 @@ LAST = ("torque_gain_error", "torque_delay", "torque_saturation", "encoder_offse
 LEAST_PARTS, MOVES = 6, 0.05  # of a run that is cut; how far a joint goes that moves in one [rad, m]
 
 
-class CaseDraw(NamedTuple):
-    """What is requested: the kind of case and, for each effect, its id and visible size [noise]."""
-
-    name: str
-    kind: str
-    effects: tuple[tuple[str, float], ...] = ()
+Effects = tuple[tuple[str, float], ...]
+"""Effects that are requested: id and visible size [noise] of each."""
 
 
-def plan_slots(cases: int, seed: int) -> tuple[CaseDraw, ...]:
-    """Kinds of case by their shares; single effects in turn, every second or third of them small."""
+def plan_slots(cases: int, seed: int) -> list[tuple[str, Effects]]:
+    """Kinds of case by their shares, each with its effects; singles in turn, every second or third of them small."""
     rng = np.random.default_rng([seed, 0])
     counts = {kind: round(share * cases) for kind, share in KINDS.items() if kind != "single"}
     singles = cases - sum(counts.values())
     order = [str(e) for _ in range(-(-singles // len(EFFECTS))) for e in rng.permutation(list(EFFECTS))]
-    drawn: list[tuple[str, tuple[tuple[str, float], ...]]] = [
+    drawn: list[tuple[str, Effects]] = [
         ("single", ((effect, SIZES[0] if (i // len(EFFECTS)) % 5 in (0, 2, 4) else SIZES[1]),))
         for i, effect in enumerate(order[:singles])
     ]
@@ -135,8 +131,7 @@ def plan_slots(cases: int, seed: int) -> tuple[CaseDraw, ...]:
     for _ in range(counts["pair"]):
         first, second = (str(e) for e in rng.choice(list(EFFECTS), 2, replace=False))
         drawn.append(("pair", tuple(sorted(zip((first, second), PAIR_SIZES, strict=True), key=lambda e: e[0] in LAST))))
-    drawn += [("untouched", ())] * counts["untouched"]
-    return tuple(CaseDraw(f"case_{i:03d}", kind, effects) for i, (kind, effects) in enumerate(drawn))
+    return drawn + [("untouched", ())] * counts["untouched"]
 
 
 def make_cases(
@@ -161,24 +156,22 @@ def make_cases(
     turn = _turns(sources, seed)
     for source in () if paired else sources:
         _write(out, f"control_{source.name}", {"": source.runs}, source.urdf, _answer("control", source, ()), seals)
-    for number, slot in enumerate(plan_slots(cases, seed)):
-        made = None
+    for number, (kind, effects) in enumerate(plan_slots(cases, seed)):
+        made, name = None, f"case_{number:03d}"
         for attempt in range(len(sources)):
             source = next(turn)
-            made = _make(arms[source.name], slot, np.random.default_rng([seed, 1, number, attempt]))
+            made = _make(arms[source.name], kind, effects, np.random.default_rng([seed, 1, number, attempt]))
             if made is not None:
                 break
         if made is None:
-            say(f"{slot.name} {slot.kind} {slot.effects}: no arm can show it, left out")
+            say(f"{name} {kind} {effects}: no arm can show it, left out")
             continue
         runs, urdf, answer = made
         rng = np.random.default_rng([seed, 2, number])
-        folders = (
-            _before_and_after(source, runs, rng) if paired else {"": _some(runs, rng) if not slot.effects else runs}
-        )
-        _write(out, slot.name, folders, urdf, answer, seals)
+        folders = _before_and_after(source, runs, rng) if paired else {"": runs if effects else _some(runs, rng)}
+        _write(out, name, folders, urdf, answer, seals)
         truth = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
-        say(f"{slot.name} {source.name} {slot.kind} {truth}")
+        say(f"{name} {source.name} {kind} {truth}")
     write_record(out / "seals.json", seals)
 
 
@@ -210,12 +203,12 @@ def _before_and_after(source: Source, runs: Sequence[Recording], rng: np.random.
 
 
 def _make(
-    arm: MovedArm, slot: CaseDraw, rng: np.random.Generator
+    arm: MovedArm, kind: str, effects: Effects, rng: np.random.Generator
 ) -> tuple[list[Recording], str, dict[str, Any]] | None:
     """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
     truth: list[dict[str, Any]] = []
     urdf, shift, now = arm.source.urdf, np.zeros(arm.n), arm
-    for effect, wanted in slot.effects:
+    for effect, wanted in effects:
         found = sized(now, effect, wanted, rng, {joint for one in truth for joint in one["joints"]})
         if found is None:
             return None
@@ -226,7 +219,7 @@ def _make(
         replace(run, effort=now.tau[rows], position=run.position + shift)
         for run, rows in zip(arm.source.runs, arm.runs, strict=True)
     ]
-    return runs, urdf, _answer(slot.kind, arm.source, truth, arm.noise)
+    return runs, urdf, _answer(kind, arm.source, truth, arm.noise)
 
 
 def sized(

@@ -10,7 +10,7 @@ inertia that the joint moves, z(θ) = θ or what of it lies beyond the play.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -64,8 +64,15 @@ class MovedArm:
         """Smooths the recordings of a source."""
         ends = np.cumsum([0, *(len(run.time) for run in source.runs)])
         runs = tuple(slice(int(i), int(k)) for i, k in itertools.pairwise(ends))
-        states = [_smooth(run.time, run.position) for run in source.runs]
-        q, v, a = (np.concatenate([one[k] for one in states]) for k in range(3))
+        states: list[Array] = []  # positions, speeds and accelerations of each run, at its sample times
+        for run in source.runs:
+            grid = _grid(run.time)
+            interval = grid[1] - grid[0]
+            q = _filtered(_at(grid, run.time, np.unwrap(run.position, axis=0)), interval, STATE_CUTOFF)
+            v = np.gradient(q, interval, axis=0)
+            a = _filtered(np.gradient(v, interval, axis=0), interval, STATE_CUTOFF)
+            states.append(np.array([_at(run.time, grid, x) for x in (q, v, a)]))
+        q, v, a = np.concatenate(states, axis=1)
         t = np.concatenate([run.time for run in source.runs])
         return cls(source, t, runs, q, v, a, np.concatenate([run.effort for run in source.runs]))
 
@@ -213,16 +220,6 @@ def _filtered(x: Float[Array, "K n"], interval: float, cutoff: float) -> Float[A
 
 def _at(t: Array, knots: Array, x: Array) -> Array:
     return np.column_stack([np.interp(t, knots, column) for column in x.T])
-
-
-def _smooth(t: Float[Array, " T"], position: Float[Array, "T n"]) -> Sequence[Float[Array, "T n"]]:
-    """Position, speed and acceleration at the sample times."""
-    grid = _grid(t)
-    interval = grid[1] - grid[0]
-    q = _filtered(_at(grid, t, np.unwrap(position, axis=0)), interval, STATE_CUTOFF)
-    v = np.gradient(q, interval, axis=0)
-    a = _filtered(np.gradient(v, interval, axis=0), interval, STATE_CUTOFF)
-    return [_at(t, grid, x) for x in (q, v, a)]
 
 
 def _low_passed(t: Array, x: Array, cutoff: float, where: Array | None = None) -> Array:

@@ -314,11 +314,6 @@ def fixed(most: float) -> Callable[[MovedArm, int], float]:
     return lambda arm, j: most
 
 
-def _heaviest(arm: MovedArm, j: int) -> float:
-    """What half of the strongest joint's peak torque lifts at half of the arm's length [kg]."""
-    return float(arm.peak.max()) / (9.81 * length_of(arm.model))
-
-
 EFFECTS: dict[str, Planted] = {
     "stribeck_friction": Planted(plant_stribeck, of_friction(2.0)),
     "nonlinear_viscous_friction": Planted(plant_curved, up_to(1.5)),
@@ -332,7 +327,10 @@ EFFECTS: dict[str, Planted] = {
     "backlash": Planted(plant_backlash, fixed(0.015)),
     "torque_ripple": Planted(plant_ripple, up_to(0.15)),
     "spring_torque": Planted(plant_spring, over_range(1.5)),
-    "payload": Planted(plant_payload, _heaviest, view="loss", whole_arm=True),
+    # As much as half of the strongest joint's peak torque lifts at half of the arm's length [kg].
+    "payload": Planted(
+        plant_payload, lambda arm, j: float(arm.peak.max()) / (9.81 * length_of(arm.model)), view="loss", whole_arm=True
+    ),
     "link_inertial_error": Planted(plant_link, fixed(0.8), view="loss"),
     "gravity_misalignment": Planted(plant_tilt, fixed(0.35), whole_arm=True),
     "torque_gain_error": Planted(plant_gain, fixed(0.6), view="loss"),

@@ -128,7 +128,7 @@ def test_intervals_are_compared_in_the_conventions_of_the_diagnosis() -> None:
         phase_rad=(-np.pi - 0.2, -np.pi + 0.2),
     )
     one = score(answer(true), result(seen))
-    assert {cover.parameter: cover.inside for cover in one.coverage} == {
+    assert {cover["parameter"]: cover["inside"] for cover in one.coverage} == {
         "amplitude_Nm": False,
         "order": True,
         "phase_rad": True,
@@ -139,7 +139,7 @@ def test_a_push_is_timed_on_the_clock_of_the_session() -> None:
     true = truth("external_contact", "joint_2", run=2.0, start_s=1.0, end_s=2.0, force_N=20.0)
     seen = finding("external_contact", "joint_2", start_s=(30.9, 31.1), end_s=(31.9, 32.1), force_N=(1.0, 2.0))
     one = score(answer(true), result(seen), starts=(0.0, 30.0))
-    assert [(cover.parameter, cover.inside) for cover in one.coverage] == [("start_s", True), ("end_s", True)]
+    assert [(cover["parameter"], cover["inside"]) for cover in one.coverage] == [("start_s", True), ("end_s", True)]
 
 
 def test_shrink_is_measured_against_the_true_name_alone() -> None:

@@ -269,7 +269,7 @@ def test_calibration_error_is_zero_when_probabilities_are_meant() -> None:
     right = [True] * 75 + [False] * 25 + [True] * 25 + [False] * 75
     assert calibration_error(said, right).value == pytest.approx(0.0)
     assert calibration_error([1.0] * 10, [True] * 5 + [False] * 5).value == pytest.approx(0.5)
-    assert [one.right.count for one in calibration_curve(said, right)] == [100, 100]
+    assert [score.count for *_, score in calibration_curve(said, right)] == [100, 100]
 
 
 def outcomes() -> tuple[Outcome, ...]:

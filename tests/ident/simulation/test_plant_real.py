@@ -82,7 +82,7 @@ def test_a_bristle_turns_round_over_its_travel(arm: MovedArm) -> None:
 
 def test_every_effect_takes_its_turn() -> None:
     slots = plan_slots(120, 7)
-    single = [slot.effects[0][0] for slot in slots if slot.kind == "single"]
+    single = [effects[0][0] for kind, effects in slots if kind == "single"]
     assert len(slots) == 120
     assert min(single.count(effect) for effect in EFFECTS) >= len(single) // len(EFFECTS)
     assert slots == plan_slots(120, 7)
