@@ -15,7 +15,8 @@ from plan.planners.base import Planner, processor_seconds
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
-from plan.solving.set_up import DEFAULTS, cheapest_goal, from_taught, reach_goals, require_valid_ends, set_up
+from plan.solving.set_up import DEFAULTS, from_taught, reach_goals, require_valid_ends, set_up
+from plan.solving.solve import cheapest_goal
 from plan.solving.solve import solve as solve_problem
 
 if TYPE_CHECKING:
@@ -25,13 +26,7 @@ Scene = Task | str | Path
 Model = HybridModel | str | Path
 
 
-def solve(
-    scene: Scene,
-    model: Model | None = None,
-    *,
-    planner: Planner | None = None,
-    **options: Any,
-) -> PlanResult:
+def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None = None, **options: Any) -> PlanResult:
     """Finds one trajectory and certifies it; an expected failure is a status with a reason.
 
     Args:

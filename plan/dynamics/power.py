@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from plan.dynamics.rigid import rnea
 from plan.spline import Splines
 
 Metric = Literal["signed", "positive", "absolute", "copper"]
-METRICS: tuple[Metric, ...] = ("signed", "positive", "absolute", "copper")
+METRICS: tuple[Metric, ...] = get_args(Metric)
 # Gauss-Legendre points a section: exact for smooth power to far below a per cent.
 POINTS = 8
 
@@ -192,6 +192,12 @@ def rounded(model: ChainTorque, width: float) -> ChainTorque:
     """The same model with the sign of its friction rounded by a width, beyond what the model itself does [rad/s]."""
     losses = model.losses
     return replace(model, losses=replace(losses, transition_speed=losses.transition_speed + width))
+
+
+def without_friction(model: ChainTorque) -> ChainTorque:
+    """The same model without dry friction, offsets, named laws and net: at rest it tells gravity alone."""
+    zero = np.zeros(model.n)
+    return replace(model, net=None, named=(), losses=replace(model.losses, coulomb=zero, offset=zero))
 
 
 def differentiate_torque(

@@ -44,11 +44,7 @@ class RatedRuns(NamedTuple):
 
 
 def search(
-    rate: Callable[[str, Array], float],
-    joints: int,
-    hinted: str,
-    evaluations: int,
-    seed: int,
+    rate: Callable[[str, Array], float], joints: int, hinted: str, evaluations: int, seed: int
 ) -> list[RatedRuns]:
     """The best set of each of the best families, by score; random motion is among them.
 

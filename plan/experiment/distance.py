@@ -68,6 +68,21 @@ class PredictedDesign:
     base: Float[Array, "r r"]
     candidates: tuple[TrueModel, ...]  # the effects
 
+    @classmethod
+    def of(
+        cls, gram: Float[Array, "P P"], rank: int, tuned: int, prior: Float[Array, "r r"], effects: Sequence[TrueModel]
+    ) -> PredictedDesign:
+        """From the sums of all columns, of which the first `rank` are the base's and the first `tuned` are tuned."""
+        inner = gram[:tuned, :tuned].copy()
+        inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
+        loss, cross = inner[rank:, rank:], inner[:rank, rank:]
+        free = inner[:rank, :rank] - cross @ cho_solve(cho_factor(loss), cross.T)
+        root = np.linalg.cholesky(prior)
+        base = solve_triangular(root, solve_triangular(root, free, lower=True).T, lower=True)
+        inner[:rank, :rank] += prior
+        across = gram[:tuned, tuned:]
+        return cls(gram[tuned:, tuned:] - across.T @ cho_solve(cho_factor(inner), across), base, tuple(effects))
+
     def distance(self, k: int, rival: int | None) -> float:
         """D(k|l) in nats, the rival at its best inner parameters; against the baseline alone if there is no rival."""
         own = self.candidates[k]
@@ -172,7 +187,7 @@ class Predictor:
             at = choose_variant(effect, variants, stated)
             beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), stated)
             found.append(TrueModel(effect, source, beta, columns, at))
-        return PredictedDesign(*_take_out(gram, layout.rank, layout.tuned, self.baseline.prior), tuple(found))
+        return PredictedDesign.of(gram, layout.rank, layout.tuned, self.baseline.prior, found)
 
     def _session(self, runs: Sequence[ReferenceMotion]) -> SessionContext:
         """Runs as the effects will see them, on one clock."""
@@ -198,22 +213,6 @@ def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
         lowpass=Lowpass.design(rate, settings=FOR_DIAGNOSIS),
         std=freeze(np.outer(STATE_DOUBT, np.ones(arm.n))),
     )
-
-
-def _take_out(
-    gram: Float[Array, "P P"], rank: int, tuned: int, prior: Float[Array, "r r"]
-) -> tuple[Float[Array, "K K"], Float[Array, "r r"]]:
-    """What the tuned unknowns leave of the effects; what the loss parameters leave of the base parameters, in units of
-    their prior."""
-    inner = gram[:tuned, :tuned].copy()
-    inner[np.diag_indices(tuned)] += RIDGE * np.diag(inner) + 1e-12
-    loss, cross = inner[rank:, rank:], inner[:rank, rank:]
-    free = inner[:rank, :rank] - cross @ cho_solve(cho_factor(loss), cross.T)
-    root = np.linalg.cholesky(prior)
-    base = solve_triangular(root, solve_triangular(root, free, lower=True).T, lower=True)
-    inner[:rank, :rank] += prior
-    across = gram[:tuned, tuned:]
-    return gram[tuned:, tuned:] - across.T @ cho_solve(cho_factor(inner), across), base
 
 
 def size_effect(

@@ -48,7 +48,7 @@ def reach_pose(
         if max(missed) > THERE:
             nearest = min(nearest, missed, key=lambda pair: pair[0] + 0.2 * pair[1])
             continue
-        q = _unwound(arm, q, start, lower, upper)
+        q = solver.unwind(q, start, lower, upper)
         kept = found if np.all(q >= lower) and np.all(q <= upper) else outside
         if not any(np.abs(q - other).max() < SAME for other in kept):
             kept.append(q)
@@ -89,6 +89,18 @@ class PoseSolver:
         turn = 0.0 if len(missed) == 3 else float(np.linalg.norm(missed[3:]))
         return q, (float(np.linalg.norm(missed[:3])), turn)
 
+    def unwind(self, q: Array, start: Array, lower: Array, upper: Array) -> Float[Array, " n"]:
+        """The same position with every turning joint as near to the start as its limits allow."""
+        out = q.copy()
+        for j in range(len(q)):
+            if not self._model.joints[j + 1].shortname().startswith("JointModelR"):
+                continue
+            near = q[j] + 2.0 * np.pi * np.round((start[j] - q[j]) / (2.0 * np.pi))
+            turns = near + 2.0 * np.pi * np.array([0.0, -1.0, 1.0])
+            inside = [turn for turn in turns if lower[j] <= turn <= upper[j]]
+            out[j] = min(inside, key=lambda turn: abs(turn - start[j])) if inside else near
+        return out
+
     def _look(self, pose: Pose, q: Array) -> tuple[Array, Array]:
         """What is missed, place and turn, and its derivative."""
         jacobian = pin.computeFrameJacobian(
@@ -102,16 +114,3 @@ class PoseSolver:
         rest = at.rotation @ pose.rotation.T
         slope = np.concatenate([jacobian[:3], pin.Jlog3(rest) @ rest.T @ jacobian[3:]])
         return np.concatenate([away, pin.log3(rest)]), slope
-
-
-def _unwound(arm: ArmModel, q: Array, start: Array, lower: Array, upper: Array) -> Array:
-    """The same position with every turning joint as near to the start as its limits allow."""
-    out = q.copy()
-    for j in range(arm.n):
-        if not arm.model.joints[j + 1].shortname().startswith("JointModelR"):
-            continue
-        near = q[j] + 2.0 * np.pi * np.round((start[j] - q[j]) / (2.0 * np.pi))
-        turns = near + 2.0 * np.pi * np.array([0.0, -1.0, 1.0])
-        inside = [turn for turn in turns if lower[j] <= turn <= upper[j]]
-        out[j] = min(inside, key=lambda turn: abs(turn - start[j])) if inside else near
-    return out

@@ -38,14 +38,13 @@ def time_stamps(points: Float[Array, "K n"], speed: Float[Array, " n"], total: f
 
 def through(problem: PlanningProblem, vias: Float[Array, "V n"], label: str) -> PlanningProblem:
     """The problem from other via points, the whole duration kept."""
-    points = np.concatenate([[problem.start], vias, [problem.goal]])
-    durations = time_stamps(points, problem.limits.speed, float(problem.durations.sum()))
+    durations = time_stamps(problem.with_ends(vias), problem.limits.speed, float(problem.durations.sum()))
     return replace(problem, vias=vias, durations=durations, label=label)
 
 
 def from_vias(problem: PlanningProblem, vias: Float[Array, "V n"], label: str, least: int) -> PlanningProblem:
     """The same with at least so many of them: the longest sections are parted; thinned out where they are too many."""
-    points = np.concatenate([[problem.start], np.asarray(vias, dtype=float).reshape(-1, problem.n), [problem.goal]])
+    points = problem.with_ends(np.asarray(vias, dtype=float).reshape(-1, problem.n))
     while len(points) < least + 2:
         longest = int(np.argmax(np.abs(np.diff(points, axis=0)).max(axis=1)))
         points = np.insert(points, longest + 1, (points[longest] + points[longest + 1]) / 2, axis=0)
@@ -127,7 +126,7 @@ def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> Planni
     A spline through a few via points leaves the edges between them, and in a narrow place gradients alone don't find
     back. Where time is free, it takes as long as it must for the limits to hold.
     """
-    points = np.concatenate([[problem.start], way, [problem.goal]])
+    points = problem.with_ends(way)
     total = float(problem.durations.sum())
     stamps = np.concatenate([[0.0], np.cumsum(time_stamps(points, problem.limits.speed, total))])
     found = []
@@ -155,8 +154,7 @@ def any_way(
         found = trees.vias(problem.start, problem.goal, nodes, reach)
         if found is None:
             continue
-        points = np.concatenate([[problem.start], found, [problem.goal]])
-        need = float(np.max(np.abs(np.diff(points, axis=0)) / problem.limits.speed, axis=1).sum())
+        need = float(np.max(np.abs(np.diff(problem.with_ends(found), axis=0)) / problem.limits.speed, axis=1).sum())
         if problem.objective == "time" or need < problem.durations.sum():
             return found
         best, quickest = (found, need) if need < quickest else (best, quickest)
@@ -249,7 +247,7 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
     long as the rates ask for.
     """
     shares = np.round(problem.durations / problem.durations.sum(), 12)
-    points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
+    points = problem.with_ends(problem.vias)
     limits, unit = problem.limits, Splines(points[None], shares[None])
     needs = [unit.top_speed[0] / limits.speed]
     q, dq, ddq = unit.states(LOOKS)

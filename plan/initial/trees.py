@@ -29,6 +29,10 @@ NEAR = 0.01
 # Longest edge, and distance at which edges are looked at, by the largest joint difference [rad]; the final motion is
 # checked without gaps.
 STEP, RESOLUTION = 0.35, 0.04
+# Initial positions from which the arm is brought to a point, and how near to it is there [m].
+TRIES, THERE = 12, 1e-3
+# Trees look near their ends first, then half a turn around them: reach beyond the ends [rad] and nodes.
+RANGES = ((0.7, 600), (np.pi, 4000))
 
 
 def endless() -> float:
@@ -116,6 +120,45 @@ class Trees:
         found = self.connect(start, goal, nodes, reach)
         return None if isinstance(found, str) else self.prune(found)[1:-1]
 
+    def reach(self, target: Array, tip: PoseSolver, middle: Float[Array, " n"]) -> Float[Array, " n"] | str:
+        """A free position with the tip at a point, the nearest to one in the middle; or why there is none."""
+        found, blocked, outside = [], 0, 0
+        for attempt in range(TRIES):
+            guess = middle + (self.rng.normal(size=len(middle)) * 0.15 * attempt if attempt else 0.0)
+            q, missed = tip.descend(Pose(None, target), np.clip(guess, self.lower, self.upper))
+            if missed[0] > THERE:
+                continue
+            if np.any(q < self.lower) or np.any(q > self.upper):
+                outside += 1
+            elif not self.is_free(q[None]):
+                blocked += 1
+            else:
+                found.append(q)
+        if found:
+            return min(found, key=lambda q: float(np.abs(q - middle).max()))
+        if blocked:
+            return "the arm collides when its tip is there"
+        return "joint limits keep the tip from it" if outside else "out of the arm's reach"
+
+    def through(
+        self, target: Array, tip: PoseSolver, ends: Float[Array, "2 n"], most: int
+    ) -> Float[Array, "V n"] | str:
+        """Via points of a way between two ends on which the tip passes a point; or why there is none."""
+        start, goal = ends
+        reached = self.reach(target, tip, (start + goal) / 2)
+        if isinstance(reached, str):
+            return reached
+        halves: list[Array] = []
+        for a, b, name in ((start, reached, "from the start"), (reached, goal, "to the goal")):
+            for reach, nodes in RANGES:  # ways near the ends are shorter
+                path = self.connect(a, b, min(nodes, most), reach)
+                if not isinstance(path, str):
+                    break
+            if isinstance(path, str):
+                return f"{name}: {path}"
+            halves.append(path)
+        return self.prune(np.concatenate([halves[0], halves[1][1:]]))[1:-1]
+
 
 class _Tree:
     """Positions and their parents; nearest neighbours by a scan, which for some thousand nodes is quick enough."""
@@ -156,12 +199,8 @@ class _Tree:
 
 
 DIRECTIONS = 8
-# Initial positions from which the arm is brought to a point, and how near to it is there [m].
-TRIES, THERE = 12, 1e-3
 # A point where the arm collides is moved outwards by so many girths in all before it is given up.
 INFLATIONS = (1.0, 2.0, 3.0)
-# Trees look near their ends first, then half a turn around them: reach beyond the ends [rad] and nodes.
-RANGES = ((0.7, 600), (np.pi, 4000))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,52 +275,11 @@ def iterate_seeds(problem: PlanningProblem, trees: Trees, most: int = RANGES[-1]
     for rays in zip(*(midplane_targets(*ends, scene.in_the_way, share * girth) for share in INFLATIONS), strict=True):
         seed = Seed(rays[0][0], rays[0][1], reason="no time was left to look for it")
         for label, target in rays if trees.left() > 0.0 else ():
-            found = _look(problem, tip, target, trees, most)
+            found = trees.through(target, tip, problem.ends, most)
             seed = Seed(label, target, reason=found) if isinstance(found, str) else Seed(label, target, found)
             if not seed.reason or label == "midpoint":
                 break
         yield seed
-
-
-def _look(
-    problem: PlanningProblem, tip: PoseSolver, target: Array, trees: Trees, most: int
-) -> Float[Array, "V n"] | str:
-    """Via points of a way on which the tip passes a point; or why there is none."""
-    reached = _reach(problem, tip, target, trees)
-    if isinstance(reached, str):
-        return reached
-    halves: list[Array] = []
-    for a, b, name in ((problem.start, reached, "from the start"), (reached, problem.goal, "to the goal")):
-        for reach, nodes in RANGES:  # ways near the ends are shorter
-            path = trees.connect(a, b, min(nodes, most), reach)
-            if not isinstance(path, str):
-                break
-        if isinstance(path, str):
-            return f"{name}: {path}"
-        halves.append(path)
-    return trees.prune(np.concatenate([halves[0], halves[1][1:]]))[1:-1]
-
-
-def _reach(problem: PlanningProblem, tip: PoseSolver, target: Array, trees: Trees) -> Float[Array, " n"] | str:
-    """A free position with the tip at the target, the nearest to the middle of the task; or why there is none."""
-    middle, limits = (problem.start + problem.goal) / 2, problem.limits
-    found, blocked, outside = [], 0, 0
-    for attempt in range(TRIES):
-        guess = middle + (trees.rng.normal(size=problem.n) * 0.15 * attempt if attempt else 0.0)
-        q, missed = tip.descend(Pose(None, target), np.clip(guess, limits.lower, limits.upper))
-        if missed[0] > THERE:
-            continue
-        if np.any(q < limits.lower) or np.any(q > limits.upper):
-            outside += 1
-        elif not trees.is_free(q[None]):
-            blocked += 1
-        else:
-            found.append(q)
-    if found:
-        return min(found, key=lambda q: float(np.abs(q - middle).max()))
-    if blocked:
-        return "the arm collides when its tip is there"
-    return "joint limits keep the tip from it" if outside else "out of the arm's reach"
 
 
 def tip_solver(arm: ArmModel) -> PoseSolver:

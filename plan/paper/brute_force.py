@@ -31,7 +31,6 @@ class BruteForce(Planner):
 
     levels: int = 11  # values of each variable
     name: ClassVar[str] = "brute"
-    threads: ClassVar[int] = 2
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Goes through the grid of the first problem.

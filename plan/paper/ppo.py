@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from ident.model.net_options import torch_threads
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -36,6 +37,7 @@ class Ppo(Planner):
     epochs: int = 2100  # epochs in all
     name: ClassVar[str] = "ppo"
 
+    @torch_threads(1)
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Trains one agent a seed, by turns."""
         agents = [_Agent(problem, self, rng) for problem in problems]

@@ -74,7 +74,7 @@ class Toppra(Planner):
         grid = np.linspace(0.0, path.duration, GRID + 1)
         rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
         for turn in range(ROUNDS):
-            speed, push = _solve(problem, linear, path, grid, rest)
+            speed, push = self._solve(problem, linear, path, grid, rest)
             if speed is None:
                 return motion
             ledger.count(1)
@@ -89,33 +89,32 @@ class Toppra(Planner):
             last = motion.duration
         return motion
 
+    def _solve(
+        self, problem: PlanningProblem, linear: ChainTorque, path: SplineInterpolator, grid: Array, rest: Array
+    ) -> tuple[Array | None, Array]:
+        """Speed and acceleration of the path's parameter on the grid, with given torques beyond toppra's model."""
+        limit = SHARE * problem.limits.torque
+        eye = np.vstack([np.eye(problem.n), -np.eye(problem.n)])
 
-def _solve(
-    problem: PlanningProblem, linear: ChainTorque, path: SplineInterpolator, grid: Array, rest: Array
-) -> tuple[Array | None, Array]:
-    """Speed and acceleration of the path's parameter on the grid, with given torques beyond toppra's model."""
-    limit = SHARE * problem.limits.torque
-    eye = np.vstack([np.eye(problem.n), -np.eye(problem.n)])
+        def beyond(_: Any, s: float) -> Array:
+            return np.array([np.interp(s, grid, rest[:, j]) for j in range(problem.n)])
 
-    def beyond(_: Any, s: float) -> Array:
-        return np.array([np.interp(s, grid, rest[:, j]) for j in range(problem.n)])
-
-    torque = SecondOrderConstraint(
-        linear.torque,
-        lambda _: eye,
-        lambda _: np.concatenate([limit, limit]),
-        problem.n,
-        custom_term=beyond,
-        discretization_scheme=DiscretizationType.Interpolation,
-    )
-    speed = SHARE * problem.limits.speed
-    instance = TOPPRA(
-        [JointVelocityConstraint(np.stack([-speed, speed], axis=1)), torque],
-        path,
-        gridpoints=grid,
-        solver_wrapper="seidel",
-    )
-    push, pace, _ = instance.compute_parameterization(0.0, 0.0)
-    if pace is None or not np.isfinite(pace).all():
-        return None, grid
-    return np.asarray(pace), np.append(push, push[-1])
+        torque = SecondOrderConstraint(
+            linear.torque,
+            lambda _: eye,
+            lambda _: np.concatenate([limit, limit]),
+            problem.n,
+            custom_term=beyond,
+            discretization_scheme=DiscretizationType.Interpolation,
+        )
+        speed = SHARE * problem.limits.speed
+        instance = TOPPRA(
+            [JointVelocityConstraint(np.stack([-speed, speed], axis=1)), torque],
+            path,
+            gridpoints=grid,
+            solver_wrapper="seidel",
+        )
+        push, pace, _ = instance.compute_parameterization(0.0, 0.0)
+        if pace is None or not np.isfinite(pace).all():
+            return None, grid
+        return np.asarray(pace), np.append(push, push[-1])

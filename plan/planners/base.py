@@ -15,7 +15,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.model.net_options import torch_threads
 from ident.progress import step
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
@@ -115,6 +114,11 @@ class Ledger:
         """Evaluations left; zero once the processor time is spent."""
         return 0 if self.seconds_left <= 0.0 else max(self.most - self.evaluations, 0)
 
+    @property
+    def solved(self) -> bool:
+        """Whether a feasible trajectory is known."""
+        return self.best is not None and self.best.feasible
+
     def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Evaluates a batch against the budget.
 
@@ -159,7 +163,6 @@ class Planner(ABC):
     """
 
     name: ClassVar[str]
-    threads: ClassVar[int] = 1
     explores: ClassVar[bool] = False
 
     @abstractmethod
@@ -175,8 +178,7 @@ class Planner(ABC):
     def run(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> Ledger:
         """Searches until done or until the budget is spent."""
         try:
-            with torch_threads(self.threads):
-                self.search(problems, ledger, rng)
+            self.search(problems, ledger, rng)
         except BudgetSpentError:
             ledger.notes.append("the budget ended the search")
         return ledger

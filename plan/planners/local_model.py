@@ -90,7 +90,7 @@ class LocalModel:
     def bounds(self) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
         """Bounds of the variables: position limits, and no farther from the ends and the via points than the reach."""
         problem, count = self.problem, self.grid.free
-        points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
+        points = problem.with_ends(problem.vias)
         low = np.tile(np.maximum(points.min(axis=0) - problem.radius, problem.limits.lower), count)
         high = np.tile(np.minimum(points.max(axis=0) + problem.radius, problem.limits.upper), count)
         return (np.append(low, 0.02), np.append(high, 50.0)) if self.timed else (low, high)

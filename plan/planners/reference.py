@@ -142,10 +142,7 @@ class Reference(Planner):
             InputError: The task or the model holds what has no symbols here.
         """
         problem = problems[0]
-        without_symbols = {
-            "obstacles": bool(problem.scene.obstacles),
-            "rules of the way": problem.way.given,
-        }
+        without_symbols = {"obstacles": bool(problem.scene.obstacles), "rules of the way": problem.way.given}
         for what, is_there in without_symbols.items():
             if is_there:
                 raise InputError("--method reference", f"it plans without {what}", "use --method sqp")
@@ -205,7 +202,7 @@ class _Programme:
         """From via points, with ever less rounding, and again where a limit was passed between the nodes."""
         problem, inside, aims = self.problem, 0.0, np.full((2, self.problem.n), AIM)
         limits, times = problem.limits, np.concatenate([[0.0], np.cumsum(problem.durations)])
-        points = np.concatenate([problem.start[None], vias, problem.goal[None]])
+        points = problem.with_ends(vias)
         speeds = CubicSpline(times, points, bc_type="clamped")(times, 1)
         guess: tuple[Array, ...] = points.T, speeds.T, problem.durations
         for turn in range(TURNS):

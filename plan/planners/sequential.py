@@ -145,7 +145,7 @@ class Sequential(Planner):
         """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
         course = descend(course, ledger, self.first // 3, 0.3, 1e-4)
         enter(course, ledger)
-        if ledger.best is None or not ledger.best.feasible:
+        if not ledger.solved:
             course, _ = self._settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
         if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
@@ -174,9 +174,7 @@ class Sequential(Planner):
             return
         count = vias + 1
         base = replace(
-            first,
-            vias=straight(first.start, first.goal, vias),
-            durations=np.full(count, first.durations.sum() / count),
+            first, vias=straight(first.start, first.goal, vias), durations=np.full(count, first.durations.sum() / count)
         )
         if base.objective == "time":
             base = at_its_limits(base)
@@ -187,8 +185,7 @@ class Sequential(Planner):
         if way.straight is not None or way.vias:
             yield from iterate_rule_ways(base, rng)
             return
-        solved, left = lambda: ledger.best is not None and ledger.best.feasible, lambda: ledger.seconds_left
-        yield from iterate_ways(base, rng, solved, left)
+        yield from iterate_ways(base, rng, lambda: ledger.solved, lambda: ledger.seconds_left)
 
     def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
         """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
@@ -242,7 +239,7 @@ def begin_course(problem: PlanningProblem) -> Course:
     grid = Grid(freeze(knots), problem.grows or problem.limits.jerk is not None, nodes)
     aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
-    start = Splines(np.concatenate([[problem.start], problem.vias, [problem.goal]])[None], problem.durations[None])
+    start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
     return begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
 
 
@@ -281,7 +278,7 @@ def enter(course: Course, ledger: Ledger) -> float:
     splines, problem = course.local.splines(course.x), course.local.problem
     for factor in SLOWER if course.local.timed else (1.0,):
         slower = Splines(splines.points, splines.durations * factor)
-        if ledger.best is not None and ledger.best.feasible:
+        if ledger.solved:
             torque = np.abs(problem.model.torque(*slower.states(DENSE))[0])
             if np.any(torque > problem.limits.torque):
                 continue  # the ledger looks in fewer places: it would take for allowed what the certificate refuses

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.model.hybrid import TrainingRange
 from plan.dynamics.power import ChainTorque, Metric, power_integral, section_nodes
-from plan.geometry.pairs import find_margins
+from plan.geometry.clearance_proof import find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
 from plan.problem.rules import WayRules
@@ -19,8 +19,8 @@ from plan.spline import Splines
 
 Objective = Literal["energy", "time"]
 Free = Literal["vias", "times", "both"]
-OBJECTIVES: tuple[Objective, ...] = ("energy", "time")
-FREE: tuple[Free, ...] = ("vias", "times", "both")
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
+FREE: tuple[Free, ...] = get_args(Free)
 
 # Limits are kept to this share during the search: torque is sampled there, and checked densely afterwards.
 SHARE = 0.998
@@ -210,6 +210,10 @@ class PlanningProblem:
     def held(self) -> dict[str, float]:
         """Positions of the arm's joints that stand still [rad or m]."""
         return {k: q for k, q in self.scene.arm.locked_joints.items() if k not in self.not_the_arms}
+
+    def with_ends(self, vias: Float[Array, "V n"]) -> Float[Array, "K n"]:
+        """Start, via points and goal [rad]."""
+        return np.concatenate([[self.start], vias, [self.goal]])
 
     @property
     def ends(self) -> Float[Array, "2 n"]:

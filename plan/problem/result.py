@@ -13,8 +13,7 @@ from ident.model.hybrid import QUANTITIES, UNITS
 from ident.records import Record, as_record
 from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
-from plan.geometry.clearance_proof import Clearance, prove_clearance
-from plan.geometry.pairs import SHORT, Cut, find_cuts
+from plan.geometry.clearance_proof import SHORT, Clearance, Cut, find_cuts, prove_clearance
 from plan.geometry.scene import Scene
 from plan.problem.problem import TICK, PlanningProblem
 from plan.problem.ramps import STANDING, TimeLaw, find_time_law

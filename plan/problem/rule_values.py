@@ -87,7 +87,7 @@ class Rules:
         if rules.speed is None and rules.straight is None and not rules.cones:
             return []
         states = self.tool(q)
-        found = [] if rules.speed is None else [_speed_row(states, dq, rules.speed)]
+        found = [] if rules.speed is None else [self._speed_row(states, dq, rules.speed)]
         found += [] if rules.straight is None else self._straight_rows(states, rules.straight)
         for cone in rules.cones:
             pointing = states[1] @ cone.axis
@@ -97,6 +97,19 @@ class Rules:
             value, aim = sign * (pointing @ cone.towards), limit - 0.01 * rest
             found.append(RuleRow("cone", value, limit, float(rest), float(aim), by_position))
         return found
+
+    def _speed_row(self, states: tuple[Array, Array, Array, Array], dq: Array, limit: float) -> RuleRow:
+        """Square of the tool's speed, as a share of its limit's."""
+        linear, angular = states[2:]
+        speed = np.einsum("tni,tn->ti", linear, dq)
+        by_speed = 2.0 * np.einsum("tni,ti->tn", linear, speed) / limit**2
+        # Joint j turns what the joints beyond it give, and is itself turned by those before it.
+        beyond = np.cumsum((linear * dq[:, :, None])[:, ::-1], axis=1)[:, ::-1]
+        turned = angular * dq[:, :, None]
+        before = np.cumsum(turned, axis=1) - turned
+        change = np.cross(angular, beyond) + np.cross(before, linear)
+        by_position = 2.0 * np.einsum("tni,ti->tn", change, speed) / limit**2
+        return RuleRow("speed", (speed * speed).sum(axis=1) / limit**2, 1.0, 1.0, 0.99, by_position, by_speed)
 
     def _straight_rows(self, states: tuple[Array, Array, Array, Array], within: float) -> list[RuleRow]:
         """Off the line to either side and beyond its ends, and off the even turn."""
@@ -206,17 +219,3 @@ class Rules:
             name = f"via point {number + 1} passed within"
             found.append(RuleCheck(name, reached, scale * via.within, unit, float(near[best]), kept))
         return tuple(found)
-
-
-def _speed_row(states: tuple[Array, Array, Array, Array], dq: Array, limit: float) -> RuleRow:
-    """Square of the tool's speed, as a share of its limit's."""
-    linear, angular = states[2:]
-    speed = np.einsum("tni,tn->ti", linear, dq)
-    by_speed = 2.0 * np.einsum("tni,ti->tn", linear, speed) / limit**2
-    # Joint j turns what the joints beyond it give, and is itself turned by those before it.
-    beyond = np.cumsum((linear * dq[:, :, None])[:, ::-1], axis=1)[:, ::-1]
-    turned = angular * dq[:, :, None]
-    before = np.cumsum(turned, axis=1) - turned
-    change = np.cross(angular, beyond) + np.cross(before, linear)
-    by_position = 2.0 * np.einsum("tni,ti->tn", change, speed) / limit**2
-    return RuleRow("speed", (speed * speed).sum(axis=1) / limit**2, 1.0, 1.0, 0.99, by_position, by_speed)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ident.arrays import Array, Float, freeze
-from plan.problem.scene_keys import SceneTable
+from ident.arrays import Array, Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,45 +53,3 @@ class WayRules:
         """Whether anything is asked for."""
         own = self.frame, self.speed, self.straight
         return any(part is not None for part in own) or bool(self.cones or self.vias)
-
-
-def read_rules(top: SceneTable) -> WayRules:
-    """The tables `[tool]`, `[[tool.cone]]` and `[[pass]]` of a scene file.
-
-    Raises:
-        InputError: A key is missing, unknown or of the wrong kind.
-    """
-    tool = top.table("tool")
-    for key in ("within_m", "within_deg"):
-        if key in tool and not tool["straight"]:
-            raise tool.fault(key, "has nothing to be off from", "add straight = true, or drop it")
-    return WayRules(
-        frame=tool["frame"],
-        speed=tool["speed_m_s"],
-        straight=tool["within_m"] if tool["straight"] else None,
-        turning=tool["within_deg"],
-        cones=tuple(
-            Cone(table["axis"], table["towards"], table[given], given == "allowed_deg")
-            for table in tool.tables("cone")
-            for given in [table.one_of("allowed_deg", "keep_out_deg")]
-        ),
-        vias=tuple(
-            ViaPoint(freeze(table[kind]), kind == "xyz_m", table["within_m" if kind == "xyz_m" else "within_deg"])
-            for table in top.tables("pass")
-            for kind in [table.one_of("deg", "xyz_m")]
-        ),
-    )
-
-
-def read_poses(task: SceneTable) -> list[Pose]:
-    """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
-
-    Raises:
-        InputError: A key is missing, unknown or of the wrong kind.
-    """
-    poses, name = task.entry.get("goal_pose", []), task.path("goal_pose")
-    tables = [SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])]
-    return [
-        Pose(one["frame"], freeze(one["xyz_m"]), one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"])
-        for one in tables
-    ]

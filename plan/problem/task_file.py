@@ -9,14 +9,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from ident.recordings.recording import Payload
 from ident.safe_read import read_toml
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
-from plan.problem.rules import Pose, WayRules, read_poses, read_rules
+from plan.problem.rules import Cone, Pose, ViaPoint, WayRules
 from plan.problem.scene_keys import KEYS, SceneTable
 
 SHAPES = tuple(name.removeprefix("obstacle: ") for name in KEYS if name.startswith("obstacle: "))
@@ -217,3 +217,45 @@ def _surroundings(top: SceneTable) -> Surroundings:
         upper=high,
         speed=limits["speed_deg_s"],
     )
+
+
+def read_rules(top: SceneTable) -> WayRules:
+    """The tables `[tool]`, `[[tool.cone]]` and `[[pass]]` of a scene file.
+
+    Raises:
+        InputError: A key is missing, unknown or of the wrong kind.
+    """
+    tool = top.table("tool")
+    for key in ("within_m", "within_deg"):
+        if key in tool and not tool["straight"]:
+            raise tool.fault(key, "has nothing to be off from", "add straight = true, or drop it")
+    return WayRules(
+        frame=tool["frame"],
+        speed=tool["speed_m_s"],
+        straight=tool["within_m"] if tool["straight"] else None,
+        turning=tool["within_deg"],
+        cones=tuple(
+            Cone(table["axis"], table["towards"], table[given], given == "allowed_deg")
+            for table in tool.tables("cone")
+            for given in [table.one_of("allowed_deg", "keep_out_deg")]
+        ),
+        vias=tuple(
+            ViaPoint(freeze(table[kind]), kind == "xyz_m", table["within_m" if kind == "xyz_m" else "within_deg"])
+            for table in top.tables("pass")
+            for kind in [table.one_of("deg", "xyz_m")]
+        ),
+    )
+
+
+def read_poses(task: SceneTable) -> list[Pose]:
+    """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
+
+    Raises:
+        InputError: A key is missing, unknown or of the wrong kind.
+    """
+    poses, name = task.entry.get("goal_pose", []), task.path("goal_pose")
+    tables = [SceneTable(task.file, name, one) for one in (poses if isinstance(poses, list) else [poses])]
+    return [
+        Pose(one["frame"], freeze(one["xyz_m"]), one["rpy_rad"] if "rpy_rad" in one else one["quaternion_xyzw"])
+        for one in tables
+    ]

@@ -5,15 +5,13 @@ Limits of position and obstacles are left out, which can only lower it.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from ident.arrays import Array, Float
 from ident.laws.carried import JointStates
 from plan.dynamics.compiled_nets import CompiledJointNets
-from plan.dynamics.power import differentiate_torque
+from plan.dynamics.power import differentiate_torque, without_friction
 from plan.problem.problem import PlanningProblem
 
 # Positions from which the extremes of inertia and gravity are taken, and what is granted for those in between.
@@ -34,10 +32,7 @@ def least_time(problem: PlanningProblem) -> float:
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (POSITIONS, problem.n))
     still = np.zeros_like(q)
-    bare = replace(
-        model, net=None, named=(), losses=replace(model.losses, coulomb=0 * limits.torque, offset=0 * limits.torque)
-    )
-    gravity, (_, _, inertia) = differentiate_torque(bare, q, still, still)
+    gravity, (_, _, inertia) = differentiate_torque(without_friction(model), q, still, still)
     inverse = np.linalg.inv(inertia)
     losses = model.losses
     drag = np.abs(losses.coulomb) + np.abs(losses.offset) + losses.viscous * limits.speed
@@ -78,8 +73,7 @@ def least_energy(problem: PlanningProblem) -> float | None:
     way = problem.goal - problem.start
     q = problem.start + (share[:, None] + 1.0) / 2.0 * way
     still = np.zeros_like(q)
-    bare = replace(model, net=None, named=(), losses=replace(model.losses, coulomb=0 * way, offset=0 * way))
-    lift = float(weight @ (bare.torque(q[None], still[None], still[None])[0] @ way)) / 2.0
+    lift = float(weight @ (without_friction(model).torque(q[None], still[None], still[None])[0] @ way)) / 2.0
     bound, losses = lift, model.losses
     for j, speed in enumerate(way / total):
         speeds = np.unique(np.append(np.linspace(-1.0, 1.0, SPEEDS) * problem.limits.speed[j], speed))

@@ -96,11 +96,7 @@ def cost_at(result: PlanResult, limit: float, axis: int) -> float:
     return min(reached, default=float("inf"))
 
 
-def compare(
-    problem: PlanningProblem,
-    name: str,
-    options: CompareOptions,
-) -> Comparison:
+def compare(problem: PlanningProblem, name: str, options: CompareOptions) -> Comparison:
     """Runs every method from the same initial trajectories, seed by seed.
 
     Args:

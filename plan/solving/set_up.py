@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -17,13 +16,12 @@ from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from plan.command_options import TaskOptions
 from plan.dynamics.power import METRICS, ChainTorque, Metric, torque_of_model
-from plan.geometry.pairs import read_disabled, why_refused
+from plan.geometry.clearance_proof import why_refused
+from plan.geometry.pairs import read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import from_vias, straight
-from plan.planners.base import Ledger
-from plan.planners.sequential import Sequential
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
@@ -31,18 +29,11 @@ from plan.problem.task_file import Task
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
-# What is tried for each way before one is chosen, and how long in processor time [s].
-QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
-QUICK_SECONDS = 3.0
 # What a plan without a fitted model leaves out.
 NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
 
 
-def set_up(
-    task: Task,
-    model: HybridModel | None = None,
-    options: TaskOptions = DEFAULTS,
-) -> PlanningProblem:
+def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = DEFAULTS) -> PlanningProblem:
     """The problem of a task, started from the straight line; a goal that is a pose is still to be reached.
 
     Args:
@@ -144,29 +135,6 @@ def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | In
     what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
     remedies = ["move the pose", *["leave its rotation out"] * (pose.rotation is not None)]
     return InputError(task.source, what, ", or ".join([*remedies, *["let more joints move"] * bool(arm.locked_joints)]))
-
-
-def cheapest_goal(
-    problems: Sequence[PlanningProblem], posed: bool, budget: tuple[int, float], seed: int
-) -> tuple[PlanningProblem, tuple[str, ...]]:
-    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
-
-    Args:
-        problems: One for each goal, the nearest first.
-        posed: Whether the goal is a pose.
-        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent here.
-        seed: Of all chance.
-    """
-    if len(problems) == 1:
-        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
-    rng, costs, (most, seconds) = np.random.default_rng(seed), [], budget
-    for problem in problems:
-        ledger = Ledger(max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
-        best = QUICK.run([problem], ledger, rng).best
-        costs.append(best.cost if best is not None and best.feasible else np.inf)
-    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
-    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
-    return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
 def from_taught(problem: PlanningProblem, vias: Array, times: Array | None) -> PlanningProblem:

@@ -34,6 +34,9 @@ HARDLY = 0.002
 # Factors by which a motion is slowed down to keep its limits between the search's samples.
 SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
 USUAL = SolveOptions()
+# What is tried for each goal before one is chosen, and how long in processor time [s].
+QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
+QUICK_SECONDS = 3.0
 
 
 Starts = tuple[Sequence[PlanningProblem], Sequence[Seed]]
@@ -67,6 +70,29 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, seconds: flo
     found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
     kept = found[: 1 if problem.free == "times" else 3]
     return [start_compressed(best.problem.with_initial(best.splines, **goal)) for best in kept], seeds
+
+
+def cheapest_goal(
+    problems: Sequence[PlanningProblem], posed: bool, budget: tuple[int, float], seed: int
+) -> tuple[PlanningProblem, tuple[str, ...]]:
+    """The problem with the goal that is the cheapest to go to by a short search each; what was chosen from, in words.
+
+    Args:
+        problems: One for each goal, the nearest first.
+        posed: Whether the goal is a pose.
+        budget: Evaluations and seconds of the whole planning task; a third of it at most is spent here.
+        seed: Of all chance.
+    """
+    if len(problems) == 1:
+        return problems[0], ("one joint position brings the frame to the goal's pose",) if posed else ()
+    rng, costs, (most, seconds) = np.random.default_rng(seed), [], budget
+    for problem in problems:
+        ledger = Ledger(max(1, most // (3 * len(problems))), min(QUICK_SECONDS, seconds / (3.0 * len(problems))))
+        best = QUICK.run([problem], ledger, rng).best
+        costs.append(best.cost if best is not None and best.feasible else np.inf)
+    which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
+    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
+    return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
 def solve(

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.geometry.pairs import find_margins
+from plan.geometry.clearance_proof import find_margins
 from plan.initial.starts import from_vias
 from plan.initial.trees import Trees
 from plan.paper.toppra import Toppra

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.geometry.pairs import SHORT, find_cuts, find_margins, why_refused
+from plan.geometry.clearance_proof import SHORT, find_cuts, find_margins, why_refused
 from plan.geometry.scene import Scene
 from plan.problem.makers_limits import TABLE, find_makers_limits
 from plan.problem.problem import SHARE, TIME_NODES
