@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import ANGLES as LIMIT
-from ident.checks.filtered_run import compare_velocities, filter_run
+from ident.checks.filtered_run import CLOCK, compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
 from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
@@ -87,9 +87,8 @@ def mend_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         rows: Bool[Array, " T"] = np.asarray(wild.any(axis=1))
         # Many such rows are no hiccup but a channel that can't be trusted; the velocity check will tell.
         if rows.any() and rows.mean() <= 0.01:
-            first = run.time[int(np.flatnonzero(rows)[0])]
-            what = f"position leaves its neighbours for one sample {rows.sum()} times, first at {first:.3f} s"
-            found.note(run, what, np.flatnonzero(wild.any(axis=0)))
+            what = f"position leaves its neighbours for one sample {rows.sum()} times"
+            found.note(run, f"{what}, first at {run.time[rows][0]:.3f} s", np.flatnonzero(wild.any(axis=0)))
             run = run.at(~rows)
         found.runs.append(run)
     return found.left(), found.issues("garbage_cells")
@@ -142,30 +141,37 @@ def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Ar
     return q + shift, wraps.sum(axis=0)
 
 
-def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+def split_at_jumps(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
     """Parts runs where a position jumps farther than any arm moves: samples are missing, whatever the stamps say.
 
-    A few jumps part a run; many make its positions none.
+    A filter smears one over steps in a row, and as far again to either side. A joint that often passes its own limit of
+    speed is held against all arms'. A few jumps part a run; many make its positions none.
     """
     parted, broken = Findings(session), Findings(session)
+    own = np.inf if arm is None else CLOCK.over_limit * arm.velocity_limit
     for run in session.runs:
-        steps = np.abs(np.diff(run.position, axis=0))
-        jumps = (steps > LIMIT.fastest_rad_s * np.maximum(np.diff(run.time), 0.0)[:, None]) & (steps > LIMIT.spike_rad)
-        rows, columns = np.flatnonzero(jumps.any(axis=1)), np.flatnonzero(jumps.any(axis=0))
+        moved = np.diff(run.position, axis=0)
+        fastest = np.where(speed(run) < own, np.minimum(own, LIMIT.fastest_rad_s), LIMIT.fastest_rad_s)
+        fast = np.abs(moved) > fastest * np.maximum(np.diff(run.time), 0.0)[:, None]
+        row = np.cumsum(~fast, axis=0) + len(run) * np.arange(fast.shape[1])
+        steps = np.abs(np.bincount(row.ravel(), (moved * fast).ravel())[row]) * fast
+        rows, columns = (np.flatnonzero((steps > LIMIT.spike_rad).any(axis=axis)) for axis in (1, 0))
         if not len(rows):
             parted.runs.append(run)
             continue
         column = int(np.argmax(steps[rows[0]]))
         words = f"{run.joints[column]} jumps by {steps[rows[0], column]:.2f} rad at {run.time[rows[0]]:.3f} s"
         if len(rows) > max(LIMIT.most_jumps * len(run), 1):
-            broken.note(run, f"{words} and {len(rows) - 1} times more, farther than any arm moves", columns)
+            broken.note(run, f"{words} and {len(rows) - 1} times more, farther than it can move", columns)
             parted.runs.append(run)
         else:
             parted.note(run, words, columns)
-            parted.runs += [piece for piece in cut_before(run, rows + 1) if filter_run(piece) is not None]
+            jumps = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+            spread = np.concatenate([np.arange(one[0] - len(one) + 2, one[-1] + len(one) + 1) for one in jumps])
+            pieces = cut_before(run, np.unique(np.clip(spread, 1, len(run) - 1)))
+            parted.runs += [piece for piece in pieces if filter_run(piece) is not None]
     broken.columns |= parted.columns
-    issues = broken.issues("broken_position") or parted.issues("jump")
-    return (parted.left() if parted.runs else session), issues
+    return (parted.left() if parted.runs else session), broken.issues("broken_position") or parted.issues("jump")
 
 
 # Commands may leap: nobody but the checks of `ident.checks.channels` reads them.
@@ -241,19 +247,18 @@ def find_wild(
     """
     masks = find_far(runs, gap, TURN if floor else 0.0)
     for width, least in LIMIT.widths:
-        usable = [k for k, values in enumerate(runs) if len(values) > 4 * width]
-        if not usable:
+        off = {k: distance(values, width) for k, values in enumerate(runs) if len(values) > 4 * width}
+        if not off:
             continue
-        off = {k: distance(runs[k], width) for k in usable}
-        size = np.concatenate([np.abs(off[k]) for k in usable])
+        size = np.concatenate([np.abs(one) for one in off.values()])
         level = np.quantile(size, LIMIT.share, axis=0)
-        low, high = np.percentile(np.concatenate([runs[k] for k in usable]), [2, 98], axis=0)
+        low, high = np.percentile(np.concatenate([runs[k] for k in off]), [2, 98], axis=0)
         least = LIMIT.widths[-1][1] if slow else least
         limit = np.maximum(np.maximum(LIMIT.times * level, least * (high - low)), floor)
         # A joint at rest has next to no range of its own: what is a tremble beside the arm's motion is no fault.
         limit = np.maximum(limit, LIMIT.tremble * float(np.max(high - low)))
         # A channel that never changes has neither: any change of it would be a spike.
-        for k in usable:
+        for k in off:
             wraps = np.abs(np.abs(off[k]) - TURN) < LIMIT.wrap_rest if floor else np.zeros_like(masks[k])
             masks[k] |= (np.abs(off[k]) > limit) & (limit > 0.0) & ~wraps
     return masks

@@ -36,9 +36,8 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             dropped.note(run, f"{late} of {len(run)} rows are repeated or late in time, dropped")
             runs.append(kept)
         elif 0 < len(restarts) <= LIMIT.most_restarts and shortest >= LIMIT.shortest_piece:
-            first = run.time[restarts[0]]
-            restarted.note(run, f"time falls back {len(restarts)} times, first after {first:.3f} s")
-            runs += _cut(run, restarts + 1)
+            restarted.note(run, f"time falls back {len(restarts)} times, first after {run.time[restarts[0]]:.3f} s")
+            runs += [drop_late_rows(piece)[0] for piece in cut_before(run, restarts + 1)]
         else:
             fatal.note(run, f"{np.mean(steps <= 0):.0%} of the time steps are zero or negative")
             runs.append(kept)
@@ -58,15 +57,12 @@ def drop_late_rows(run: Recording) -> tuple[Recording, int]:
     return (run if keep.all() else run.at(keep)), int((~keep).sum())
 
 
-def _cut(run: Recording, rows: Array) -> list[Recording]:
-    return [drop_late_rows(piece)[0] for piece in cut_before(run, rows)]
-
-
 def _parted(run: Recording, limit: float, shortest_s: float = 0.0) -> tuple[Array, list[Recording]]:
     """Steps of time beyond a limit, and the pieces between them that are long enough for use; the run without any."""
     rows = np.flatnonzero(np.diff(run.time) > limit)
-    pieces = (piece for piece in _cut(run, rows + 1) if len(piece) >= LIMIT.shortest_piece)
-    return rows, [piece for piece in pieces if piece.duration >= shortest_s] if len(rows) else [run]
+    pieces = [drop_late_rows(piece)[0] for piece in cut_before(run, rows + 1)]
+    usable = [one for one in pieces if len(one) >= LIMIT.shortest_piece and one.duration >= shortest_s]
+    return rows, usable if len(rows) else [run]
 
 
 def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -86,8 +82,7 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             found.note(run, f"the clock leaps {step:.3g} s on after row {jumps[0] + 1}{left}")
     few = sum(map(len, found.runs)) >= (1.0 - LIMIT.few_rows) * session.samples
     severity: Severity = "fatal" if not found.runs else "note" if few else "warning"
-    issues = found.issues("leap", severity)
-    return (found.left() if found.runs else session), issues
+    return (found.left() if found.runs else session), found.issues("leap", severity)
 
 
 def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:

@@ -172,7 +172,7 @@ def inspect_alone(
         mend_jitter,
         drop_stuck,
         drop_stuck_velocity,
-        split_at_jumps,
+        lambda found: split_at_jumps(found, arm),
         split_at_gaps,
         mend_velocity,
     )

@@ -48,10 +48,6 @@ def with_zero(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return arm.gravity(q + ZERO * np.eye(3)[1]) - arm.gravity(q)
 
 
-def with_spring(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    return at_joint(1, SPRING * q[:, 1])
-
-
 def session(arm: ArmModel, plant: Plant, seed: int) -> list[Motion]:
     """One run of poses: each hold has a friction torque of its own, anything up to the Coulomb level."""
     rng = np.random.default_rng(seed)
@@ -106,7 +102,7 @@ def test_poses_alone_weigh_a_load_and_say_what_was_used() -> None:
     [
         (with_tilt, "gravity_misalignment", "tilt_y_rad", TILT),
         (with_zero, "encoder_offset", "offset_rad", ZERO),
-        (with_spring, "spring_torque", "stiffness_Nm_rad", SPRING),
+        (lambda arm, q, dq, ddq: at_joint(1, SPRING * q[:, 1]), "spring_torque", "stiffness_Nm_rad", SPRING),
     ],
 )
 def test_poses_alone_tell_what_is_static(plant: Plant, effect: str, figure: str, size: float) -> None:
