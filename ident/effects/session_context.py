@@ -272,8 +272,8 @@ def is_near(point: float, found: float, least: float) -> bool:
 
 
 def arm_mass(arm: ArmModel) -> float:
-    """Mass of all moving links [kg]: what an arm weighs, it is rated by."""
-    return float(arm.inertial_parameters[::10].sum())
+    """Mass of all moving links [kg]: what an arm weighs, it is rated by; tuning may take more off one than it has."""
+    return float(np.maximum(arm.inertial_parameters[::10], 0.0).sum())
 
 
 def arm_reach(arm: ArmModel) -> float:

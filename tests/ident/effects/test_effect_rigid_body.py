@@ -114,6 +114,17 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)
 
 
+def test_an_arm_whose_links_were_tuned_below_zero_still_weighs_something(session: SessionContext) -> None:
+    """Law: priors of bodies are finite where tuning took more off a link than the whole arm weighs."""
+    run, effect = session.runs[0], find_effect("payload")
+    parameters = run.arm.inertial_parameters.copy()
+    parameters[10] -= 2.0 * parameters[::10].sum()
+    tuned = replace(session, runs=(replace(run, arm=run.arm.with_inertial_parameters(parameters)),))
+    prior = effect.size_prior(tuned, 0, effect.variants(session, 0)[0])
+    assert (prior.deviation > 0.0).all()
+    assert np.isfinite(prior.log_density(np.array([1.0, 0.0, 0.0, 0.1])[: len(prior.deviation)]))
+
+
 def test_a_shifted_centre_is_no_mass(session: SessionContext, recover: Recover) -> None:
     """Link 2 with its centre 10 mm further out: the first moment changes, and the inertia with it."""
     arm = session.runs[0].arm
