@@ -22,7 +22,7 @@ from scipy.signal import butter, sosfiltfilt
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from ident.simulation.causes import Cause, Circumstances
-from ident.simulation.causes.actions import View
+from ident.simulation.causes.mechanisms import View
 from ident.simulation.hardware import Hardware
 from ident.simulation.sensing import read_torque, sample
 from ident.simulation.simulator import Simulator, Trace, choose_step, feed_forward

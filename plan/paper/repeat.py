@@ -1,6 +1,6 @@
 """The paper's planning experiments run again, Tables 3 to 7 and Figs. 10, 11 and 13, and one page of both side by side.
 
-Source: paper (Machines 2023, 11, 350), sections 4.2 to 4.4; its figures stand in `paper.toml`.
+Source: paper (Machines 2023, 11, 350), sections 4.2 to 4.4; its figures stand in `printed.toml`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ OBSTACLE = Box("monitor", 0, np.eye(3), np.array([0.04, -0.47, 0.56]), Solid.sim
 SPREAD, LONGEST = np.radians(12.0), 3600.0
 # So many times as many epochs as on Table 3's task does PPO take where there is more to choose.
 MORE = 4.2
-_PRINTED = tomllib.loads(Path(__file__).with_name("paper.toml").read_text(encoding="utf-8"))
+_PRINTED = tomllib.loads(Path(__file__).with_name("printed.toml").read_text(encoding="utf-8"))
 # Via points [deg], seconds, and gain over the initial motion as a share.
 Details = tuple[list[list[float]], float | None, float]
 PAPER: dict[str, tuple[float, ...]] = {name: tuple(values) for name, values in _PRINTED["values"].items()}

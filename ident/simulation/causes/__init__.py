@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError
-from ident.simulation.causes import actions
-from ident.simulation.causes.actions import Circumstances, Parameters, Size, View
+from ident.simulation.causes import mechanisms
+from ident.simulation.causes.mechanisms import Circumstances, Parameters, Size, View
 from ident.simulation.hardware import Hardware
 
 
@@ -51,7 +51,7 @@ class Cause:
     def apply(self, scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
         """The hardware with the cause, and what is true."""
         if not self.law:
-            return getattr(actions, self.id)(scene, size)
+            return getattr(mechanisms, self.id)(scene, size)
         if self.law == "sensing":
             sensing = scene.hardware.sensing.set(scene.joint, **{self.column: self.healthy + size})
             return scene.hardware.replace(sensing=sensing), {self.parameter: size}

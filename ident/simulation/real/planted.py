@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
-from ident.simulation.causes.actions import length_of, tilted, vector
+from ident.simulation.causes.mechanisms import length_of, tilted, vector
 from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque, twist_of
 from ident.simulation.real.sources import with_body
 
