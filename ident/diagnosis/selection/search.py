@@ -46,15 +46,18 @@ class Search(Candidates):
     def best_start(self) -> list[Group]:
         """Effects to begin with: those found step by step, or beside gains of the joints that these name no gain of.
 
-        Gains of some joints are as good as other links and gains of all others; one name at a time finds the wrong set
-        and never leaves it. The model of more evidence is kept.
+        Gains of some joints are as good as other links and gains of all others; one name at a time never leaves the
+        wrong set. The second is kept with more evidence and fewer names, or as many that foretell better beside the
+        URDF as it is.
         """
         first = [item.group for item in self.run().named]
         gains = [one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id and one not in first]
         others = [item.group for item in self.standing(gains)]
-        if not others:
-            return first
-        return max(first, [item.group for item in self.run(others).named], key=self.evidence_of)
+        second = [item.group for item in self.run(others).named] if others else first
+        better = self.evidence_of(second) > self.evidence_of(first)
+        if better and len(second) == len(first):
+            better = self.fixed.score(second).gain_over(self.fixed.score(first))[0] > 0.0
+        return second if better and len(second) <= len(first) else first
 
     def evidence_of(self, groups: Sequence[Group]) -> float:
         """Log evidence of a model of some effects [nats]: what each adds to those before it."""
