@@ -187,13 +187,7 @@ def _put_in_place(temporary: Path, target: Path) -> None:
     """Renames a folder to its target; what was there has the temporary name afterwards."""
     if not target.exists():
         os.replace(temporary, target)
-        return
-    exchanged = False
-    with suppress(AttributeError, OSError, TypeError):  # of a system that can't
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
-        names = AT_FDCWD, os.fsencode(temporary), AT_FDCWD, os.fsencode(target)
-        exchanged = rename(*names, RENAME_EXCHANGE) == 0
-    if not exchanged:
+    elif not _exchange(temporary, target):
         retired = temporary.with_name(temporary.name + RETIRED)
         os.replace(target, retired)
         try:
@@ -202,6 +196,15 @@ def _put_in_place(temporary: Path, target: Path) -> None:
             os.replace(retired, target)
             raise
         shutil.rmtree(retired, ignore_errors=True)
+
+
+def _exchange(first: Path, second: Path) -> bool:
+    """Lets two names change places in one step; False where the system can't."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):
+        return False
+    return bool(rename(AT_FDCWD, os.fsencode(first), AT_FDCWD, os.fsencode(second), RENAME_EXCHANGE) == 0)
 
 
 @contextmanager
