@@ -11,6 +11,7 @@ import json
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +32,27 @@ from ident.sessions import Given, inspect_sources
 MOST_ALONE, MOST_BY_BIC = 24, 3
 
 
-def examine(task: tuple[Path, str, Sequence[str], Path, str]) -> str:
+@dataclass(frozen=True)
+class ExamineTask:
+    """What the diagnosing process is given."""
+
+    session: Path  # folder of the recordings
+    robot: str  # URDF path or name
+    excluded: tuple[str, ...]  # ids that are taken out of the catalogue
+    result: Path  # file for the results
+    stamp: str  # of the diagnosing code
+
+
+def examine(task: ExamineTask) -> str:
     """Diagnoses a case and writes its result; returns the session's name.
 
     A diagnosis that fails is written down as such: one case must not end the others, nor drop out of the scores.
-
-    Args:
-        task: Folder of the recordings; URDF path or name of the robot; ids that are taken out of the catalogue; file
-            for the result, and its stamp.
     """
-    session, robot, excluded, result, stamp = task
     start = time.perf_counter()
-    record: dict[str, Any] = {"stamp": stamp}
+    record: dict[str, Any] = {"stamp": task.stamp}
     try:
-        arm, reports = inspect_sources(Given([session], robot)).whole
-        catalogue = tuple(effect for effect in CATALOGUE if effect.id not in excluded)
+        arm, reports = inspect_sources(Given([task.session], task.robot)).whole
+        catalogue = tuple(effect for effect in CATALOGUE if effect.id not in task.excluded)
         diagnosis, analysis, _ = diagnose_reports(reports, arm, catalogue)
         record["seconds"] = time.perf_counter() - start
         record["diagnosis"] = diagnosis.to_dict()
@@ -56,8 +63,8 @@ def examine(task: tuple[Path, str, Sequence[str], Path, str]) -> str:
             record["rivals"] = {"bic_forward": chosen}
     except Exception as error:
         record["error"] = f"{type(error).__name__}: {error}"
-    write_result(result, record)
-    return session.name
+    write_result(task.result, record)
+    return task.session.name
 
 
 def write_result(path: Path, record: dict[str, Any]) -> None:

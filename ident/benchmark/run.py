@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.benchmark.cases import FULL_MIX, MADE_NAME, MakeTask, make, plan_slots
-from ident.benchmark.examining import examine, write_result
+from ident.benchmark.examining import ExamineTask, examine, write_result
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
@@ -53,24 +53,30 @@ from ident.workers import run_tasks
 MOST_RUNS, LONGEST_RUN_S = 5, 12.0
 
 
-def edit(task: tuple[MakeTask, int, Path, Path, str]) -> str:
+@dataclass(frozen=True)
+class EditTask:
+    """What the editing process is given."""
+
+    made: MakeTask  # how the case was made
+    attempt: int  # at which draw it was possible
+    result: Path  # file of what the diagnosing process wrote
+    edited: Path  # file for the outcome
+    stamp: str  # of the editing code, and of the result that it takes
+
+
+def edit(task: EditTask) -> str:
     """Edits a case and writes the outcome; returns the case's name.
 
     What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
-
-    Args:
-        task: How the case was made, and at which draw it was possible; file of what the diagnosing process wrote; file
-            for the outcome, and its stamp.
     """
-    made, attempt, diagnosed, edited, stamp = task
-    answer, result = open_envelope(made.sealed, made.key), _read(diagnosed)
-    options, _ = made.drawn(attempt)
+    answer, result = open_envelope(task.made.sealed, task.made.key), _read(task.result)
+    options, _ = task.made.drawn(task.attempt)
     try:
         record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
     except InputError as error:
         record = {"why": str(error)}
-    write_result(edited, {"stamp": stamp, **record})
-    return made.slot.name
+    write_result(task.edited, {"stamp": task.stamp, **record})
+    return task.made.slot.name
 
 
 def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,7 +149,7 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
 
 Say = Callable[[str], None]
 Progress = Callable[[str, int, int], None]
-T = TypeVar("T")
+T = TypeVar("T", MakeTask, ExamineTask, EditTask)
 
 
 @dataclass(frozen=True)
@@ -177,7 +183,7 @@ def run_blind(
         for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
     }
     step = partial(_step, options, progress)
-    made = step("simulating", make, {name: (task.sealed / MADE_NAME, stamp, task) for name, task in tasks.items()})
+    made = step("simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()})
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
     diagnoses, edits = {}, {}
@@ -185,9 +191,9 @@ def run_blind(
         # Those of an earlier version, or of another seal, are had anew.
         record, stamped = made[name], f"{stamp} {made[name]['sha256']}"
         path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
-        diagnoses[name] = path, stamped, (task.session, record["robot"], record["excluded"], path, stamped)
+        diagnoses[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamped)
         if options.edit and task.slot.kind == "single":
-            edits[name] = edited, stamped, (task, int(record["attempt"]), path, edited, stamped)
+            edits[name] = edited, EditTask(task, int(record["attempt"]), path, edited, stamped)
     results = step("diagnosing", examine, diagnoses)
     ratios = step("editing", edit, edits)
     outcomes = []
@@ -236,16 +242,16 @@ def _step(
     progress: Progress,
     name: str,
     function: Callable[[T], str],
-    tasks: Mapping[str, tuple[Path, str, T]],
+    tasks: Mapping[str, tuple[Path, T]],
 ) -> dict[str, dict[str, Any]]:
-    """What a step wrote of each case into its file, with a stamp; what is there already is not done again."""
+    """What a step wrote of each case; what is there already is not done again."""
 
     def is_done(path: Path, stamp: str) -> bool:
         """Whether a file of this version is there. A diagnosis that failed is tried again."""
         record = _read(path) if path.is_file() else {"error": "not begun"}
         return record.get("stamp") == stamp and "error" not in record
 
-    waiting = [task for path, stamp, task in tasks.values() if not is_done(path, stamp)]
+    waiting = [task for path, task in tasks.values() if not is_done(path, task.stamp)]
     finished: set[str] = set()
 
     def count(case: str) -> None:
@@ -253,7 +259,7 @@ def _step(
         progress(name, len(tasks) - len(waiting) + len(finished), len(tasks))
 
     run_tasks(function, waiting, options.workers, options.scheduler, count)
-    return {case: _read(path) for case, (path, *_) in tasks.items()}
+    return {case: _read(path) for case, (path, _) in tasks.items()}
 
 
 @cache

@@ -53,11 +53,13 @@ class Search(Candidates):
         first = [item.group for item in self.run().named]
         gains = [one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id and one not in first]
         others = [item.group for item in self.standing(gains)]
-        second = [item.group for item in self.run(others).named] if others else first
-        better = self.evidence_of(second) > self.evidence_of(first)
-        if better and len(second) == len(first):
-            better = self.fixed.score(second).gain_over(self.fixed.score(first))[0] > 0.0
-        return second if better and len(second) <= len(first) else first
+        if not others:
+            return first
+        second = [item.group for item in self.run(others).named]
+        if len(second) > len(first) or self.evidence_of(second) <= self.evidence_of(first):
+            return first
+        better = len(second) < len(first) or self.fixed.score(second).gain_over(self.fixed.score(first))[0] > 0.0
+        return second if better else first
 
     def evidence_of(self, groups: Sequence[Group]) -> float:
         """Log evidence of a model of some effects [nats]: what each adds to those before it."""

@@ -14,6 +14,7 @@ from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.named_links import _leads
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.selection.gates import Gates, Named, SearchResults, first_of_each_joint
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import find_effect
@@ -92,6 +93,26 @@ def test_a_name_that_was_struck_for_its_unevenness_is_something_there() -> None:
     assert _or_doubted(named, doubted) is named
     hinted = SearchResults((), (some,), replace(weak, gates=replace(CLEAR, gap_fall=0.05)))
     assert _or_doubted(hinted, doubted) is hinted
+
+
+@pytest.mark.parametrize(
+    ("count", "evidence", "foretells", "kept"),
+    [(2, 11.0, -5.0, True), (3, 11.0, 5.0, True), (3, 11.0, -5.0, False), (4, 99.0, 5.0, False), (2, 9.0, 5.0, False)],
+)
+def test_more_names_are_no_better_start(count: int, evidence: float, foretells: float, kept: bool) -> None:
+    """Law: beside a first model of three names and 10 nats, a second of more evidence stands with fewer names, or with
+    as many where it foretells better beside the URDF as it is; never with more.
+    """
+    gain: Any = SimpleNamespace(effect=SimpleNamespace(id="torque_gain_error"))
+    models = {False: ["first"] * 3, True: ["second"] * count}
+    search: Any = SimpleNamespace(
+        run=lambda start=(): SimpleNamespace(named=[SimpleNamespace(group=one) for one in models[bool(start)]]),
+        evidence=SimpleNamespace(layout=SimpleNamespace(groups=[gain])),
+        standing=lambda groups: [SimpleNamespace(group=one) for one in groups],
+        evidence_of=lambda groups: evidence if "second" in groups else 10.0,
+        fixed=SimpleNamespace(score=lambda groups: SimpleNamespace(gain_over=lambda other: (foretells, 1.0))),
+    )
+    assert Search.best_start(search) == models[kept]
 
 
 def test_every_number_says_what_it_is_and_where_it_comes_from() -> None:
