@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -30,8 +30,15 @@ if TYPE_CHECKING:
     from ident.diagnosis.change.result import ArmComparison
 
 Catalogue = str | Path | Sequence[Effect]
-# A diagnosis, all that was computed on the way (None where nothing was), the runs, and the user's own model, if any.
-Examined = tuple[Diagnosis, Analysis | None, Sequence[Motion], HybridModel | None]
+
+
+class Examined(NamedTuple):
+    """A diagnosis and what it was made from, for pages and timelines."""
+
+    diagnosis: Diagnosis  # the diagnosis
+    analysis: Analysis | None  # all that was computed on the way; None where nothing was
+    motions: Sequence[Motion]  # the runs
+    model: HybridModel | None  # the user's own model, if one was given
 
 
 def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Diagnosis:
@@ -46,7 +53,7 @@ def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Dia
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
     """
-    return examine(source, robot, DiagnoseOptions.of("diagnose", options))[0]
+    return examine(source, robot, DiagnoseOptions.of("diagnose", options)).diagnosis
 
 
 # Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as long.
@@ -76,7 +83,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
         "arm_sha256": arm.keeping(diagnosis.joints).content,
     }
     origin = Provenance("ident diagnose", settings=chosen, sessions=read.ledger.stamps)
-    return diagnosis.with_provenance(origin), analysis, motions, loaded
+    return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 
 def examine_until(sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
@@ -98,12 +105,12 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:
         found = examine(first_runs(sessions, runs), robot, replace(options, session_file=None, settings=spent))
         examined[:] = [found]
-        return found[0]
+        return found.diagnosis
 
     total = sum(len(session.runs) for session in sessions)
     looks = look_until(look, total, sure, options.settings or USUAL)
-    ((last, analysis, motions, model),) = examined
-    return replace(last, until=looks), analysis, motions, model
+    (last,) = examined
+    return last._replace(diagnosis=replace(last.diagnosis, until=looks))
 
 
 def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:

@@ -225,11 +225,13 @@ def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Se
     covers = []  # parameters that both report by the same name
     for true, finding in zip(matches, findings, strict=True):
         for name, value in comparable(true, starts).items() if true else ():
-            told = {key: finding["parameters"].get(name, {}).get(key) for key in ("value", "low", "high")}
-            if None not in told.values():
-                told = {key: float(end) for key, end in told.items()}
-                inside = is_inside(name, value, told["low"], told["high"])
-                covers.append({"effect": finding["effect"], "parameter": name, "true": value, **told, "inside": inside})
+            given = finding["parameters"].get(name, {})
+            reported = {key: float(given[key]) for key in ("value", "low", "high") if given.get(key) is not None}
+            if len(reported) == 3:
+                inside = is_inside(name, value, reported["low"], reported["high"])
+                covers.append(
+                    {"effect": finding["effect"], "parameter": name, "true": value, **reported, "inside": inside}
+                )
     # Harmonic mean of precision and recall; a cause that is named at both of its joints is found once.
     hits, found = sum(match is not None for match in matches), len({id(one) for one in matches if one is not None})
     precision, recall = hits / max(len(counted), 1), found / max(len(answer.effects), 1)

@@ -87,7 +87,8 @@ def compare(
         found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
         return replace(found, still=still, used=used)
     stage("searching what changed", 0.5, 1.0)
-    changes = _find_changes(search := _search(first, settings.selection, sides))
+    search = _search(first, settings.selection, sides)
+    changes = _find_changes(search)
     if any(one.group.effect.id in BODIES for one in changes.estimates):
         others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
         asked = place_bodies(search, others, first.session, first.asked)
