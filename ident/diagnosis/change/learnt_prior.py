@@ -19,13 +19,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import RIDGE, Prior
-from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.positive import factorise
 
 
 def learn_prior(
@@ -61,9 +60,9 @@ def learn_prior(
         whole[diagonal] += ridge
         loose = information[kept[first:]]
         whole[np.arange(first, len(at)), np.arange(first, len(at))] += loose / variance[own]
-        factor = cho_factor(positive(whole))
-        spread = cho_solve(factor, np.eye(len(at)))
-        mean = cho_solve(factor, gram[at, -1])
+        factor = factorise(whole)
+        spread = factor.solve(np.eye(len(at)))
+        mean = factor.solve(gram[at, -1])
         square = np.bincount(own, mean[first:] ** 2 * loose, len(widths))
         open_part = np.bincount(own, np.diag(spread)[first:] * loose, len(widths))
         freedom = np.maximum(widths - open_part / variance, 1e-6 * widths)

@@ -23,7 +23,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
@@ -32,7 +31,7 @@ from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.change.settings import PERMUTED
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
-from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.positive import factorise
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,10 @@ class PermutedSets:
         information = self.whole[np.ix_(inside, inside)].copy()
         prior.add_to(information, layout)
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
-        factor = cho_factor(positive(information))
+        factor = factorise(information)
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in dealt.sums:
-            slopes = cho_solve(factor, across[inside])
+            slopes = factor.solve(across[inside])
             rest, power = own - across[inside].T @ slopes, np.diag(own)
             left = np.diag(rest)[:-1]
             noise = carried_noise(evidence, dealt.columns, inside, slopes[:, :-1])
@@ -101,8 +100,8 @@ class PermutedSets:
             for key, places in dealt.laws:
                 at = places[seen[places]]
                 if len(at):
-                    matrix = positive(rest[np.ix_(at, at)] + RIDGE * np.diag(power[at]))
-                    gain = float(rest[at, -1] @ np.linalg.solve(matrix, rest[at, -1]))
+                    factor = factorise(rest[np.ix_(at, at)] + RIDGE * np.diag(power[at]))
+                    gain = float(rest[at, -1] @ factor.solve(rest[at, -1]))
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])

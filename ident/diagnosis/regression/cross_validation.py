@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, hold_signs, signs_of
-from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.least_squares import Prior, factorise_signed, signs_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,15 +144,12 @@ class HeldOut:
                     squared[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
-    def _solve(
-        self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Bool[Array, " z"]
-    ) -> Float[Array, " z"]:
+    def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Int[Array, " s"]) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
         self.prior.add_to(information, self.evidence.layout)
         power = np.diag(information).copy()
         noise = self.evidence.settings.noise_ridge * self.evidence.noise_power[used[:-1]]
         information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9
-        hold_signs(information, gram[:-1, -1], signed)
-        estimate: Array = np.linalg.solve(positive(information), gram[:-1, -1])
+        estimate = factorise_signed(information, gram[:-1, -1], signed).solve(gram[:-1, -1])
         return np.concatenate([-estimate, [1.0]])

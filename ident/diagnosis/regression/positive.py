@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from ident.arrays import Array, Float
 
@@ -26,3 +29,20 @@ def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
             (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0)) @ vectors.T * np.outer(root, root)
         )
     return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """Cholesky's factor of a positive matrix; LAPACK's own routines, as most of these systems are small and many."""
+
+    lower: Float[Array, "k k"]  # what stands above the diagonal is none of it
+
+    def solve(self, target: Float[Array, "k ..."]) -> Float[Array, "k ..."]:
+        """Solution of the linear system with one or several right-hand sides."""
+        return np.asarray(dpotrs(self.lower, target, lower=1)[0])
+
+
+def factorise(matrix: Float[Array, "k k"]) -> Factor:
+    """The factor of a symmetric matrix, or of what `positive` makes of it."""
+    lower, failed = dpotrf(matrix, lower=1, clean=0)
+    return Factor(dpotrf(positive(matrix), lower=1, clean=0)[0] if failed else lower)
