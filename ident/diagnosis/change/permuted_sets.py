@@ -100,8 +100,8 @@ class PermutedSets:
             for key, places in dealt.laws:
                 at = places[seen[places]]
                 if len(at):
-                    factor = factorise(rest[np.ix_(at, at)] + RIDGE * np.diag(power[at]))
-                    gain = float(rest[at, -1] @ factor.solve(rest[at, -1]))
+                    matrix = rest[np.ix_(at, at)] + RIDGE * np.diag(power[at])
+                    gain = float(rest[at, -1] @ factorise(matrix).solve(rest[at, -1]))
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
