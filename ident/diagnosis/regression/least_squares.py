@@ -26,8 +26,8 @@ RIDGE = 1e-9
 FIXED = 1e3
 # Ridge, in multiples of its power, of an unknown that its sign holds at zero.
 OFF = 1e6
-# Times that wrong signs are exchanged together though they become no fewer; by unknown, exchanges in all.
-MOST_PIVOTS = 3
+# Times that all wrong signs are exchanged together (two are mostly enough), and exchanges for each unknown in all.
+MOST_EXCHANGES = 10
 # Whitened squares of a column below which it is zero but for rounding.
 LEAST_POWER = 1e-100
 # A URDF as it is mostly believed.
@@ -180,26 +180,21 @@ def solve_signed(
 ) -> Float[Array, " k"]:
     """Least squares from normal equations; unknowns marked `signed` are not negative.
 
-    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall with more of them;
-    all together as long as that makes fewer of either kind, then one at a time, which ends.
+    Unknowns of the wrong sign are fixed at zero, and those let go of which the squares would fall with more of them:
+    all together at first, then the last one alone, which ends.
 
     Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
     """
     kept, found = np.ones(len(target), dtype=bool), factorise(matrix).solve(target)
-    wrong, patience, fewest = signed & (found < 0.0), MOST_PIVOTS, len(target) + 1
-    for _ in range(MOST_PIVOTS * len(target)):
-        count = int(wrong.sum())
-        if count == 0:
+    for k in range(MOST_EXCHANGES * len(target)):
+        wrong = signed & np.where(kept, found < 0.0, target - matrix @ found > 1e-12 * np.abs(target))
+        if not wrong.any():
             break
-        patience, fewest = (MOST_PIVOTS, count) if count < fewest else (patience - 1, fewest)
-        kept ^= wrong if patience > 0 else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
+        kept ^= wrong if k < MOST_EXCHANGES else np.arange(len(target)) == np.flatnonzero(wrong)[-1]
         found = np.zeros(len(target))
         if kept.any():
             found[kept] = factorise(matrix[np.ix_(kept, kept)]).solve(target[kept])
-        rising = target - matrix @ found > 1e-12 * np.abs(target)
-        wrong = signed & np.where(kept, found < 0.0, rising)
-    found[signed] = np.maximum(found[signed], 0.0)
-    return found
+    return np.where(signed, np.maximum(found, 0.0), found)
 
 
 def project(

@@ -33,16 +33,20 @@ def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
 
 @dataclass(frozen=True, eq=False)
 class Factor:
-    """Cholesky's factor of a positive matrix; LAPACK's own routines, as most of these systems are small and many."""
+    """Cholesky's factor of a positive matrix; by LAPACK itself, as most of these systems are small, and many."""
 
     lower: Float[Array, "k k"]  # what stands above the diagonal is none of it
 
     def solve(self, target: Float[Array, "k ..."]) -> Float[Array, "k ..."]:
-        """Solution of the linear system with one or several right-hand sides."""
+        """Solution of the linear system with one right-hand side, or several."""
         return np.asarray(dpotrs(self.lower, target, lower=1)[0])
 
 
 def factorise(matrix: Float[Array, "k k"]) -> Factor:
-    """The factor of a symmetric matrix, or of what `positive` makes of it."""
+    """The factor of a symmetric matrix, or of what `positive` makes of it.
+
+    Raises:
+        LinAlgError: It holds what is no number.
+    """
     lower, failed = dpotrf(matrix, lower=1, clean=0)
-    return Factor(dpotrf(positive(matrix), lower=1, clean=0)[0] if failed else lower)
+    return Factor(np.linalg.cholesky(positive(matrix)) if failed else lower)

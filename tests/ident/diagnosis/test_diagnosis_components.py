@@ -12,7 +12,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.friction_sums import FrictionSums
-from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.positive import factorise, positive
 from ident.diagnosis.regression.run_spread import _likelihood
 from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.selection.settings import USUAL_SELECTION
@@ -114,16 +114,21 @@ def test_a_link_stands_out_or_all_are_wrong(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_made_positive_solves(seed: int) -> None:
-    """Law: a positive matrix comes back as it is; of another, solutions stay small along what can't be seen."""
+    """Law: a positive matrix comes back as it is, and is what is solved; of another, solutions stay small along what
+    can't be seen.
+    """
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((5, 5))
     fine: Array = root @ root.T + 0.1 * np.eye(5)
     assert positive(fine) is fine
+    assert factorise(fine).solve(fine) == pytest.approx(np.eye(5))
     values, vectors = np.linalg.eigh(fine)
     values[0] = -0.01
     mended = positive((vectors * values) @ vectors.T)
     assert np.linalg.eigvalsh(mended).min() > 0.0
-    assert np.linalg.norm(np.linalg.solve(mended, vectors[:, 0])) < 10.0
+    along = factorise((vectors * values) @ vectors.T).solve(vectors[:, 0])
+    assert along == pytest.approx(np.linalg.solve(mended, vectors[:, 0]))
+    assert np.linalg.norm(along) < 10.0
 
 
 @pytest.mark.parametrize("fold_of_block", [[0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 2, 2]])
