@@ -14,7 +14,7 @@ from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
-from ident.diagnosis.gap.place_ranking import NamedPlace, measure_harm, rank_places
+from ident.diagnosis.gap.place_ranking import MISREAD, NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
@@ -150,7 +150,8 @@ def diagnose(
         {"before": found.ladder[0].rms, "fixed": given.score().rms},
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         judged,
-        [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings],
+        [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings]
+        + [NamedPlace(one.joints, (), True) for one in telemetry if one.issue == MISREAD],
         settings.verdict.loud,
     )
     diagnosis = Diagnosis(

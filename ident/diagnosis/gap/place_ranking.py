@@ -1,9 +1,9 @@
 """Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
 
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
-URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. Where a name
-that tuning hides acts on the joint, or inertias were tuned beyond the URDF's tolerance, it is that which errs more.
-Joints without a gap have no place.
+URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. Where tuning
+hides a cause of the joint, it is that which errs more: a name that it absorbs, inertias beyond the URDF's tolerance, a
+torque that is off by a factor, which other masses make up for. Joints without a gap have no place.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from ident.arrays import Float
 from ident.diagnosis.gap.gap_map import Place, View
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
+# The telemetry issue of joints whose torque is off by a factor.
+MISREAD = "torque_scale"
+
 
 @dataclass(frozen=True)
 class Harm:
@@ -28,11 +31,11 @@ class Harm:
 
 @dataclass(frozen=True)
 class NamedPlace:
-    """Where a name acts."""
+    """Where a cause acts that is reported: a name, or a torque that is off by a factor."""
 
     joints: tuple[str, ...]  # the joints that it is reported of
     shown: Collection[str]  # the joints whose error falls by it
-    absorbed: bool  # whether it was judged with the URDF fixed
+    absorbed: bool  # whether tuning hides it
 
 
 def measure_harm(
@@ -49,8 +52,8 @@ def measure_harm(
         joints, noise: Their names, and noise floors [N m].
         errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        names: Where the names act.
-        loud: Error over noise from which on a joint without a name has a gap.
+        names: Where what is reported acts.
+        loud: Error over noise from which on a joint of which nothing is reported has a gap.
     """
     found: dict[str, Harm] = {}
     for j, joint in enumerate(joints):

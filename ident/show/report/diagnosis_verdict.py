@@ -1,7 +1,8 @@
 """A diagnosis in words: its verdict, what to do first, what is not known.
 
-All words begin with the joint of the largest gap, the first place of the map: the first line, what to do first, and the
-names as they are shown. A torque that is off by a factor elsewhere is reported before, as no size is right then.
+One order holds for all words, that of the map: the joint of its first place, of the largest gap, leads. The first line
+begins with it, what to do first is about it, and of the names those that show there come first. A torque that is off by
+a factor is a gap of its joint like any other: it is said of the joint that leads, or after the verdict.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.gap.place_ranking import MISREAD
 from ident.diagnosis.heldout_gain import of_a_slide
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
@@ -35,22 +37,22 @@ OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence; before it a torque that is off by a factor, and the largest gap if it has no name."""
+    """The leading joint's gap where no name of its own says it, the verdict, and a torque off by a factor elsewhere."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
-    key, size, lines = verdict_key(record), f"{beyond} beyond noise", []
-    if scale and scale["bodily"]:
-        first, others = scale["evidence"].partition("; ")[0], scale["joints"][1:]
-        lines.append(f"{first}{f'; off as well: {join_words(others)}' * bool(others)}.")
+    key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
+    largest = f"The gap is largest at {joint}, {size}"
+    misread = scale is not None and joint in scale["joints"]
+    if scale and misread:
+        lead = f"{largest}: {scale['reading']}." if record.get("where") else f"{scale['reading']}."
     elif scale:
-        why = "" if joint in scale["joints"] else f": {scale['evidence']}: {scale['remedy']}"
-        lines.append(f"The torque of {join_words(scale['joints'])} is off by a factor{why}.")
-    if shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it in its own words
+        elsewhere = f"{scale['reading']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
+    if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
-        lines.append(f"The gap is largest at {joint}, {size}, {there}.")
+        lead = f"{largest}, {there}."
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
     names = []
     for finding in shown[:3]:
-        joints, likely = finding["joints"], is_likely(finding)
+        joints, likely = sorted(finding["joints"], key=lambda one: one != joint), is_likely(finding)
         where = join_words(joints) if len(joints) <= 3 else "the whole arm"
         # One that is less likely than not with those of its class, and how likely they are.
         tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
@@ -60,12 +62,15 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
-    return " ".join([*lines, words.format(has=has, named=named, size=f": {joint} is off by {size}" if joint else "")])
+    words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
+    words = f"Beyond that, {words[:1].lower()}{words[1:]}" if misread else words
+    return " ".join(filter(None, (lead, words, elsewhere)))
 
 
 def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
-    """The joint of the first place, else of the largest gap with a name, or of any; what it errs by beyond noise."""
-    own = set().union(*map(joints_shown, record.get("findings", [])))
+    """The joint of the first place, else of the largest gap with a name or factor, or of any; its size beyond noise."""
+    factors = [one["joints"] for one in record.get("telemetry", []) if one["issue"] == MISREAD]
+    own = set().union(*map(joints_shown, record.get("findings", [])), *factors)
     gaps = [(joint, one) for joint, one in record.get("gap", {}).items() if joint in own or not own]
     found = {joint: math.sqrt(max(one["rms_Nm"] ** 2 - one["noise_floor_Nm"] ** 2, 0.0)) for joint, one in gaps}
     if where := record.get("where"):
@@ -116,32 +121,32 @@ def verdict_key(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first, about the joint of the largest gap: set its torque if that is off by a factor."""
+    """What to do first, about the leading joint: set its torque if that is off by a factor."""
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
-        return f"{scale['evidence']}: {scale['remedy']}."
+        return f"{scale['readings']}: {scale['remedy']}."
     named = [one for one in in_order_of_joints(record) if joint in ("", *joints_shown(one))]
-    doubted = overtuned_joints(record) or tuned_away_joints(record)
-    believed = any(map(is_likely, named)) or not doubted
+    overtuned, hidden = overtuned_joints(record), tuned_away_joints(record)
+    believed = any(map(is_likely, named)) or not (overtuned or hidden)
     action = next(filter(None, (order_of(one, record) for one in named)), "")
     if action and believed and record["verdict"] not in ("not_testable", "none_of_catalogue"):
         return f"{sentence(action)}."
-    if overtuned_joints(record):
+    if overtuned:
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
-    if tuned_away_joints(record):
-        return OWN_INERTIAS
+    if hidden:
+        return f"{beyond} at {joint} may be a load or wrong inertias. " * (joint in hidden) + OWN_INERTIAS
     motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
     unnamed = f"{beyond} at {joint} have no name. " if record.get("findings") and not named else ""
     return f"{unnamed}Record this next: {motion}." if motion else ""
 
 
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """What telemetry says of joints whose whole torque is off by a factor, if anything.
+    """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading joint's first.
 
     None, too, where a likely name says what it is: first of all the gain of every joint that is off. A likely body may
     be it (`bodily`), so far as it goes.
     """
-    off = next((one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"), None)
+    off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
     likely = [one for one in in_order_of_joints(record) if is_likely(one)]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
@@ -150,10 +155,15 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
     if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
         return None
-    alone = len(record.get("provenance", {}).get("sessions", ())) == 1  # then its name says nothing
-    evidence = off["evidence"].partition(": ")[2] if alone else off["evidence"]
     body = any(one["effect"] in bodies and is_likely(one, bodies) for one in record.get("findings", []))
-    return {**off, "evidence": evidence, "bodily": body}
+    lead = leading_joint(record)[0]
+    session, _, evidence = off["evidence"].rpartition(": ")
+    where = f" in {session}" * (bool(session) and len(record.get("provenance", {}).get("sessions", ())) != 1)
+    joints = sorted(off["joints"], key=lambda one: one != lead)
+    readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
+    others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
+    texts = {"reading": f"{readings[0]}{where}{others}", "readings": f"{'; '.join(readings)}{where}"}
+    return {**off, **texts, "joints": joints, "bodily": body}
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -254,7 +264,7 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
             "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
             f"on {join_words(hidden[:2])}. Wrong links in the URDF, a load or a wrong gain look like this."
         )
-        if first_action(record) != OWN_INERTIAS:
+        if not first_action(record).endswith(OWN_INERTIAS):
             parts.append(OWN_INERTIAS)
     if nearest := record.get("nearest"):
         parts.append(
