@@ -150,8 +150,8 @@ def diagnose(
         {"before": found.ladder[0].rms, "fixed": given.score().rms},
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         judged,
-        [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings]
-        + [NamedPlace(one.joints, (), True) for one in telemetry if one.issue == MISREAD],
+        [NamedPlace(one.joints, one.hidden) for one in findings]
+        + [NamedPlace(one.joints, dict.fromkeys(one.joints, np.inf)) for one in telemetry if one.issue == MISREAD],
         settings.verdict.loud,
     )
     diagnosis = Diagnosis(

@@ -48,6 +48,12 @@ class Finding(Explained):
     energy_std: tuple[float | None, float | None]
     share: float
 
+    @property
+    def hidden(self) -> dict[str, float]:
+        """What tuning hides of it at each joint where it shows [N m]: if tuning absorbs it, what it explains there."""
+        sides = ((joint, old, self.rms_after[joint]) for joint, old in self.rms_before.items())
+        return {joint: self.named.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
+
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.shared_record(),

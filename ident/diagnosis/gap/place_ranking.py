@@ -1,14 +1,15 @@
 """Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
 
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
-URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. Where tuning
-hides a cause of the joint, it is that which errs more: a name that it absorbs, inertias beyond the URDF's tolerance, a
-torque that is off by a factor, which other masses make up for. Joints without a gap have no place.
+URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. What tuning
+hides of a cause that is reported is added, up to the error of the one that errs more: of a name that it absorbs, what
+the name explains; of inertias beyond the URDF's tolerance, what only they do; of a torque that is off by a factor, for
+which other masses make up, all. Joints without a gap have no place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,8 +35,7 @@ class NamedPlace:
     """Where a cause acts that is reported: a name, or a torque that is off by a factor."""
 
     joints: tuple[str, ...]  # the joints that it is reported of
-    shown: Collection[str]  # the joints whose error falls by it
-    absorbed: bool  # whether tuning hides it
+    hides: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
 
 
 def measure_harm(
@@ -57,12 +57,14 @@ def measure_harm(
     """
     found: dict[str, Harm] = {}
     for j, joint in enumerate(joints):
-        own = [one for one in names if joint in (*one.joints, *one.shown)]
-        hidden = tuned_away[j] > noise[j] or any(one.absorbed for one in own)
-        view: View = "fixed" if (errors["fixed"][j] - errors["before"][j]) * (1 if hidden else -1) > 0.0 else "before"
-        error = errors[view][j]
+        own = [one for one in names if joint in (*one.joints, *one.hides)]
+        less, more = sorted(errors, key=lambda view: float(errors[view][j]))
+        hidden = max([one.hides.get(joint, 0.0) for one in own], default=0.0)
+        hidden = max(hidden, tuned_away[j] if tuned_away[j] > noise[j] else 0.0)
+        error = min(float(np.hypot(errors[less][j], hidden)), float(errors[more][j]))
         if error > (1.0 if own else loud) * noise[j]:
-            found[joint] = Harm(float(np.sqrt(error**2 - noise[j] ** 2)), view)
+            beyond = error**2 - noise[j] ** 2
+            found[joint] = Harm(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
     return dict(sorted(found.items(), key=lambda one: -one[1].torque))
 
 

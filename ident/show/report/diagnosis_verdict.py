@@ -238,15 +238,15 @@ def describe_findings(record: Mapping[str, Any]) -> str:
 
 
 def describe_reservations(record: Mapping[str, Any]) -> list[str]:
-    """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
-    lines = []
+    """Reasons to doubt: what fits and is not believed, by reason, and a replay that ends far off."""
+    unbelieved, doubts = dict[str, list[str]](), []
     for one in record.get("reservations", []):
         if one["effect"]:
             what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
-            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
+            unbelieved.setdefault(with_units(one["reason"]), []).append(what)
         else:
-            lines.append(f"Doubt: {one['reason']}.")
-    return lines
+            doubts.append(f"Doubt: {one['reason']}.")
+    return [*(f"Not believed: {join_words(w)} would fit, but {reason}." for reason, w in unbelieved.items()), *doubts]
 
 
 def describe_unnamed(record: Mapping[str, Any]) -> str:

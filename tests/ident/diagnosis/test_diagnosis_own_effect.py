@@ -145,7 +145,9 @@ def test_a_motion_can_be_asked_for_it(catalogue: tuple[Effect, ...], diagnosis: 
     assert found is not None
     assert "two slow steady speeds" in found["motion"]
     short = [{"effect": "thermal_friction", "joints": ["joint_1"], "reason": "the session lasts 9 s only"}]
-    assert str((next_experiment([], short) or {})["motion"]).startswith("All joints fast over wide poses, longer than before")
+    assert str((next_experiment([], short) or {})["motion"]).startswith(
+        "All joints fast over wide poses, longer than before"
+    )
     with pytest.raises(InputError, match="no effect 'magnet'"):
         ask(short_arm, "magnet", None, diagnosis)
 

@@ -167,7 +167,7 @@ def test_load_friction_is_named_beside_a_wrong_scale(short_arm: ArmModel) -> Non
     gap = found.gap[joint]
     # Other masses make up for the factor: what the untuned model errs by is the joint's gap.
     assert (found.where[0].joint, gap.fixed_rms > gap.rms) == (joint, True)
-    assert found.where[0].beyond_noise_Nm == pytest.approx(np.sqrt(gap.fixed_rms**2 - gap.noise_floor**2))
+    assert found.where[0].beyond_noise_Nm == pytest.approx((gap.fixed_rms**2 - gap.noise_floor**2) ** 0.5)
     assert not any(caveat_of(one, issues) for one in named.values() for issues in ([], [replace(alarm, joints=())]))
     assert all(not caveat_of(one, [alarm]) for name, one in named.items() if find_effect(name).as_change.exact)
 

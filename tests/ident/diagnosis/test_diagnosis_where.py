@@ -76,7 +76,10 @@ def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_va
 
 
 def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
-    """Law: by torque beyond noise, in the view in which the names were judged, whoever is named first."""
+    """Law: by torque beyond noise of the model that errs less, with what tuning hides of a cause.
+
+    Whoever is named first; what is hidden adds as squares do, never to more than the model errs by that errs more.
+    """
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
 
@@ -85,15 +88,19 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
 
     assert list(harm()) == ["joint_3", "joint_1"]
     assert harm()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
-    own = NamedPlace(("joint_1",), ("joint_1",), absorbed=False)
+    own = NamedPlace(("joint_1",), {"joint_1": 0.0})
     assert list(harm(own)) == ["joint_3", "joint_1"]
-    hidden = harm(NamedPlace(("joint_2",), ("joint_2", "joint_3"), absorbed=True))
+    hidden = harm(NamedPlace(("joint_2",), {"joint_2": np.inf, "joint_3": 1.0}))
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
-    assert harm(away=np.array([0.0, 2.0, 0.0]))["joint_2"].view == "fixed"
+    assert hidden["joint_3"] == Harm(pytest.approx(5.0), "before")
+    assert list(harm(NamedPlace(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == ["joint_3", "joint_2", "joint_1"]
+    away = harm(away=np.array([0.0, 2.0, 0.5]))
+    assert away["joint_2"] == Harm(pytest.approx(np.sqrt(1.05**2 + 3.0)), "fixed")
+    assert away["joint_3"] == harm()["joint_3"]
     errors["fixed"][2] = 1.1
     assert list(harm()) == ["joint_1"]
-    assert harm(own, NamedPlace(("joint_3",), ("joint_3",), absorbed=False))["joint_3"].view == "fixed"
+    assert harm(own, NamedPlace(("joint_3",), {"joint_3": 0.0}))["joint_3"].view == "fixed"
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
