@@ -41,6 +41,9 @@ FILES = {
 }
 WRITERS = {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}
 NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
+UNMEASURED = (
+    "measured on no recordings: with --on SESSION the best of the candidates is written, the URDF's arm among them"
+)
 # More samples of all runs together say no more about a law's nearest losses.
 MOST_SAMPLES = 5000
 # Less of the tuned torque than this is not worth a word.
@@ -253,6 +256,7 @@ class _Files:
     def measured(self, module: str | None, in_sample: bool, notes: list[str]) -> dict[str, Any]:
         """Errors of the candidates and of the written files where there are recordings, and what was written."""
         if not self.chosen:
+            notes += [UNMEASURED] * bool(self.written)
             return {}
         joints = self.nominal.joint_names
         gaps = {form: dict(one.gaps) for form, one in self.chosen.items()}

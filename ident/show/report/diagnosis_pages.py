@@ -145,7 +145,8 @@ def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | 
     picture_of, cards = dict(zip(map(id, record.get("findings", [])), pictures, strict=False)), []
     for one in verdict.in_order_of_joints(record):
         before, after = (verdict.energy_pair(one["heldout"], when, runs) for when in ("before", "after"))
-        cards.append((one, verdict.order_of(one, record), f"{before} → {after} J", picture_of.get(id(one))))
+        title, order = sentence(verdict.called(one)), verdict.order_of(one, record)
+        cards.append((one, title, order, f"{before} → {after} J", picture_of.get(id(one))))
     title, values = (
         "What causes it, and what to do",
         {"findings": cards, "record": record, "in_units_of": verdict.in_units_of},

@@ -50,21 +50,23 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
         lead = f"{largest}, {there}."
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
-    names = []
-    for finding in shown[:3]:
-        joints, likely = sorted(finding["joints"], key=lambda one: one != joint), is_likely(finding)
-        where = join_words(joints) if len(joints) <= 3 else "the whole arm"
-        # One that is less likely than not with those of its class, and how likely they are.
-        tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
-        called = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
-        sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
-        names.append(called if likely else f"{called} ({percent(sure)})")
+    names = [called(finding, joint) for finding in shown[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
     words = f"Beyond that, {words[:1].lower()}{words[1:]}" if misread else words
     return " ".join(filter(None, (lead, words, elsewhere)))
+
+
+def called(finding: Mapping[str, Any], lead: str = "") -> str:
+    """A name with its joints, `lead` first; of one less likely than not those of its class, and how likely they are."""
+    joints, likely = sorted(finding["joints"], key=lambda one: one != lead), is_likely(finding)
+    where = join_words(joints) if len(joints) <= 3 else "the whole arm"
+    tied = [finding["effect"]] if likely else finding["class"][:MOST_TIED]
+    words = " or ".join(map(effect_name, tied)) + (f" in {where}" if where else "")
+    sure = finding["probability"] if len(tied) == 1 and not likely else finding.get("class_probability", 1.0)
+    return words if likely else f"{words} ({percent(sure)})"
 
 
 def leading_joint(record: Mapping[str, Any]) -> tuple[str, str]:
@@ -233,7 +235,7 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     if absorbed:
         before, after, floor = squares.sum(axis=0)
         share, since = (before - after) / max(before - floor, 1e-12), ", counted from the model before tuning"
-    closes = f"On parts that the fit never saw they close {percent(share)} of what can be closed{since}"
+    closes = f"On parts that the fit never saw all names close {percent(share)} of what can be closed{since}"
     return f"{closes}. Torque error [{units_of(record)}]: {', '.join(parts)}." if parts else f"{closes}."
 
 

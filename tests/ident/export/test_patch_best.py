@@ -198,6 +198,7 @@ def test_the_command_writes_measures_and_tells(tmp_path: Path, arm: ArmModel) ->
     assert result.exit_code == 0, result.output
     assert "payload: urdf yes, mjcf yes, parameters yes, module yes" in result.output
     assert "stribeck_friction: urdf no, mjcf no, parameters yes, module yes" in result.output
+    assert "measured on no recordings" not in result.output
     written = json.loads((out / "patch.json").read_text())
     assert written == json.loads(record.read_text())
     assert written["schema"] == "ident.patch/1"

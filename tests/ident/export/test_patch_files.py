@@ -127,7 +127,8 @@ def test_without_recordings_losses_fitted_without_a_law_stand_in_for_it(tmp_path
     """Law: at the joint of a law that no file tells, both files rub as the joint that was tuned without it."""
     alone = baseline(arm)
     alone["joint_2"] |= {"coulomb_Nm": 9.0, "viscous_Nms_rad": 7.0}
-    make_patch(tmp_path, arm, "load_dependent_friction", baseline_alone=alone)
+    record = make_patch(tmp_path, arm, "load_dependent_friction", baseline_alone=alone)
+    assert sum("measured on no recordings: with --on" in line for line in record["told"]) == 1
     rubs = ArmModel.load(tmp_path / "patch" / "robot.urdf").model
     np.testing.assert_allclose(rubs.friction, [8.0, 9.0, 6.0, 2.0, 2.0, 2.0])
     np.testing.assert_allclose(rubs.damping, [10.0, 7.0, 8.0, 3.0, 3.0, 2.0])

@@ -12,7 +12,13 @@ from rich.console import Console
 
 from ident.diagnosis.regression.discrepancy import BLOCKS
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action, in_order_of_joints, order_of
+from ident.show.report.diagnosis_verdict import (
+    describe_reservations,
+    diagnosis_headline,
+    first_action,
+    in_order_of_joints,
+    order_of,
+)
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
@@ -106,6 +112,22 @@ def test_names_of_the_lesser_part_do_not_stand_below_a_gap_without_any() -> None
     assert "Most of the gap has no name" in diagnosis_headline(record)
     assert "Stribeck friction" in diagnosis_headline(record)
     assert "no effect of the catalogue" in diagnosis_headline({**record, "findings": []})
+
+
+def test_a_card_is_called_as_the_first_line_has_it(tmp_path: Path) -> None:
+    """Law: a name that is less likely than not heads its card with those of its class, and how likely they are."""
+    record = copy.deepcopy(RECORD)
+    record["findings"][0] |= {"probability": 0.48, "class_probability": 0.93}
+    words = "Stribeck friction or nonlinear viscous friction in joint_2 (93 %)"
+    assert words in diagnosis_headline(record)
+    assert f"1. {words}" in written(tmp_path, record).replace("\xa0", " ")
+
+
+def test_names_that_one_reason_speaks_against_stand_in_one_line() -> None:
+    doubt = {"effect": "spring_torque", "reason": "mu holds zero", "parameters": {}}
+    record = {"reservations": [{**doubt, "joints": [joint]} for joint in ("elbow", "wrist")]}
+    (line,) = describe_reservations(record)
+    assert line.startswith("Not believed: spring torque in elbow and spring torque in wrist would fit, but ")
 
 
 def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
