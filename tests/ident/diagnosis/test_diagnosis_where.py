@@ -71,6 +71,19 @@ def test_a_gap_that_is_everywhere_is_nowhere_dense(healthy: Analysis) -> None:
     assert false <= 4
 
 
+def test_a_gap_of_few_samples_has_a_place(healthy: Analysis) -> None:
+    """Law: a gap of forty samples is on the map: else the joint of the largest gap had no place before others."""
+    kept = 40 // len(healthy.series)
+
+    def thinned(item: RunResidual) -> RunResidual:
+        counts = item.counts & (np.cumsum(item.counts, axis=0) <= kept)
+        return replace(item, counts=counts, before=np.full_like(item.before, 5.0 * healthy.evidence.whitening.level))
+
+    series = [thinned(item) for item in healthy.series]
+    places = map_gap(series, JOINTS, healthy.evidence.whitening, np.random.default_rng(0))["before"]
+    assert {one.joint for one in places} == set(JOINTS)
+
+
 def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_value: float = 0.001) -> Place:
     return Place(joint, axis, low, low + 1.0, gap, time, None, p_value)
 
