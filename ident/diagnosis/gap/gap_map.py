@@ -91,9 +91,7 @@ def map_gap(
     for view, places in maps.items():
         for j, name in enumerate(joints):
             one = _JointMap(series, labels, name, j, view, settings)
-            if len(one.left) < settings.least_samples:
-                continue
-            if np.mean(one.left**2) >= settings.least_excess * noise.level[j] ** 2:
+            if np.sum(one.left**2) > settings.least_excess * noise.level[j] ** 2 * len(one.left):
                 cells = [cell for axis, pick in axes.items() for cell in one.along(axis, pick)]
                 cells += one.along_frequency(noise.coefficients[j])
                 places += _with_p_values(cells, rng, settings.flips)

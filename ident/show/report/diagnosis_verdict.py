@@ -145,8 +145,8 @@ def first_action(record: Mapping[str, Any]) -> str:
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading joint's first.
 
-    None, too, where a likely name says what it is: first of all the gain of every joint that is off. A likely body may
-    be it (`bodily`), so far as it goes.
+    None, too, where a likely name says what it is: first of all the gain of every joint that is off. The first name of
+    all, a likely body that shows where the gap is largest, may be it (`bodily`), so far as it goes.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
     likely = [one for one in in_order_of_joints(record) if is_likely(one)]
@@ -157,8 +157,9 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
     if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
         return None
-    body = any(one["effect"] in bodies and is_likely(one, bodies) for one in record.get("findings", []))
     lead = leading_joint(record)[0]
+    there = [one for one in in_order_of_joints(record)[:1] if lead in ("", *joints_shown(one))]
+    body = any(one["effect"] in bodies and is_likely(one, bodies) for one in there)
     session, _, evidence = off["evidence"].rpartition(": ")
     where = f" in {session}" * (bool(session) and len(record.get("provenance", {}).get("sessions", ())) != 1)
     joints = sorted(off["joints"], key=lambda one: one != lead)

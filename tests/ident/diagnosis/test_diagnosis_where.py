@@ -72,8 +72,8 @@ def test_a_gap_that_is_everywhere_is_nowhere_dense(healthy: Analysis) -> None:
 
 
 def test_a_gap_of_few_samples_has_a_place(healthy: Analysis) -> None:
-    """Law: a gap of forty samples is on the map: else the joint of the largest gap had no place before others."""
-    kept = 40 // len(healthy.series)
+    """Law: a gap of twelve samples is on the map: else the joint of the largest gap had no place before others."""
+    kept = 12 // len(healthy.series)
 
     def thinned(item: RunResidual) -> RunResidual:
         counts = item.counts & (np.cumsum(item.counts, axis=0) <= kept)

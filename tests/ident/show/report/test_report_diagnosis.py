@@ -313,6 +313,13 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     )
 
 
+def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
+    """Law: a name at the joint that reads a factor, and a body behind it, do not come before its drive gain."""
+    record = acted_on("load_dependent_friction", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    record["findings"] += [{**one, "joints": ["wrist"]} for one in acted_on("link_inertial_error", 0.97)["findings"]]
+    assert first_action(record) == "elbow reads 1.32 ± 0.05 of the model's gravity torque: check its drive gain."
+
+
 def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
     assert diagnosis_headline(acted_on("payload", 0.43)) == "The gap may have a name: payload in elbow (43 %)."
     record = acted_on("payload", 0.97)
