@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types bench docs fuzz clean install
+.PHONY: run test lint types docs fuzz clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -20,10 +20,6 @@ lint: install
 
 types: install
 	$(BIN)/mypy
-
-# The planner's benchmarks (bench_plan_*.py) are scripts of their own: each says how it is run.
-bench: install
-	$(BIN)/pytest tests/bench --override-ini addopts=-q -s --ignore-glob='*/bench_plan_*'
 
 # The documentation's site, with the references made from the code; a warning is an error.
 docs: install

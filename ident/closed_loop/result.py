@@ -183,7 +183,7 @@ class Closing(Result):
     arms: tuple[dict[str, Any], ...]  # the record of each (`ident.close/1`)
 
     def summary(self) -> str:
-        """One line an arm, and the medians where there are several."""
+        """One line an arm; the medians where there are several, and those of the rivals."""
         lines = []
         for one in self.arms:
             end = "closed" if one["closed"] else f"not closed ({one['reason']})"
@@ -199,6 +199,12 @@ class Closing(Result):
             closed = sum(one["closed"] for one in self.arms)
             line = f"{closed} of {len(lines)} closed; median {np.median(minutes):.1f} min (most {max(minutes):.1f}), "
             lines.append(f"{line}gap {np.median(after):.2f} x the noise (largest {max(after):.2f})")
+        if len(compared := [one for one in self.arms if one["heldout_floors"]]) > 1:
+            lines.append("on motions that served nothing else, median (largest):")
+            for key, name in TRACKED.items():
+                gap, missed = [one["heldout_floors"][name] for one in compared], [1e3 * one[key] for one in compared]
+                line = f"  {name}: gap {np.median(gap):.2f} ({max(gap):.2f}) x the noise, the controller misses by "
+                lines.append(f"{line}{np.median(missed):.2f} ({max(missed):.2f}) mrad")
         return "\n".join(lines)
 
 

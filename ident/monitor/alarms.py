@@ -44,10 +44,9 @@ LEAST_BEFORE = 3
 CHANGE_SIZE = 2.0
 # Half of all weight lies on changes within so many sessions after the first ones: half a year of weekly sessions.
 HALF_WEIGHT = 30.0
-# Most that one session may multiply the evidence with. In arm-years of 34 parameters, level 5 %, it gave an alarm to
-# none of 100 with normal days, none of 100 with Student's t of three degrees of freedom, and 10 of 160 with lognormal
-# days (`tests/bench/bench_watch.py`); without a cut one parameter in twelve of such t-distributed days reaches an arm's
-# alarm.
+# Most that one session may multiply the evidence with. In drawn arm-years of 34 parameters, level 5 %, it gave an alarm
+# to none of 100 with normal days, none of 100 with Student's t of three degrees of freedom, and 10 of 160 with
+# lognormal days; without a cut one parameter in twelve of such t-distributed days reaches an arm's alarm.
 MOST_GROWTH = 20.0
 # Differences below this share of the values are rounding.
 ROUNDING = 1e-12

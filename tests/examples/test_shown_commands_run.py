@@ -28,15 +28,13 @@ import subprocess, sys
 subprocess.run(["ident", "simulate", "--commands", sys.argv[1], "--out", sys.argv[2]], check=True)
 """
 CUT = {
-    "--cases 480 --seed 74822441453510 --out check": "--cases 1 --seed 1 --out drawn",
-    "--cases 300 --worlds NAMES --seed 50278961817132": "--cases 1 --seed 1 --worlds quoted --out quoted",
     "--worlds all --cases 480": "--worlds all --cases 1 --seed 1",
-    "--semi-real DIR --cases 150 --seed 20771": f"--semi-real {REAL} --cases 1 --seed 1 --out real_150",
     "--semi-real DIR": f"--semi-real {REAL} --cases 1 --seed 1 --out real",
+    "--arms 30 --seed 865922131 --out closed": "--arms 1 --rounds 2 --no-compare --out closed_30",
+    "--minutes 1 --evaluations 80": "--minutes 0.3 --evaluations 8",
     "--arms 3": "--arms 1 --rounds 2 --no-compare",
     "--record": "--rounds 2 --no-compare --record",
     "--seeds 5": "--seeds 1",
-    "ident view ": "ident view --rrd viewed.rrd ",  # else a window opens
     "SESSION": "my_session",
     "DIR": "mended",
     "ident new my_session": "ident new foreign",

@@ -13,7 +13,7 @@ from ident.arrays import Array
 from ident.closed_loop import loop
 from ident.closed_loop.loop import KIND_OF, MARGIN, PlannedRun, follow_warmth, heat_along, open_kinds, pool_runs
 from ident.closed_loop.recorder import CommandRecorder, draw_effects
-from ident.closed_loop.result import put_on_a_clock
+from ident.closed_loop.result import TRACKED, Closing, put_on_a_clock
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
@@ -326,3 +326,12 @@ def test_a_joint_that_warms_is_closed_by_a_law_that_follows_it(monkeypatch: pyte
     monkeypatch.setattr(loop, "follow_warmth", lambda model, learned, runs: [model] * len(runs))
     blind = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), 0)
     assert not blind.closed
+
+
+def test_of_several_arms_the_rivals_medians_are_told() -> None:
+    one: dict[str, Any] = {"seed": 1, "closed": True, "minutes": 2.0, "rounds": 2, "gap_floors_before": 50.0}
+    one |= {"gap_floors_after": 1.0, **dict.fromkeys(TRACKED, 0.004)}
+    arms = tuple({**one, "heldout_floors": dict.fromkeys(TRACKED.values(), gap)} for gap in (3.0, 5.0))
+    told = [line.strip() for line in Closing(arms).summary().splitlines()][-len(TRACKED) :]
+    assert [line.partition(":")[0] for line in told] == list(TRACKED.values())
+    assert "net: gap 4.00 (5.00) x the noise, the controller misses by 4.00 (4.00) mrad" in told
