@@ -21,6 +21,8 @@ from ident.effects.session_context import (
     RunContext,
     SessionContext,
     Variant,
+    arm_mass,
+    arm_reach,
     friction_level,
     lacking,
     least_rest_speed,
@@ -246,13 +248,19 @@ SLOWEST = "stribeck_velocity_rad_s"
 
 
 def _sized(size: float | str, session: SessionContext, joint: int) -> float:
-    """A number, or a share of what a joint has: "0.5 rated" [N m], "3 coulomb" [N m], "1 viscous" [N m s/rad]."""
+    """A number, or a share of what a joint has ("0.5 rated" [N m], "3 coulomb" [N m], "1 viscous" [N m s/rad]), or of
+    what the arm has ("1 mass" [kg], "0.5 reach" [m]).
+    """
     if not isinstance(size, str):
         return float(size)
     share, of = size.split()
     if of == "rated":
-        return float(share) * rated_torque(session, joint)
-    return float(share) * friction_level(session, joint)[("coulomb", "viscous").index(of)]
+        whole = rated_torque(session, joint)
+    elif of in ("coulomb", "viscous"):
+        whole = friction_level(session, joint)[("coulomb", "viscous").index(of)]
+    else:
+        whole = {"mass": arm_mass, "reach": arm_reach}[of](session.runs[0].arm)
+    return float(share) * whole
 
 
 class StatesEffect(Effect):

@@ -101,16 +101,6 @@ class UnknownPayload(Effect):
             }
         return {"mass_kg": mass, **centres, "moment_about_axis_kgm": moment}
 
-    def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
-        """An arm carries no more than it weighs, and no tool's centre is farther out than half the arm's reach."""
-        arm = session.runs[0].arm
-        own, far = arm_mass(arm), LARGEST_TOOL_SHARE * arm_reach(arm)
-        centre = Range(-far, far, "a tool's centre lies within half of the arm's reach")
-        return {
-            "mass_kg": Range(0.0, own, "an arm carries no more than it weighs"),
-            **{f"com_{axis}_m": centre for axis in "xyz"},
-        }
-
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         if estimates["mass_kg"].open:
             moment = estimates["moment_about_axis_kgm"].words("kg m")

@@ -19,13 +19,6 @@ from ident.model.net_options import torch_threads
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
-HIDDEN = (512, 256)
-# Epochs of a seed before another may be drawn; trajectories an update, and its gradient steps.
-ROUND, BATCH, PASSES = 100, 25, 3
-# Range of the probability ratio; initial standard deviation as a share of each variable's range; of Adam, falling
-# linearly to a tenth.
-CLIP, SPREAD, LEARNING_RATE = 0.3, 0.03, 3e-3
-
 
 @dataclass(frozen=True)
 class Ppo(Planner):
@@ -35,6 +28,13 @@ class Ppo(Planner):
     """
 
     epochs: int = 2100  # epochs in all
+    round: int = 100  # epochs of a seed before another may be drawn
+    batch: int = 25  # trajectories an update
+    passes: int = 3  # gradient steps an update
+    learning_rate: float = 3e-3  # of Adam, falling linearly to a tenth
+    clip: float = 0.3  # range of the probability ratio about one
+    spread: float = 0.03  # initial standard deviation, as a share of each variable's range
+    hidden: tuple[int, int] = (512, 256)  # sizes of both networks' layers
     name: ClassVar[str] = "ppo"
 
     @torch_threads(1)
@@ -43,21 +43,21 @@ class Ppo(Planner):
         agents = [_Agent(problem, self, rng) for problem in problems]
         spent = 0
         for agent in agents:
-            spent += agent.learn(ROUND, ledger)
+            spent += agent.learn(self.round, ledger)
         while spent < self.epochs:  # whose turn it is is drawn by the level reached, and by what the last round gained
             level, gain = (np.array([getattr(agent, name) for agent in agents]) for name in ("best", "gain"))
             score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
             weight = np.exp(np.clip(score, -50.0, None))
             agent = agents[rng.choice(len(agents), p=weight / weight.sum())]
-            spent += agent.learn(min(ROUND, self.epochs - spent), ledger)
+            spent += agent.learn(min(self.round, self.epochs - spent), ledger)
 
 
 class _Net(torch.nn.Module):
     """Two hidden layers of rectifiers without an input, and linear heads."""
 
-    def __init__(self, heads: Sequence[int], generator: torch.Generator) -> None:
+    def __init__(self, hidden: tuple[int, int], heads: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()
-        first, second = HIDDEN
+        first, second = hidden
         self.first = torch.nn.Parameter(torch.rand(first, generator=generator) * 0.1)
         self.second = torch.nn.Parameter(torch.randn(second, first, generator=generator) * (2.0 / first) ** 0.5)
         self.bias = torch.nn.Parameter(torch.zeros(second))
@@ -78,16 +78,16 @@ class _Agent:
         self.learned = 0
         generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
         d = problem.dimension
-        self.actor, self.critic = _Net((d, d), generator), _Net((1,), generator)
+        self.actor, self.critic = (_Net(options.hidden, heads, generator) for heads in ((d, d), (1,)))
         parameters = [*self.actor.parameters(), *self.critic.parameters()]
-        self.adam = torch.optim.Adam(parameters, lr=LEARNING_RATE, fused=True)
-        self.unit = SPREAD * (problem.upper - problem.lower)
+        self.adam = torch.optim.Adam(parameters, lr=options.learning_rate, fused=True)
+        self.unit = options.spread * (problem.upper - problem.lower)
 
     def learn(self, epochs: int, ledger: Ledger) -> int:
         """Runs some epochs; returns how many."""
         before, done = self.best, 0
         while done < epochs:
-            size = min(BATCH, epochs - done)
+            size = min(self.options.batch, epochs - done)
             self._update(size, ledger)
             done += size
         self.gain = max(self.best - before, 0.0) if np.isfinite(before) else 0.0
@@ -107,14 +107,15 @@ class _Agent:
         self.learned += len(reward)
         share = min(self.learned / max(self.options.epochs, 1), 1.0)
         for group in self.adam.param_groups:
-            group["lr"] = LEARNING_RATE * (1.0 - 0.9 * share)
+            group["lr"] = self.options.learning_rate * (1.0 - 0.9 * share)
         # Mean zero and spread one within a batch: the rewards' scale carries no meaning.
         scaled = (reward - reward.mean()) / (reward.std() + 1e-9)
         self._fit(torch.from_numpy(action[: len(reward)]).float(), torch.from_numpy(scaled).float())
 
     def _fit(self, action: torch.Tensor, reward: torch.Tensor) -> None:
         old = None
-        for _ in range(PASSES):
+        clip = self.options.clip
+        for _ in range(self.options.passes):
             mean, spread = self.actor()
             (value,) = self.critic()
             z = (action - mean) * torch.exp(-spread)
@@ -123,7 +124,7 @@ class _Agent:
                 old = logarithm.detach()
                 advantage = reward - value.detach()
             ratio = torch.exp(logarithm - old)
-            clipped = torch.clamp(ratio, 1.0 - CLIP, 1.0 + CLIP)
+            clipped = torch.clamp(ratio, 1.0 - clip, 1.0 + clip)
             gained = torch.minimum(ratio * advantage, clipped * advantage).mean()
             loss = -gained + 0.5 * ((value - reward) ** 2).mean()
             self.adam.zero_grad(set_to_none=True)

@@ -14,17 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
+from ident.records import read_group
 from ident.simulation.hardware import AddedBody, Hardware, Slosh
 from ident.simulation.laws import Contact, heat_law
 from ident.trajectories.reference import ReferenceMotion
 
-# Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad]: that of strain-wave gears under
-# load. Source: K3 and rated torques of the CSG series, Harmonic Drive SE, engineering data.
-MESH_STIFFNESS = 600.0
-# Share of critical damping of the drive's own oscillation.
-DRIVE_DAMPING = 0.05
-# Rise of the lubricant at steady rated work, to which thermal changes refer [K].
-RATED_RISE_K = 25.0
+GEAR, LUBRICANT = read_group(__file__, "gear"), read_group(__file__, "lubricant")
 
 
 def _sprung(scene: Circumstances, stiffness: float, ratio: float, **more: float) -> tuple[Hardware, float]:
@@ -34,13 +29,13 @@ def _sprung(scene: Circumstances, stiffness: float, ratio: float, **more: float)
 
 
 def joint_elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    hardware, damping = _sprung(scene, size, DRIVE_DAMPING)
+    hardware, damping = _sprung(scene, size, GEAR.damping_ratio)
     return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
 
 
 def backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    stiffness = MESH_STIFFNESS * scene.rated
-    hardware, _ = _sprung(scene, stiffness, 2.0 * DRIVE_DAMPING, gap=size)
+    stiffness = GEAR.play_stiffness * scene.rated
+    hardware, _ = _sprung(scene, stiffness, 2.0 * GEAR.damping_ratio, gap=size)
     return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
 
 
@@ -66,12 +61,12 @@ def thermal_friction(scene: Circumstances, size: float) -> tuple[Hardware, Param
     h, j = scene.hardware, scene.joint
     time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
     loss = h.friction.coulomb * 0.6 + h.friction.viscous * 0.36
-    network = heat_law(loss, RATED_RISE_K, time_constant)
+    network = heat_law(loss, LUBRICANT.rated_rise, time_constant)
     heat = {name: network[name][j] for name in ("lubricant", "housing", "inner", "outer")}
-    decay = -np.log1p(-size) / RATED_RISE_K
+    decay = -np.log1p(-size) / LUBRICANT.rated_rise
     dry = 0.25 * decay  # dry friction depends far less on temperature
     hardware = h.with_laws("heat", j, **heat).with_laws("friction", j, thermal_viscous=decay, thermal_coulomb=dry)
-    changes = {"viscous_change": -size, "coulomb_change": float(np.expm1(-dry * RATED_RISE_K))}
+    changes = {"viscous_change": -size, "coulomb_change": float(np.expm1(-dry * LUBRICANT.rated_rise))}
     return hardware, {**changes, "time_constant_s": time_constant}
 
 
