@@ -24,6 +24,9 @@ LARGEST_TOML = 1 << 24
 DEEPEST = 64
 # The time that the reader of TOML takes for a dotted key grows with the square of its parts.
 LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
+# Prefixes of elements' and attributes' names, and the first element.
+PREFIX = re.compile(r'<(\w[\w.-]*+):\w|\s(\w[\w.-]*+):[\w.-]++\s*+=\s*+["\']')
+ROOT_TAG = re.compile(r"<[A-Za-z_][^\s/>]*+")
 # Beyond these no number of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
@@ -128,7 +131,7 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
     """
     require_no_entities(text, where, remedy, error)
     try:
-        root = ET.fromstring(text)
+        root = ET.fromstring(_declare_prefixes(text))
     except ET.ParseError as failed:
         raise error(where, f"not XML ({failed})", remedy) from None
     level = [root]
@@ -137,6 +140,16 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
     if level:
         raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
     return root
+
+
+def _declare_prefixes(text: str) -> str:
+    """The text, with prefixes of names (`drake:acceleration`) that it uses and declares nowhere declared at its root.
+
+    Robots' own parsers know nothing of namespaces, so that public URDFs lack the declarations.
+    """
+    used = dict.fromkeys(name for pair in PREFIX.findall(text) for name in pair if name)
+    missing = "".join(f' xmlns:{name}="{name}"' for name in used if f"xmlns:{name}" not in text and name[:3] != "xml")
+    return ROOT_TAG.sub(lambda found: found.group() + missing, text, count=1) if missing else text
 
 
 def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, np.ndarray]:

@@ -17,7 +17,7 @@ from ident.errors import RobotError, first_line
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.names import find_urdf, split_tip
-from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
+from ident.robot.urdf import arm_tips, followers, lock_beside, normalise_urdf, parse_urdf, read_reductions
 from ident.safe_read import read_text
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
@@ -91,6 +91,11 @@ class ArmModel:
             tips = " or ".join(f":{name}" for name in arm_tips(urdf)[:2])
             remedy = f"name the last joint of the arm that is meant behind the robot: {tips}"
             raise RobotError(where, f"not a serial chain: {model.names[fork]} forks off", remedy)
+        if coupled := [*followers(parse_urdf(urdf, where))]:
+            what = f"{', '.join(coupled)} move with other joints (<mimic>): as a palletiser's, they make no chain"
+            raise RobotError(
+                where, what, "give an arm of free joints; coupled ones that hardly weigh can be made fixed"
+            )
         moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
         for i, mass in enumerate(moved, start=1):
             if not mass > 0.0:

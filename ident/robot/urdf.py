@@ -316,7 +316,7 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[
     unknown = [name for name in locked if name not in names]
     if unknown:
         raise RobotError(where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(names)}")
-    fixed = {**dict.fromkeys(gripper_joints(root), 0.0), **locked}
+    fixed = _with_followers(root, {**dict.fromkeys(gripper_joints(root), 0.0), **locked}, where)
     lock_joints(root, fixed)
     for joint in moving_joints(root):
         if joint.get("type") == "continuous":
@@ -327,6 +327,28 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[
             limit.set("lower", "-1e9")
             limit.set("upper", "1e9")
     return ET.tostring(root, encoding="unicode"), fixed
+
+
+RULE = (("multiplier", "1"), ("offset", "0"))  # of <mimic>: its numbers, and what they are where left out
+
+
+def _with_followers(root: ET.Element, fixed: Mapping[str, float], where: str) -> dict[str, float]:
+    """Fixed joints, with those that follow one of them (`<mimic>`), at the positions where it holds them [rad or m]."""
+    found, leaders = dict(fixed), followers(root)
+    for _ in leaders:  # one may follow another that follows
+        for name, mimic in leaders.items():
+            if name not in found and (leader := mimic.get("joint", "")) in found:
+                size, offset = (
+                    _numbers(mimic, key, one, 1, f"mimic of {name!r}: {key}", where)[0] for key, one in RULE
+                )
+                found[name] = float(size * found[leader] + offset)
+    return found
+
+
+def followers(root: ET.Element) -> dict[str, ET.Element]:
+    """Joints that move with another one, and their `<mimic>`."""
+    pairs = ((joint.get("name") or "", joint.find("mimic")) for joint in moving_joints(root))
+    return {name: mimic for name, mimic in pairs if mimic is not None}
 
 
 def read_reductions(text: str) -> dict[str, float]:

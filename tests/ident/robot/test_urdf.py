@@ -63,6 +63,26 @@ def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:
     assert arm.joint_names == ("lift", *names)
 
 
+def test_prefixes_that_nobody_declared_are_read() -> None:
+    """Law: a name's prefix says nothing of the arm; robots' own parsers know no namespaces, and public URDFs none."""
+    plain = urdf(link("base"), link("link_1"), joint("turn", "base", "link_1"))
+    odd = plain.replace("effort=", 'drake:acceleration="2.5" effort=').replace("</robot>", "<sim:note/></robot>")
+    assert ArmModel.from_urdf(odd).content == ArmModel.from_urdf(plain).content
+
+
+def test_joints_that_follow_others_are_no_free_ones() -> None:
+    """Law: a coupled chain is refused by its joints' names, not modelled as if free; a hand's are no matter."""
+    names = [f"arm_{i}" for i in range(5)]
+    chain = [joint(name, "base" if i == 0 else f"link_{i - 1}", f"link_{i}") for i, name in enumerate(names)]
+    links = [link("base"), *(link(f"link_{i}") for i in range(5))]
+    follows = '<mimic joint="arm_1" multiplier="-1"/></joint>'
+    with pytest.raises(RobotError, match="arm_3 move with other joints"):
+        ArmModel.from_urdf(urdf(*links, *chain[:3], chain[3].replace("</joint>", follows), chain[4]))
+    hand = [joint(f"finger_{i}", "link_4", f"f{i}").replace("</joint>", follows if i else "</joint>") for i in range(2)]
+    arm = ArmModel.from_urdf(urdf(*links, link("f0"), link("f1"), *chain, *hand))
+    assert arm.joint_names == tuple(names)
+
+
 @pytest.mark.parametrize(
     ("robot", "joints"),
     [("baxter:left_w2", 7), ("pr2:r_wrist_roll_joint", 8), ("tiago_dual:arm_left_7_joint", 8), ("talos_reduced", 0)],
