@@ -31,16 +31,19 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 GRAVITY = 9.81
+ANY_SCALE = (-np.inf, np.inf)  # of a current, whose gain and sign are not known
 # What one joint's torque tells of gravity's direction u, each per variance of the torque: inner products of the torque
 # with what each axis of gravity would ask for, b, shape (3,), and of these with each other, W, shape (3, 3).
 Pull = tuple[Float[Array, " 3"], Float[Array, "3 3"]]
 
 
-def left_of(pull: Pull, directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
-    """Share of the torque's variance that each direction leaves: 1 - 2 s b·u + s² u·W·u."""
+def left_of(
+    pull: Pull, directions: Float[Array, "k 3"], scales: tuple[float, float] = LIMIT.scales
+) -> Float[Array, " k"]:
+    """Share of the torque's variance that each direction leaves: 1 - 2 s b·u + s² u·W·u, s within `scales`."""
     along = directions @ pull[0]
     square = np.maximum(np.einsum("ki,ij,kj->k", directions, pull[1], directions), 1e-12)
-    scale = np.clip(along / square, *LIMIT.scales)
+    scale = np.clip(along / square, *scales)
     return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor)
 
 
@@ -72,7 +75,28 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     return turned, [issue_of("mounted", session, turn=angle, axis=words, share=share, line=line)]
 
 
-def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
+def hang_by_current(states: States, arm: ArmModel) -> States:
+    """The states under the gravity that currents of unknown gains follow, where they surely don't follow the URDF's.
+
+    A mount is found before the gains, for a gain is gravity over what the column shows of it.
+    """
+    pulls = _pulls(states, arm)
+    if not pulls:
+        return states
+
+    def left(there: States) -> float:
+        """Sum of the logarithms of what each joint's torque, of whichever sign, leaves."""
+        best = (max(fit_signed(there, j, sign).explained for sign in (1.0, -1.0)) for j in pulls)
+        return float(sum(np.log(1.0 - one + LIMIT.floor) for one in best))
+
+    now, best = arm.model.gravity.linear, find_direction(list(pulls.values()), ANY_SCALE)
+    turned = (replace(states, gravity=arm.with_gravity(GRAVITY * one).gravity(states.q)) for one in (best, -best))
+    there = min(turned, key=left)
+    askew = abs(float(best @ now)) < np.cos(np.radians(LIMIT.least_turn_deg)) * float(np.linalg.norm(now))
+    return there if askew and left(states) - left(there) > np.log(LIMIT.least_gain) else states
+
+
+def find_direction(pulls: list[Pull], scales: tuple[float, float] = LIMIT.scales) -> Float[Array, " 3"]:
     """The unit vector along which gravity most likely pulls: over a sphere, then ever closer around the best."""
     k = np.arange(LIMIT.directions) + 0.5
     polar, around = np.arccos(1.0 - 2.0 * k / LIMIT.directions), np.pi * (1.0 + np.sqrt(5.0)) * k
@@ -81,7 +105,7 @@ def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
     for width in (None, 0.1, 0.02, 0.004):
         near = places if width is None else best + width * places
         near = near / np.linalg.norm(near, axis=1)[:, None]
-        best = near[int(np.argmin(sum(np.log(left_of(pull, near)) for pull in pulls)))]
+        best = near[int(np.argmin(sum(np.log(left_of(pull, near, scales)) for pull in pulls)))]
     return np.asarray(best)
 
 
@@ -104,7 +128,8 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
         # While a joint stands still its friction holds it, too: how it pulls there says little of gravity.
         moves = np.flatnonzero(np.abs(dq[:, j]) > states.settings.moving_rad_s)
         friction = [np.tanh(dq[moves, j] / TRANSITION_RAD_S), dq[moves, j], np.ones(len(moves))]
-        beside, _ = np.linalg.qr(np.column_stack([states.inertial[rows, j][moves], *friction]))
+        inertia = [states.inertial[rows, j][moves], states.ddq[rows, j][moves]]  # the rotor's is no part of the model's
+        beside, _ = np.linalg.qr(np.column_stack([*inertia, *friction]))
         target, table = (one - beside @ (beside.T @ one) for one in (tau[moves, j], axes[moves, j]))
         variance = float(target @ target)
         if len(moves) > 20 and variance > 0.0:

@@ -185,12 +185,14 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
 def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
     """A joint's torque as a multiple of the model's, told by gravity, its standard error, and it beside a spring.
 
-    Least squares beside inertia (rotors add to it), friction, friction that grows with the load, an offset; the error
-    is the delete-one-piece jackknife's, and half of what the spring makes of it is added.
+    Least squares beside inertia, the rotor's (no part of the model, which could bend gravity's), friction, friction
+    that grows with the load, an offset; the error is the delete-one-piece jackknife's, and half of what the spring
+    makes of it is added.
     """
     gravity, dq = states.gravity[:, joint], states.dq[:, joint]
     side = np.tanh(dq / TRANSITION_RAD_S)
-    bare = [gravity, states.inertial[:, joint], side, dq, np.abs(gravity) * side, np.ones(len(dq))]
+    inertia = [states.inertial[:, joint], states.ddq[:, joint]]
+    bare = [gravity, *inertia, side, dq, np.abs(gravity) * side, np.ones(len(dq))]
     (scale, error), (sprung, _) = (
         [float(one[0]) for one in jackknife(np.column_stack(columns), states.tau[:, joint], states.settings.pieces)]
         for columns in (bare, [*bare, states.q[:, joint]])

@@ -26,7 +26,7 @@ from ident.robot.chain import compute_joint_poses
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from tests.ident.checks.faults import inspect, spoil, without_velocity
-from tests.ident.made_up import joint, link, urdf
+from tests.ident.made_up import joint, link, made_session, urdf
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 REAL = {
@@ -83,6 +83,19 @@ def test_a_mount_is_read_from_joints_that_move(session: Session, arm: ArmModel) 
     turned, issues = mend_mount(session.replace(runs=[*session.runs, still]), arm.with_gravity([9.81, 0.0, 0.0]))
     assert issues
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 3.0
+
+
+def test_a_rotor_bends_no_scale() -> None:
+    """Law: what a motor feels of its own rotor is no part of the links' torque, and moves neither scale nor mount."""
+    arm = ArmModel.load("tm5-900")
+    rotors = 2.0 * arm.mean_inertia(np.random.default_rng(2).uniform(-1.5, 1.5, (50, 6)))
+    law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + rotors * ddq + 2.0 * np.tanh(dq / 0.01)  # noqa: E731
+    made = made_session(arm, law, [3, 4], duration=20.0)
+    states = collect_states(made, arm)
+    heavy = map(int, np.flatnonzero(states.heavy))
+    assert [fit_scale(states, joint)[0] for joint in heavy] == pytest.approx([1.0] * int(states.heavy.sum()), abs=0.03)
+    turned, _ = mend_mount(made, arm.with_gravity(np.array([9.81, 0.0, 0.0])))
+    assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
 
 
 @pytest.mark.real
