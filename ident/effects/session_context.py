@@ -201,11 +201,13 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
 
     Args:
         needs: By name the least travel [rad] or top speed [rad/s], or, of any value, that the joint `moves` or that the
-            arm takes several `poses`.
+            arm takes several `poses`. Of a joint that slides the same is asked in its own scale.
         session: The runs.
         joint: The joint.
     """
     name, reasons = session.joint_names[joint], list[str | None]()
+    slides = bool(session.runs[0].arm.sliding_joints[joint])
+    scale, unit = (LIMIT.slide_per_turn, "m") if slides else (1.0, "rad")
     for need, least in needs.items():
         if need == "moves":
             reasons.append(hardly_moves(session, joint))
@@ -213,10 +215,10 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
             widest = max(high - low for low, high in (travel(session, j) for j in range(session.n)))
             near = f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
             reasons.append(near if widest < LIMIT.least_poses else None)
-        elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < least:
-            reasons.append(f"{name} covers {covered:.2f} rad; {least:g} are needed")
-        elif need == "top_speed" and (fastest := top_speed(session, joint)) < least:
-            reasons.append(f"{name} moves no faster than {fastest:.3f} rad/s")
+        elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < scale * least:
+            reasons.append(f"{name} covers {covered:.3g} {unit}; {scale * least:g} are needed")
+        elif need == "top_speed" and (fastest := top_speed(session, joint)) < scale * least:
+            reasons.append(f"{name} moves no faster than {fastest:.3g} {unit}/s")
     return next(filter(None, reasons), None)
 
 

@@ -15,6 +15,7 @@ from ident.effects.catalogue import find_effect
 from ident.effects.session_context import joint_range, travel
 from ident.effects.transmission import BENT
 from ident.robot.arm import ArmModel
+from tests.ident.made_up import sliding_arm
 
 Torque = Callable[[RunContext], Array]
 
@@ -325,3 +326,10 @@ def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
     load = np.concatenate([run.link[:, 1] for run in session.runs])
     _, left = nnls(columns, load)
     assert left > 0.9 * np.linalg.norm(load)
+
+
+def test_a_slide_need_not_go_as_far_in_metres_as_a_turn_in_radians() -> None:
+    """Law: what is asked of travel is of a joint's kind: a tenth of a metre shows a spring, a few millimetres none."""
+    arm, spring = sliding_arm(), find_effect("spring_torque")
+    assert spring.untestable(make_session(arm, 5.0, 2, size=0.05), 1) is None
+    assert "m; 0.02 are needed" in str(spring.untestable(make_session(arm, 5.0, 2, size=0.002), 1))
