@@ -34,6 +34,7 @@ from ident.show.report.words import (
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
+ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they act on other joints' torque, too
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
@@ -145,8 +146,9 @@ def first_action(record: Mapping[str, Any]) -> str:
 def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading joint's first.
 
-    None, too, where a likely name says what it is: first of all the gain of every joint that is off. The first name of
-    all, a likely body that shows where the gap is largest, may be it (`bodily`), so far as it goes.
+    None, too, where a likely name says what it is: first of all the gain of every joint that is off, or what turns
+    gravity at several joints, as a zero or a mount, and leaves noise there. The first name of all, a likely body that
+    shows where the gap is largest, may be it (`bodily`), so far as it goes.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
     likely = [one for one in in_order_of_joints(record) if is_likely(one)]
@@ -156,6 +158,11 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
         return None
     gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
     if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
+        return None
+    after, gap = record.get("heldout", {}).get("rms_after_Nm", {}), record.get("gap", {})
+    turned = {joint for one in likely if one["effect"] in ELSEWHERE - bodies for joint in joints_shown(one)}
+    turned = {joint for joint in turned & {*gap} & {*after} if above_noise(gap[joint])}
+    if {*off["joints"]} <= {one for one in turned if not above_noise({**gap[one], "rms_Nm": after[one]})}:
         return None
     lead = leading_joint(record)[0]
     there = [one for one in in_order_of_joints(record)[:1] if lead in ("", *joints_shown(one))]

@@ -300,6 +300,16 @@ def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> No
     assert in_order_of_joints(record)[0]["joints"] == ["wrist" if mapped == "wrist" else "elbow"]
 
 
+@pytest.mark.parametrize(("left", "off"), [(0.31, False), (0.8, True)])
+def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool) -> None:
+    """Law: what turns gravity at several joints, and leaves noise, is what read as a factor before it was known."""
+    record = acted_on("encoder_offset", 0.97, SCALE)
+    record["findings"][0] |= {"joints": ["shoulder"], "heldout": {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}}}
+    record["gap"] = {name: {"rms_Nm": 1.2, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
+    record["heldout"] = {"rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
+    assert ("is off by a factor" in diagnosis_headline(record)) is off
+
+
 @pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
 def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     """A gain of one joint says nothing of another that is off; a load acts on all."""
