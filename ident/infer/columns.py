@@ -30,12 +30,20 @@ from ident.robot.arm import ArmModel
 LIMIT = read_group(__file__, "unnamed")
 
 WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-TIMES, COMMANDS, DERIVED = (frozenset(WORDS["others"][name]) for name in ("times", "commands", "derived"))
+TIMES, COMMANDS, DERIVED, MEASURED_AS = (
+    frozenset(WORDS["others"][name]) for name in ("times", "commands", "derived", "measured")
+)
+LEAST_GLUED = 5  # letters of a word that may end another
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}
 PLACE = "#"
 # What tells columns of one family apart: a number, or the letter of an axis.
 NUMBER = re.compile(r"\d+|(?<![A-Za-z])[A-Z](?![A-Za-z])")
-UNIT = re.compile(r"\s*[\[(](?:°|deg|grad|rad|m?m|n ?m|n|m?a)(?:/s(?:\^?2|²)?)?[\])]", re.IGNORECASE)
+UNIT = re.compile(
+    r"\s*[\[(]((?:°|deg|grad|degrees|rad|m?m|k?n[ ·]?m|n|m?a|%)(?:/s(?:\^?2|²)?)?)[\])]",
+    re.IGNORECASE,
+)
+# A joint that slides has a force where the others have a torque.
+FORCES = {"force": "torque", "Force": "Torque", "FORCE": "TORQUE"}
 
 
 @dataclass(frozen=True)
@@ -60,13 +68,26 @@ def judge_words(template: str) -> tuple[str | None, int]:
     words = words_of(template.rpartition("/")[2] or template) if ":" not in template else words_of(template)
     if "current" in words and ("torque" in words or "effort" in words):
         words = [word for word in words if word != "current"]  # a torque made of the current
-    channel = next((name for name, known in WORDS["channels"].items() if set(words) & set(known)), None)
+    commanded = any(word in COMMANDS or word.startswith("soll") for word in words)
+    measured = bool({*words} & MEASURED_AS)
+    channel = next(
+        (name for name, known in WORDS["channels"].items() if any(_says(word, known) for word in words)), None
+    )
     if channel is None:
-        return ("position_command", 0) if "action" in words else (None, 0)
-    doubt = 3 * len({*words} & DERIVED) - ("actual" in words or "measured" in words)
-    if {*words} & COMMANDS:
-        return COMMANDED.get(channel), doubt
-    return channel, doubt
+        return ("position_command" if commanded else "position" if measured else None), 0
+    doubt = 3 * len({*words} & DERIVED) - measured
+    return (COMMANDED.get(channel) if commanded else channel), doubt
+
+
+def _says(word: str, known: Sequence[str]) -> bool:
+    """Whether a word is one of those known, or ends in a long one of them."""
+    return word in known or word.endswith(tuple(one for one in known if len(one) >= LEAST_GLUED))
+
+
+def _judge_unit(name: str) -> str | None:
+    """The channel that a unit in brackets speaks of."""
+    unit = "".join(UNIT.findall(name)[:1]).lower()
+    return next((channel for channel, known in WORDS["units"].items() if unit in known), None)
 
 
 def find_time(names: Sequence[str]) -> str | None:
@@ -78,13 +99,16 @@ def find_time(names: Sequence[str]) -> str | None:
 
 
 def _find_rising(table: ForeignTable) -> str | None:
-    """The first column that rises evenly."""
+    """The first column that rises evenly; one that counts samples only where there is no other."""
+    counter = None
     for name, values in table.columns.items():
         steps = np.diff(np.asarray(values, dtype=float))
         usual = float(np.median(steps)) if len(steps) else 0.0
         if usual > 0.0 and np.mean((steps > 0.0) & (np.abs(steps - usual) < LIMIT.even * usual)) > LIMIT.nearly_all:
-            return name
-    return None
+            if np.any(steps != 1.0):
+                return name
+            counter = counter or name
+    return counter
 
 
 def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
@@ -98,6 +122,12 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
     for name in names:
         for template, label in _readings(UNIT.sub("", name), shorts):
             members[template].setdefault(label, name)
+    for template in list(members):
+        for force, torque in FORCES.items():
+            twin = template.replace(force, torque)
+            if twin != template and twin in members and not {*members[twin]} & {*members[template]}:
+                members[twin] |= members.pop(template)
+                break
     found = []
     for template, by_label in members.items():
         labels = list(by_label)
@@ -109,7 +139,8 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
             labels.sort(key=lambda label: shorts[label])
         if len(labels) > 1:
             own = tuple(by_label[label] for label in labels)
-            found.append(ColumnFamily(template, own, tuple(labels), *judge_words(template)))
+            channel, doubt = judge_words(template)
+            found.append(ColumnFamily(template, own, tuple(labels), channel or _judge_unit(own[0]), doubt))
     return sorted(found, key=lambda family: family.doubt)
 
 
@@ -147,8 +178,8 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
     families = find_families([name for name in names if name != clock], () if arm is None else arm.joint_names)
     position, unnamed = _choose(families, "position", arm), ""
     if position is None and arm is not None and any(_choose(families, one, arm, arm.n) for one in MEASURED):
-        others = [one for one in families if one.channel is None and len(one.columns) >= arm.n]
-        position, unnamed = (others[0], "the only others of as many joints, ") if len(others) == 1 else (None, "")
+        others = {one.columns: one for one in families if one.channel is None and len(one.columns) >= arm.n}
+        position, unnamed = others.popitem()[1] if len(others) == 1 else None, "the only others of as many joints, "
     if position is None:
         return None
     count = len(position.columns) if arm is None else min(len(position.columns), arm.n)
@@ -174,6 +205,14 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         why_so = unnamed if family is position else ""
         reasons.append(Reason(channel, span, f"{why_so}named {family.template.replace('#', '…')!r}"))
     reasons.append(Reason("joints", ", ".join(joints), why))
+    taken = {*columns["position"]}
+    beside = [one for one in families if one.channel == "position" and one.doubt == position.doubt and count > 1]
+    beside = [one for one in beside if len(one.columns) == len(position.columns) and not taken & {*one.columns}]
+    if beside:
+        own, other = (one.template.replace("#", "…") for one in (position, beside[0]))
+        reasons.append(
+            Reason("arm", own, f"{other} are as many: for that arm name its columns in a session of its own")
+        )
     tables = {channel: np.column_stack([table.columns[name] for name in own]) for channel, own in columns.items()}
     return Signals(joints, columns, tables, clock, time, tuple(reasons))
 

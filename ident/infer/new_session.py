@@ -175,7 +175,7 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
         joints, order = joint_order(signals, arm)
         known = tuple(name for name in arm.joint_names if name in joints)
         states = states_of(signals, arm, joints)
-        channel, found, seen = torque_settings(signals, states, known, nominal)
+        channel, found, seen = torque_settings(signals, arm, states, known, nominal)
         settings |= found
         reasons += [order, *seen]
     elif nominal == "current":

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ident.checks.effort import SignedFit, States, collect_states, fit_signed
+from ident.checks.arrangement import hang_by_current
+from ident.checks.effort import States, collect_states, fit_signed
+from ident.checks.effort_kind import fit_scale
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
 from ident.infer.columns import follow, words_of
 from ident.infer.guess import Reason, Signals
@@ -24,6 +27,9 @@ LIMIT = read_group(__file__, "units")
 FARTHEST_RAD = 6 * math.pi
 GAINS = "drive_gain_Nm_per_A"
 COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
+# A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in A.
+OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
+LARGEST_LIMIT = 1e5  # beyond it a URDF's effort limit stands for none [N m]
 # Its name, its factor to SI, and why.
 Unit = tuple[str | int, float, Reason | None]
 
@@ -134,7 +140,7 @@ def joint_order(signals: Signals, arm: ArmModel) -> tuple[tuple[str, ...], Reaso
 
 
 def torque_settings(
-    signals: Signals, states: States | None, joints: tuple[str, ...], nominal: str
+    signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
 ) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
     """Sign and scale of each joint's torque, by what gravity, inertia and friction of the model explain.
 
@@ -148,36 +154,47 @@ def torque_settings(
         if nominal != "current":
             return nominal, {}, []
         return nominal, {GAINS: dict.fromkeys(joints, 1.0)}, [Reason("effort", nominal, why)]
-    fits: dict[str, tuple[int, SignedFit, bool, bool]] = {}
+    states = hang_by_current(states, arm.keeping(joints)) if nominal == "current" else states
+    fits: dict[str, tuple[int, float, bool]] = {}  # sign, share explained, whether that is clear
+    sizes: dict[str, float] = {}  # gravity in the column over the URDF's, where it shows
     for j, joint in enumerate(joints):
         sides = {sign: fit_signed(states, j, float(sign)) for sign in (1, -1)}
         best = max(sides, key=lambda sign: sides[sign].explained)
         least = max(USUAL_EFFORT.follows, sides[-best].explained + LIMIT.clearly_more)
         clear = bool(states.alive[j] and sides[best].explained > least)
-        fits[joint] = (best if clear else 1, sides[best], clear, bool(states.heavy[j]))
-    scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > LIMIT.trusted]
-    scale = float(np.median(scales)) if scales else 1.0
-    channel = nominal if nominal == "current" or USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
+        fits[joint] = (best if clear else 1, sides[best].explained, clear)
+        size, error, _ = fit_scale(states, j)
+        changes = np.ptp(states.gravity[:, j]) > 1e-6 * np.abs(states.gravity[:, j]).max()  # a slide's may not
+        if clear and changes and sides[best].explained > LIMIT.trusted and error < LIMIT.sure_gain * best * size:
+            sizes[joint] = best * size
+    scale = float(np.median([*sizes.values()])) if sizes else 1.0
+    other = next(iter(OTHER_UNIT.findall(signals.columns[nominal][0])), "")
+    is_torque = not other and USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
+    channel = nominal if nominal == "current" or is_torque else "current"
     reasons = []
     # One reason for all joints that are sure to point the right way, one for each other joint.
-    if upright := [joint for joint, (sign, _, clear, _) in fits.items() if clear and sign > 0]:
-        share = min(fits[joint][1].explained for joint in upright)
+    if upright := [joint for joint, (sign, _, clear) in fits.items() if clear and sign > 0]:
+        share = min(fits[joint][1] for joint in upright)
         why = f"gravity, inertia and friction explain at least {share:.0%} of {', '.join(upright)}"
         reasons.append(Reason("effort_sign", "+1", why))
-    for joint, (sign, fit, clear, _) in fits.items():
-        why = f"gravity, inertia and friction explain {max(fit.explained, 0.0):.0%} with this sign"
+    for joint, (sign, explained, clear) in fits.items():
+        why = f"gravity, inertia and friction explain {max(explained, 0.0):.0%} with this sign"
         if not clear:
             reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{why}: not sure, taken as it stands"))
         elif sign < 0:
             reasons.append(Reason(f"effort_sign.{joint}", "-1", why))
     gains: dict[str, float] = {}
-    for joint, (_, fit, clear, heavy) in fits.items() if channel == "current" else ():
-        if clear and heavy and fit.gravity > 0.0:
-            size, why = fit.gravity, "gravity of the URDF over what the column shows of it"
-        else:
-            size, why = scale, "gravity hardly changes here; the median of the joints where it does"
-        gains[joint] = float(f"{1.0 / max(size, 1e-9):.3g}")
+    among = "the median of the joints where it does" if sizes else "1 stands for a figure that nobody has given"
+    limits = dict(zip(arm.joint_names, arm.effort_limit, strict=True)) if other and other.lower() != "ma" else {}
+    for joint in fits if channel == "current" else ():
+        why = "gravity of the URDF over what the column shows of it"
+        why = why if joint in sizes else f"gravity hardly shows here; {among}"
+        size = sizes.get(joint, scale)
+        if 0.0 < limits.get(joint, 0.0) < LARGEST_LIMIT:
+            size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"
+        gains[joint] = float(f"{1.0 / size:.3g}")
+        why += f"; for one {other}, in which its name says that it is" if other else ""
         reasons.append(Reason(f"{GAINS}.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better"))
-    signs = {joint: sign for joint, (sign, _, _, _) in fits.items() if sign < 0}
+    signs = {joint: sign for joint, (sign, _, _) in fits.items() if sign < 0}
     tables: dict[str, dict[str, Any]] = {GAINS: gains, "effort_sign": signs}
     return channel, {key: table for key, table in tables.items() if table}, reasons

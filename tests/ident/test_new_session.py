@@ -228,3 +228,59 @@ def test_names_in_another_language_axes_by_letters_slides_in_millimetres(tmp_pat
     found = new(path, tmp_path / "arm.urdf")
     assert found.settings["slide_scale"] == {"slide_2": 1e-3, "slide_4": 1e-3}
     assert_same(path, made, velocity=False)
+
+
+def test_words_that_are_glued_a_counter_and_forces_of_slides(tmp_path: Path) -> None:
+    """Law: Istwinkel is an angle, a column that counts samples is no clock, a slide's force stands for a torque."""
+    arm = sliding_arm()
+    made = made_session(arm, driven(arm), [3], duration=20.0).runs[0]
+    heads = [f"{what}{i}" for what in ("Istwinkel", "Solldrehmoment") for i in range(1, 5)]
+    heads += ["torque 1", "force 2", "torque 3", "force 4"]
+    table = np.column_stack([np.arange(len(made.time)), made.time, made.position, 0.9 * made.effort, made.effort])
+    path = text_table(tmp_path / "run.csv", ["n", "Zeit", *heads], table)
+    (tmp_path / "arm.urdf").write_text(arm.urdf, encoding="utf-8")
+    found = new(path, tmp_path / "arm.urdf")
+    assert found.columns["Zeit"] == "time"
+    assert_same(path, made, velocity=False)
+
+
+@pytest.mark.parametrize(("goal", "measured"), [("goal_{}", "present_{}"), ("cmd{}", "feedback{}")])
+def test_goals_and_what_came_of_them_need_no_word_for_position(
+    run: Recording, tmp_path: Path, goal: str, measured: str
+) -> None:
+    """Law: what is commanded or measured and no other quantity by its name is the position."""
+    names = ["t", *(kind.format(i) for kind in (goal, measured) for i in range(6))]
+    text_table(tmp_path / "run.csv", names, np.column_stack([run.time, run.position + 0.01, run.position]))
+    columns = new(tmp_path, "tm5-900").columns
+    assert columns[measured.format(0)] == "joint_1/position"
+    assert columns[goal.format(0)] == "joint_1/position_command"
+
+
+def test_gains_are_found_of_an_arm_on_a_wall(arm: ArmModel, tmp_path: Path) -> None:
+    """Law: how an arm hangs is found before its gains, which are gravity over what the columns show of it."""
+    wall = arm.with_gravity(np.array([9.81, 0.0, 0.0]))
+    made = made_session(wall, driven(wall), [3], duration=20.0).runs[0]
+    names = ["time", *(f"{kind}_{i}" for kind in ("q", "current") for i in range(6))]
+    text_table(tmp_path / "run.csv", names, np.column_stack([made.time, made.position, made.effort / 12.0]))
+    gains = new(tmp_path, "tm5-900").settings["drive_gain_Nm_per_A"]
+    assert all(6.0 < gain < 24.0 for gain in gains.values())
+    assert gains["joint_2"] == pytest.approx(12.0, rel=0.1)
+
+
+def test_percent_are_of_the_urdfs_limit(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
+    """Law: a torque whose name says percent is no torque in N m; a hundred stand for the limit, marked as a guess."""
+    names = ["time", *(f"{kind}_{i}{unit}" for kind, unit in (("q", ""), ("tau", " [%]")) for i in range(6))]
+    table = np.column_stack([run.time, run.position, 100.0 * run.effort / arm.effort_limit])
+    text_table(tmp_path / "run.csv", names, table)
+    new(tmp_path, "tm5-900")
+    read = load_session(tmp_path).runs[0]
+    np.testing.assert_allclose(read.effort, run.effort, rtol=1e-2, atol=1e-4)
+
+
+def test_a_second_arm_in_the_table_is_mentioned(run: Recording, tmp_path: Path) -> None:
+    """Law: of two arms in one table one is taken, and it says where the other is."""
+    names = ["time", *(f"{side}_{kind}{i}" for side in ("left", "right") for kind in ("q", "tau") for i in range(6))]
+    half = np.column_stack([run.position, run.effort])
+    text_table(tmp_path / "run.csv", names, np.column_stack([run.time, half, half]))
+    said = new(tmp_path, "tm5-900").summary()
+    assert "right_q…" in said
