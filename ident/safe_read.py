@@ -9,6 +9,7 @@ import re
 import stat
 import tomllib
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +132,7 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
     """
     require_no_entities(text, where, remedy, error)
     try:
-        root = ET.fromstring(_declare_prefixes(text))
+        root = ET.fromstring(declare_prefixes(text))
     except ET.ParseError as failed:
         raise error(where, f"not XML ({failed})", remedy) from None
     level = [root]
@@ -142,14 +143,18 @@ def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError])
     return root
 
 
-def _declare_prefixes(text: str) -> str:
+def declare_prefixes(text: str) -> str:
     """The text, with prefixes of names (`drake:acceleration`) that it uses and declares nowhere declared at its root.
 
     Robots' own parsers know nothing of namespaces, so that public URDFs lack the declarations.
     """
     used = dict.fromkeys(name for pair in PREFIX.findall(text) for name in pair if name)
-    missing = "".join(f' xmlns:{name}="{name}"' for name in used if f"xmlns:{name}" not in text and name[:3] != "xml")
-    return ROOT_TAG.sub(lambda found: found.group() + missing, text, count=1) if missing else text
+    missing = [name for name in used if f"xmlns:{name}" not in text and name[:3] != "xml"]
+    for name in missing:
+        with suppress(ValueError):  # a name that Python's writer keeps for itself
+            ET.register_namespace(name, name)  # by which it is written again
+    declared = "".join(f' xmlns:{name}="{name}"' for name in missing)
+    return ROOT_TAG.sub(lambda found: found.group() + declared, text, count=1) if missing else text
 
 
 def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, np.ndarray]:

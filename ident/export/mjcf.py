@@ -27,6 +27,7 @@ from ident.model.inertia import is_consistent
 from ident.model.link_inertia import about_centre, ball_of, child, moved, numbers, read_inertial, set_inertial
 from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
+from ident.safe_read import declare_prefixes
 
 # Below this a principal moment is that of a body without extent [kg m²].
 LEAST_MOMENT = 1e-9
@@ -222,7 +223,8 @@ def write_urdf(identified: IdentifiedArm) -> str:
     """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
     arm, losses, links = identified.nominal, identified.losses, identified.links.total
     text = arm.source.read_text(encoding="utf-8") if arm.source and arm.source.is_file() else arm.urdf
-    root = ET.fromstring(text, parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    keeping_comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    root = ET.fromstring(declare_prefixes(text), parser=keeping_comments)
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     bodies = {link.get("name"): link for link in root.findall("link")}
     for j, name in enumerate(arm.joint_names):

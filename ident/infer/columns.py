@@ -33,7 +33,8 @@ WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding=
 TIMES, COMMANDS, DERIVED, MEASURED_AS = (
     frozenset(WORDS["others"][name]) for name in ("times", "commands", "derived", "measured")
 )
-LEAST_GLUED = 5  # letters of a word that may end another
+# Words of a channel that may end another, for no short one does (`Istwinkel`).
+GLUED = {name: tuple(one for one in known if len(one) > 4) for name, known in WORDS["channels"].items()}
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}
 PLACE = "#"
 # What tells columns of one family apart: a number, or the letter of an axis.
@@ -70,24 +71,14 @@ def judge_words(template: str) -> tuple[str | None, int]:
         words = [word for word in words if word != "current"]  # a torque made of the current
     commanded = any(word in COMMANDS or word.startswith("soll") for word in words)
     measured = bool({*words} & MEASURED_AS)
-    channel = next(
-        (name for name, known in WORDS["channels"].items() if any(_says(word, known) for word in words)), None
+    said = (
+        name for name in GLUED if any(word in WORDS["channels"][name] or word.endswith(GLUED[name]) for word in words)
     )
+    channel = next(said, None)
     if channel is None:
         return ("position_command" if commanded else "position" if measured else None), 0
     doubt = 3 * len({*words} & DERIVED) - measured
     return (COMMANDED.get(channel) if commanded else channel), doubt
-
-
-def _says(word: str, known: Sequence[str]) -> bool:
-    """Whether a word is one of those known, or ends in a long one of them."""
-    return word in known or word.endswith(tuple(one for one in known if len(one) >= LEAST_GLUED))
-
-
-def _judge_unit(name: str) -> str | None:
-    """The channel that a unit in brackets speaks of."""
-    unit = "".join(UNIT.findall(name)[:1]).lower()
-    return next((channel for channel, known in WORDS["units"].items() if unit in known), None)
 
 
 def find_time(names: Sequence[str]) -> str | None:
@@ -140,7 +131,9 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
         if len(labels) > 1:
             own = tuple(by_label[label] for label in labels)
             channel, doubt = judge_words(template)
-            found.append(ColumnFamily(template, own, tuple(labels), channel or _judge_unit(own[0]), doubt))
+            unit = "".join(UNIT.findall(own[0])[:1]).lower()
+            channel = channel or next((name for name, known in WORDS["units"].items() if unit in known), None)
+            found.append(ColumnFamily(template, own, tuple(labels), channel, doubt))
     return sorted(found, key=lambda family: family.doubt)
 
 
@@ -205,14 +198,13 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         why_so = unnamed if family is position else ""
         reasons.append(Reason(channel, span, f"{why_so}named {family.template.replace('#', '…')!r}"))
     reasons.append(Reason("joints", ", ".join(joints), why))
-    taken = {*columns["position"]}
-    beside = [one for one in families if one.channel == "position" and one.doubt == position.doubt and count > 1]
-    beside = [one for one in beside if len(one.columns) == len(position.columns) and not taken & {*one.columns}]
-    if beside:
-        own, other = (one.template.replace("#", "…") for one in (position, beside[0]))
-        reasons.append(
-            Reason("arm", own, f"{other} are as many: for that arm name its columns in a session of its own")
-        )
+    alike = (position.channel, position.doubt, len(position.columns))
+    for other in families:
+        if (other.channel, other.doubt, len(other.columns)) == alike and not {*other.columns} & {*position.columns}:
+            mine, theirs = (one.template.replace(PLACE, "…") for one in (position, other))
+            why = f"{theirs} are as many: for that arm name its columns in a session of its own"
+            reasons.append(Reason("arm", mine, why))
+            break
     tables = {channel: np.column_stack([table.columns[name] for name in own]) for channel, own in columns.items()}
     return Signals(joints, columns, tables, clock, time, tuple(reasons))
 

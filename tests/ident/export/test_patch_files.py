@@ -56,6 +56,19 @@ def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: flo
     np.testing.assert_allclose(again.inertial_parameters, arm.inertial_parameters + changes.ravel(), atol=1e-9)
 
 
+def test_a_users_urdf_keeps_prefixes_that_it_never_declared(tmp_path: Path) -> None:
+    """Law: the file that is edited comes out readable, and other programs' attributes in it as they were."""
+    given = tmp_path / "arm.urdf"
+    given.write_text(
+        ArmModel.load("panda").urdf.replace("<limit ", '<limit drake:acceleration="2.5" '), encoding="utf-8"
+    )
+    arm = ArmModel.load(given)
+    none, links = np.zeros(arm.n), np.zeros((arm.n, 10))
+    text = write_urdf(IdentifiedArm(arm, Losses(none, none, none, none, none), Links(links, links, 0.0)))
+    assert text.count("drake:acceleration") == given.read_text(encoding="utf-8").count("drake:acceleration") > 0
+    assert ArmModel.from_urdf(text, given).joint_names == arm.joint_names
+
+
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory, arm: ArmModel) -> Path:
     """A patch of an effect that neither file has words for."""

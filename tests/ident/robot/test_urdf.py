@@ -68,6 +68,7 @@ def test_prefixes_that_nobody_declared_are_read() -> None:
     plain = urdf(link("base"), link("link_1"), joint("turn", "base", "link_1"))
     odd = plain.replace("effort=", 'drake:acceleration="2.5" effort=').replace("</robot>", "<sim:note/></robot>")
     assert ArmModel.from_urdf(odd).content == ArmModel.from_urdf(plain).content
+    assert "drake:acceleration" in ArmModel.from_urdf(odd).urdf
 
 
 def test_joints_that_follow_others_are_no_free_ones() -> None:
