@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ident.arrays import least_squares
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
@@ -203,10 +204,13 @@ def fit_scale(states: States, joint: int) -> tuple[float, float, float]:
 def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are."""
     held, found = states.settings, []
-    for joint in map(int, np.flatnonzero(states.heavy & states.alive & states.moving)):
+    tested = np.flatnonzero(states.heavy & states.alive & states.moving)
+    # Student's t for the errors of so few pieces, one chance in twenty for all joints together.
+    sure = float(stdtrit(held.pieces - 1, 1.0 - 0.025 / max(len(tested), 1)))
+    for joint in map(int, tested):
         scale, error, sprung = fit_scale(states, joint)
         # What a spring explains for the most part is no scale.
-        if abs(scale - 1.0) > max(held.scale_off, 2.0 * error) and abs(sprung - 1.0) > 0.5 * abs(scale - 1.0):
+        if abs(scale - 1.0) > max(held.scale_off, sure * error) and abs(sprung - 1.0) > 0.5 * abs(scale - 1.0):
             found.append((joint, scale, error))
     if not found:
         return []

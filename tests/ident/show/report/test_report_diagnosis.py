@@ -307,7 +307,7 @@ def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool
     record["findings"][0] |= {"joints": ["shoulder"], "heldout": {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}}}
     record["gap"] = {name: {"rms_Nm": 1.2, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
     record["heldout"] = {"rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
-    assert ("is off by a factor" in diagnosis_headline(record)) is off
+    assert ("elbow reads 1.32" in diagnosis_headline(record)) is off
 
 
 @pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
