@@ -16,6 +16,7 @@ assignment of torques to joints (Kuhn-Munkres) is compared with the one of the f
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -32,6 +33,7 @@ from ident.robot.arm import ArmModel
 
 GRAVITY = 9.81
 ANY_SCALE = (-np.inf, np.inf)  # of a current, whose gain and sign are not known
+EITHER_SIGN = (1.0, -1.0)
 # What one joint's torque tells of gravity's direction u, each per variance of the torque: inner products of the torque
 # with what each axis of gravity would ask for, b, shape (3,), and of these with each other, W, shape (3, 3).
 Pull = tuple[Float[Array, " 3"], Float[Array, "3 3"]]
@@ -59,9 +61,8 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     turned = arm.with_gravity(GRAVITY * best)
     there = replace(states, gravity=turned.gravity(states.q))
     # A torque of the wrong sign follows gravity upside down, and inertia and friction too: that is no mount.
-    as_it_is = {j: max(fit_signed(states, j, sign).explained for sign in (1.0, -1.0)) for j in pulls}
-    explained = {j: fit_signed(there, j, 1.0).explained for j in pulls}
-    gains = {j: float(np.log((1.0 - as_it_is[j] + LIMIT.floor) / (1.0 - explained[j] + LIMIT.floor))) for j in pulls}
+    as_it_is, explained = _explained(states, pulls, EITHER_SIGN), _explained(there, pulls, (1.0,))
+    gains = _gains(as_it_is, explained)
     most = max(gains, key=lambda j: gains[j])
     unsure = sum(gains.values()) < np.log(LIMIT.least_gain) or explained[most] < LIMIT.least_explained
     if unsure or (angle < LIMIT.least_turn_deg and (_is_misread(there) or not _is_misread(states))):
@@ -84,16 +85,23 @@ def hang_by_current(states: States, arm: ArmModel) -> States:
     if not pulls:
         return states
 
-    def left(there: States) -> float:
-        """Sum of the logarithms of what each joint's torque, of whichever sign, leaves."""
-        best = (max(fit_signed(there, j, sign).explained for sign in (1.0, -1.0)) for j in pulls)
-        return float(sum(np.log(1.0 - one + LIMIT.floor) for one in best))
-
     now, best = arm.model.gravity.linear, find_direction(list(pulls.values()), ANY_SCALE)
-    turned = (replace(states, gravity=arm.with_gravity(GRAVITY * one).gravity(states.q)) for one in (best, -best))
-    there = min(turned, key=left)
-    askew = abs(float(best @ now)) < np.cos(np.radians(LIMIT.least_turn_deg)) * float(np.linalg.norm(now))
-    return there if askew and left(states) - left(there) > np.log(LIMIT.least_gain) else states
+    if abs(float(best @ now)) >= np.cos(np.radians(LIMIT.least_turn_deg)) * float(np.linalg.norm(now)):
+        return states
+    turned = [replace(states, gravity=arm.with_gravity(GRAVITY * one).gravity(states.q)) for one in (best, -best)]
+    as_it_is = _explained(states, pulls, EITHER_SIGN)
+    gains = [sum(_gains(as_it_is, _explained(there, pulls, EITHER_SIGN)).values()) for there in turned]
+    return turned[int(np.argmax(gains))] if max(gains) > np.log(LIMIT.least_gain) else states
+
+
+def _explained(states: States, joints: Iterable[int], signs: Sequence[float]) -> dict[int, float]:
+    """Share of each joint's torque that gravity, inertia and friction explain, of the best of some signs."""
+    return {j: max(fit_signed(states, j, sign).explained for sign in signs) for j in joints}
+
+
+def _gains(before: Mapping[int, float], after: Mapping[int, float]) -> dict[int, float]:
+    """Logarithm of how many times less is left of each joint's torque, by the shares explained."""
+    return {j: float(np.log((1.0 - one + LIMIT.floor) / (1.0 - after[j] + LIMIT.floor))) for j, one in before.items()}
 
 
 def find_direction(pulls: list[Pull], scales: tuple[float, float] = LIMIT.scales) -> Float[Array, " 3"]:

@@ -18,8 +18,10 @@ from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.telemetry/1"
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
+# The issue of joints whose torque is off by a factor.
+MISREAD = "torque_scale"
 # What a recording may be used under, but not without a word.
-DOUBTFUL = ("torque_scale", "guessed_gains", "mounting")
+DOUBTFUL = (MISREAD, "guessed_gains", "mounting")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.checks.report import MISREAD
 from ident.diagnosis.alternate import Settled, keep_names, settle
 from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
-from ident.diagnosis.gap.place_ranking import MISREAD, NamedPlace, measure_harm, rank_places
+from ident.diagnosis.gap.place_ranking import NamedPlace, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
@@ -68,7 +69,6 @@ class Analysis:
     evidence: Evidence
     search: SearchResults
     series: tuple[RunResidual, ...]
-    ceilings: tuple[Ceiling, ...]
     diagnosis: Diagnosis
 
 
@@ -189,7 +189,7 @@ def diagnose(
         catalogue=tuple(catalogue),
         settings=settings,
     )
-    return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
+    return Analysis(baseline, session, evidence, found, tuple(series), diagnosis)
 
 
 @dataclass(frozen=True, eq=False)

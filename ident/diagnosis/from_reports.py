@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.checks.report import TOO_LITTLE, TelemetryReport
+from ident.checks.report import MISREAD, TOO_LITTLE, TelemetryReport
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis, Finding
@@ -82,7 +82,7 @@ def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
     """What an action rests on that is in doubt at its joints: a guess, or what their torque reads of gravity's."""
     words = {"guessed_gains": "; the drive gain of {} is a guess"}
     if not finding.estimate.group.effect.as_change.exact:  # which may be the factor
-        words["torque_scale"] = "; first mend the factor by which the torque of {} is off, for this size goes with it"
+        words[MISREAD] = "; first mend the factor by which the torque of {} is off, for this size goes with it"
     doubted = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
     own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in doubted.items()}
     return "".join(words[kind].format(names) for kind, names in own.items() if names)

@@ -212,7 +212,7 @@ def solve_partly_non_negative(
 ) -> Float[Array, " k"]:
     """Least squares of which some unknowns can't be negative: the free ones are eliminated, the rest is bounded.
 
-    The same as `solve_bounded` without links, in a thousandth of its time: for the many solves of a diagnosis.
+    The same as `solve_bounded` without links, in a thousandth of its time: for arms that are tuned again and again.
 
     Args:
         table, target: Rows, and what they are to be.

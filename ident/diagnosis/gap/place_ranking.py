@@ -18,9 +18,6 @@ from ident.arrays import Float
 from ident.diagnosis.gap.gap_map import Place, View
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
-# The telemetry issue of joints whose torque is off by a factor.
-MISREAD = "torque_scale"
-
 
 @dataclass(frozen=True)
 class Harm:

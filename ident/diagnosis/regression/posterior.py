@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
@@ -28,6 +28,7 @@ from ident.diagnosis.regression.discrepancy import BLOCKS, Discrepancy
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.positive import factorise
 from ident.diagnosis.regression.run_spread import residual_weights
 from ident.effects.base import SessionContext
 
@@ -245,9 +246,9 @@ def estimate_variances(
             break
     deviations = _deviations(variances, sizes)
     inner = deviations[:, None] * matrix * deviations
-    factor = cho_factor(inner + np.eye(len(matrix)))
-    weights = deviations * cho_solve(factor, deviations * target)
-    freedom = float(np.trace(cho_solve(factor, inner)))
+    factor = factorise(inner + np.eye(len(matrix)))
+    weights = deviations * factor.solve(deviations * target)
+    freedom = float(np.trace(factor.solve(inner)))
     kinds = [float(weights[a:b] @ matrix[a:b, a:b] @ weights[a:b]) for a, b in pairwise(bounds)]
     return Variances(best, variances, weights, freedom, np.array(kinds))
 

@@ -26,7 +26,7 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.positive import factorise
 from ident.diagnosis.selection.name_probability import measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -161,7 +161,7 @@ def _information_on_inertias(gram: Float[Array, "P P"], inside: Int[Array, " z"]
     inner = gram[np.ix_(others, others)].copy()
     inner[np.diag_indices(len(inner))] += 1e-9 * np.diag(inner) + 1e-9
     across = gram[np.ix_(others, base)]
-    known: Array = gram[np.ix_(base, base)] - across.T @ np.linalg.solve(positive(inner), across)
+    known: Array = gram[np.ix_(base, base)] - across.T @ factorise(inner).solve(across)
     # Sums without encoder noise are estimates; a direction that they don't show says nothing.
     values, vectors = np.linalg.eigh(0.5 * (known + known.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.gap.place_ranking import MISREAD
+from ident.checks.report import MISREAD
 from ident.diagnosis.heldout_gain import of_a_slide
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.verdict import above_noise
@@ -151,7 +151,8 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     shows where the gap is largest, may be it (`bodily`), so far as it goes.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
-    likely = [one for one in in_order_of_joints(record) if is_likely(one)]
+    shown = in_order_of_joints(record)
+    likely = [one for one in shown if is_likely(one)]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
     gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
     if off is None or record["verdict"] == "refused":
@@ -165,8 +166,8 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     if {*off["joints"]} <= {one for one in turned if not above_noise({**gap[one], "rms_Nm": after[one]})}:
         return None
     lead = leading_joint(record)[0]
-    there = [one for one in in_order_of_joints(record)[:1] if lead in ("", *joints_shown(one))]
-    body = any(one["effect"] in bodies and is_likely(one, bodies) for one in there)
+    there = bool(shown) and lead in ("", *joints_shown(shown[0]))
+    body = there and shown[0]["effect"] in bodies and is_likely(shown[0], bodies)
     session, _, evidence = off["evidence"].rpartition(": ")
     where = f" in {session}" * (bool(session) and len(record.get("provenance", {}).get("sessions", ())) != 1)
     joints = sorted(off["joints"], key=lambda one: one != lead)
