@@ -35,7 +35,7 @@ TOPIC = "/joint_states"
 # [bytes]; share of the memory that a file may fill.
 BLOCK_BYTES, SPARSE_SHARE, LEAST_SPARSE, MEMORY_SHARE = 512, 0.01, 1 << 28, 0.5
 # Samples that are read at once by whoever goes through a long session part by part.
-PART_SAMPLES = 500_000
+PART_SAMPLES = 200_000
 
 
 def load_session(

@@ -55,6 +55,7 @@ class PairedDesign:
     session: SessionContext  # the runs of both sets
     sides: Sides  # which runs are of which set
     sums: PairedSums  # the sums
+    held: tuple[float, ...]  # each joint's level of static friction [N m]
     silent: tuple[NotTestable, ...]  # what can't be seen in any of these runs
     doubt: GainUncertainty = STATED  # how well the gains are known
     asked: tuple[Effect, ...] = ()  # all that may have changed
@@ -65,8 +66,7 @@ class PairedDesign:
     def known(self) -> Known:
         """What a further design need not find again."""
         evidence = self.sums.evidence
-        held = tuple(one.friction for one in evidence.dwells)
-        return Known(evidence.spread, evidence.whitening, held, evidence.dispersion)
+        return Known(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
 
     @property
     def judged(self) -> list[int]:
@@ -146,19 +146,20 @@ def build_design(
     whitening = None if known is None else known.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
     sums = pair_sums(both, sides)
-    evidence = sums.evidence.with_held(known.held) if known else sums.evidence
+    held = known.held if known else tuple(one.friction for one in sums.evidence.dwells)
+    evidence = sums.evidence.with_held(held)
     sums = replace(sums, evidence=evidence.with_dwells())
     prior = loose_prior(sums, session, baseline)
     if known is not None:
         spread = known.spread
     else:
-        held = [one.friction for one in estimate_held(sums.evidence, _with_all(sums, prior))]
+        held = estimate_held(sums.evidence, evidence.dwells, _with_all(sums, prior))
         sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
         spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
     loud = known.dispersion if known else measure_block_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
     sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
-    return PairedDesign(baseline, session, sides, sums, tuple(silent), asked=asked, still=still)
+    return PairedDesign(baseline, session, sides, sums, held, tuple(silent), asked=asked, still=still)
 
 
 def _grids(

@@ -51,8 +51,17 @@ class SymmetricSums:
         return len(self.half)
 
     def with_rows(self, rows: Float[Array, "k p"], place: Int[Array, " k"]) -> SymmetricSums:
-        """The same with further rows in some of the blocks; of sums that have none yet."""
-        return replace(self, rows=rows / np.sqrt(self.factor), place=place)
+        """The same with further rows in some of the blocks; of sums that have none yet.
+
+        Rows that are more numbers than the sums are added to a copy of these, where these have all their columns.
+        """
+        rows, numbers = rows / np.sqrt(self.factor), len(self) * half_size(len(self.kept))
+        if rows.size <= numbers or np.delete(rows, self.kept, axis=1).any():
+            return replace(self, rows=rows, place=place)
+        own = (rows[place == block][:, self.kept] for block in range(len(self)))
+        halves = (half + pack(part.T @ part) for half, part in zip(self.half, own, strict=True))
+        room = self.half if isinstance(self.half, SpooledArrays) else None
+        return replace(self, half=stored(halves, numbers, room))
 
     def divided(self, factor: float) -> SymmetricSums:
         """The same, counted in units that are larger; nothing is copied."""

@@ -47,7 +47,7 @@ class Hold:
 class DwellRows:
     """What a joint's holds say: k rows, one a hold or a block's part of one."""
 
-    rows: Float[Array, "k p"]  # means of the columns and, last, of the torque [N m]
+    rows: Float[Array, "k p"]  # means of the columns and, last, of the torque [N m]; in half the room
     sign: Float[Array, " k"]  # of the motion that ended in each row's hold; 0 where nobody knows
     hold: Int[Array, " k"]  # number of each row's hold
     sample: Int[Array, " k"]  # middle sample (filtered) of each row in its run
@@ -152,7 +152,7 @@ def dwell_rows(
         middle = (first + last) // 2
         found.append(
             DwellRows(
-                rows=_means(tables[j], first, last),
+                rows=_means(tables[j], first, last).astype(np.float32),
                 sign=sign,
                 hold=hold.astype(int),
                 sample=middle,

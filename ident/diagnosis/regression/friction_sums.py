@@ -38,12 +38,12 @@ class FrictionSums:
             spread: Relative standard deviation of its friction level from stretch to stretch.
             inside: Which pieces; each still knows its friction level by its whole stretch.
         """
-        pieces, slope = self._halves(joint, spread)
+        pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
         if inside is not None:
-            pieces, slope = pieces[inside], slope[inside]
-        size = pieces.shape[-1]
-        half = pieces.reshape(-1, size).T @ slope.reshape(-1, size)
-        return half + half.T
+            pieces, place = pieces[inside], place[inside]
+        follow = self._known(whole, joint, spread)[place] @ whole[place]
+        half = pieces.reshape(-1, pieces.shape[-1]).T @ follow.reshape(-1, pieces.shape[-1])
+        return np.asarray(0.5 * (half + half.T))
 
     def taken_of_blocks(
         self, joint: int, spread: float, weights: Float[Array, " p"], count: int
@@ -56,22 +56,15 @@ class FrictionSums:
             weights: What each block's sums are multiplied by.
             count: Number of blocks.
         """
-        pieces, slope = self._halves(joint, spread)
+        pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
+        known = self._known(whole, joint, spread)[place]
+        products = np.einsum("kap,kab,kb->kp", pieces, known, (whole @ weights)[place], optimize=True)
+        if whole is not pieces:  # what is taken off a piece is the symmetric half of what its stretch takes with it
+            other = np.einsum("kap,kab,kb->kp", whole[place], known, pieces @ weights, optimize=True)
+            products = 0.5 * (products + other)
         found = np.zeros((count, len(weights)))
-        products = np.einsum("kap,ka->kp", pieces, slope @ weights) + np.einsum("kap,ka->kp", slope, pieces @ weights)
         np.add.at(found, self.block, products)
         return found
-
-    def _halves(self, joint: int, spread: float) -> tuple[Float[Array, "K 2 p"], Float[Array, "K 2 p"]]:
-        """P and ½ S of each piece: its own sums, and what the friction level of its stretch takes with it.
-
-        What is taken off it is the symmetric half of Pᵀ S.
-        """
-        known = self._last_slopes.get(joint)
-        if known is None or known[0] != spread:
-            slope = 0.5 * self._slope(self._wholes[joint], joint, spread)[self._place]
-            known = self._last_slopes[joint] = spread, slope
-        return self.sums[joint], known[1]
 
     def is_cut(self, folds: Int[Array, " B"]) -> bool:
         """Whether a stretch lies in several folds."""
@@ -100,7 +93,8 @@ class FrictionSums:
         for fold in range(len(own)):
             for side, inside in ((own, fold_of_piece == fold), (rest, fold_of_piece != fold)):
                 whole = self._whole(joint, inside)
-                side[fold] -= np.einsum("rap,raq->pq", whole, self._slope(whole, joint, spread), optimize=True)
+                follow = self._known(whole, joint, spread) @ whole
+                side[fold] -= np.tensordot(whole, follow, axes=((0, 1), (0, 1)))
         return rest, own
 
     @cached_property
@@ -109,13 +103,10 @@ class FrictionSums:
         return np.unique(self.stretch, return_inverse=True)[1]
 
     @cached_property
-    def _last_slopes(self) -> dict[int, tuple[float, Float[Array, "K 2 p"]]]:
-        """By joint the spread that was used last, and ½ S of each piece: mostly it is used again."""
-        return {}
-
-    @cached_property
     def _wholes(self) -> tuple[Float[Array, "R 2 p"], ...]:
-        """For each joint the sums of each stretch."""
+        """For each joint the sums of each stretch; those of the pieces themselves where each is a stretch in turn."""
+        if np.array_equal(self._place, np.arange(len(self._place))):
+            return self.sums
         everywhere = np.ones(len(self._place), dtype=bool)
         return tuple(self._whole(joint, everywhere) for joint in range(len(self.sums)))
 
@@ -127,11 +118,14 @@ class FrictionSums:
             whole[self._place[k]] += pieces[k]
         return whole
 
-    def _slope(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 p"]:
-        """What each stretch's friction level takes with it: (Λ⁻¹ + FᵀF)⁻¹ FᵀX, also where Λ is zero."""
+    def _known(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 2"]:
+        """By how much each stretch's friction level is known beforehand and by its rows: (Λ⁻¹ + FᵀF)⁻¹, also for Λ = 0.
+
+        Times FᵀX it is what the level takes with it.
+        """
         sizes = spread * self.level[joint]
         inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
-        return np.asarray(sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole))
+        return np.asarray(sizes[:, None] * np.linalg.inv(inner) * sizes)
 
     def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
         """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they follow, and how surely.

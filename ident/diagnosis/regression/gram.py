@@ -44,7 +44,7 @@ from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, re
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
-from ident.motion.out_of_core import SpooledArrays
+from ident.motion.out_of_core import SpooledArrays, emptied
 from ident.progress import step
 
 
@@ -72,7 +72,7 @@ class Evidence:
     dwells: tuple[DwellRows, ...] = ()
 
     def with_dwells(self) -> Evidence:
-        """The same with each joint's holds in the whitened sums, a row as one sample.
+        """The same with each joint's holds in the whitened sums, a row as one sample, and no longer beside them.
 
         Errors in N m are of motion; of a joint that hardly moves they are of its holds, too.
         """
@@ -86,7 +86,7 @@ class Evidence:
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
             samples[j] += len(held.hold)
-        return replace(self, free=tuple(white), plain=tuple(plain), samples=samples, weights=weights)
+        return replace(self, free=tuple(white), plain=tuple(plain), samples=samples, weights=weights, dwells=())
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
         """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
@@ -216,7 +216,7 @@ def gather(
     """
     settings = baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
     level = static_level(session) if rest else None
-    held_rows: list[tuple[DwellRows, ...]] = []
+    held_rows: list[list[DwellRows]] = [[] for _ in range(layout.n)]
     partition = partition or build_partition(session, settings)
     scale: Array | None = None
     sums: _Sums | None = None
@@ -239,14 +239,16 @@ def gather(
             step(part.run + 1, len(session.runs))
             if level is not None:
                 motion = session.runs[part.run].motion
-                held_rows.append(dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks))
+                found = dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks)
+                for own, one in zip(held_rows, found, strict=True):
+                    own.append(one)
         del rows, part  # before the next are made
     assert sums is not None
     assert scale is not None
     of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
     first = layout.rank + LOSS_PARAMETERS * np.arange(layout.n)
-    found = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
-    return replace(found, dwells=tuple(join_runs(parts, alike) for parts in zip(*held_rows, strict=True)))
+    evidence = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
+    return replace(evidence, dwells=tuple(join_runs(own, alike) for own in emptied(held_rows) if own))
 
 
 def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:

@@ -13,7 +13,7 @@ Source: Patterson and Thompson 1971 (restricted likelihood of a variance compone
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -90,25 +90,26 @@ def _likelihood(
     return 0.5 * (weight - left - usual)
 
 
-def estimate_held(evidence: Evidence, model: Projection) -> tuple[DwellRows, ...]:
-    """Each joint's holds with the level of static friction that what a model leaves of them speaks for.
+def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projection) -> tuple[float, ...]:
+    """The level of static friction that what a model leaves of each joint's holds speaks for [N m].
 
     With z the rows' residuals in standard deviations and h the share of each that the model took up, f_s² times
     (ν + Σ z²) / (ν + Σ (1 − h)): the guess, by the Coulomb level, counts as ν holds.
 
     Args:
         evidence: Sums with the holds in them.
+        dwells: The holds, joint by joint.
         model: A model with all that may act.
     """
     weights = residual_weights(evidence, model)
     root = np.linalg.cholesky(model.spread)
     place = {int(column): k for k, column in enumerate(model.inside)}
     found = []
-    for held, local in zip(evidence.dwells, evidence.layout.local, strict=True):
+    for held, local in zip(dwells, evidence.layout.local, strict=True):
         rows = held.weighted
         used = [k for k, column in enumerate(local) if int(column) in place]
         taken = float(np.sum((rows[:, used] @ root[[place[int(local[k])] for k in used]]) ** 2))
         holds = len(np.unique(held.hold))
         factor = (GUESS + float(np.sum((rows @ weights[local]) ** 2))) / (GUESS + max(holds - taken, 0.0))
-        found.append(replace(held, friction=held.friction * float(np.sqrt(factor))))
+        found.append(held.friction * float(np.sqrt(factor)))
     return tuple(found)
