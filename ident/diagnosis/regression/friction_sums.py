@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.design import LOSS_PARAMETERS
@@ -41,7 +42,7 @@ class FrictionSums:
         pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
         if inside is not None:
             pieces, place = pieces[inside], place[inside]
-        follow = self._known(whole, joint, spread)[place] @ whole[place]
+        follow = np.einsum("kab,kbp->kap", self._known(whole, joint, spread)[place], whole[place])
         half = pieces.reshape(-1, pieces.shape[-1]).T @ follow.reshape(-1, pieces.shape[-1])
         return np.asarray(0.5 * (half + half.T))
 
@@ -58,13 +59,11 @@ class FrictionSums:
         """
         pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
         known = self._known(whole, joint, spread)[place]
-        products = np.einsum("kap,kab,kb->kp", pieces, known, (whole @ weights)[place], optimize=True)
+        products = _along(pieces, known, (whole @ weights)[place])
         if whole is not pieces:  # what is taken off a piece is the symmetric half of what its stretch takes with it
-            other = np.einsum("kap,kab,kb->kp", whole[place], known, pieces @ weights, optimize=True)
-            products = 0.5 * (products + other)
-        found = np.zeros((count, len(weights)))
-        np.add.at(found, self.block, products)
-        return found
+            products = 0.5 * (products + _along(whole[place], known, pieces @ weights))
+        own = csr_array((np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products)))
+        return np.asarray(own @ products)
 
     def is_cut(self, folds: Int[Array, " B"]) -> bool:
         """Whether a stretch lies in several folds."""
@@ -93,7 +92,7 @@ class FrictionSums:
         for fold in range(len(own)):
             for side, inside in ((own, fold_of_piece == fold), (rest, fold_of_piece != fold)):
                 whole = self._whole(joint, inside)
-                follow = self._known(whole, joint, spread) @ whole
+                follow = np.einsum("rab,rbp->rap", self._known(whole, joint, spread), whole)
                 side[fold] -= np.tensordot(whole, follow, axes=((0, 1), (0, 1)))
         return rest, own
 
@@ -146,3 +145,10 @@ class FrictionSums:
         inverse = np.linalg.inv(information[moved])
         found = inverse @ (level[:, None] * whole[moved])
         return found.reshape(-1, whole.shape[2]), misfit * inverse
+
+
+def _along(
+    sums: Float[Array, "K 2 p"], known: Float[Array, "K 2 2"], levels: Float[Array, "K 2"]
+) -> Float[Array, "K p"]:
+    """Sums of each piece times what is known of its levels times these."""
+    return np.asarray(np.einsum("kap,ka->kp", sums, np.einsum("kab,kb->ka", known, levels)))
