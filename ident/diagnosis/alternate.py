@@ -13,6 +13,7 @@ from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import estimate_run_spread
+from ident.diagnosis.regression.wandering import log_odds_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
@@ -21,6 +22,9 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
+
+# Why a law of warmth does not stand that is hardly likelier than a random walk.
+WANDERS = "friction that wanders from run to run explains it about as well: it may be warmth, or any slow change"
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +140,22 @@ def _how_wrong(
     return prior.error, set()
 
 
+def _find_wandering(search: Search, groups: Sequence[Group], asked: Sequence[int]) -> list[int]:
+    """Which of some names are slow laws that are hardly likelier than friction that wanders from run to run."""
+    slow = [k for k in asked if groups[k].effect.by_run]
+    if not slow:
+        return []
+    settings = search.evidence.settings
+    free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, settings.wide_spread))
+    found = []
+    for k in slow:
+        model = project(free.gram(), free, search.prior, [other for other in groups if other is not groups[k]])
+        variants = [other for other in free.layout.groups if other.key == groups[k].key]
+        if log_odds_of_law(free, model, variants) < settings.wandering.least_nats:
+            found.append(k)
+    return found
+
+
 def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
     """The search once more, some names barred."""
     search = replace(sure.search, barred=sure.search.barred | names)
@@ -179,7 +199,11 @@ def _sure(
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
         hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
         refused = refused or find_uneven(search, groups, kept, hidden)
-        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
+        wanders = {} if refused else dict.fromkeys(_find_wandering(search, groups, kept), WANDERS)
+        why_not = [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in (refused | wanders).items()]
+        # Friction that varies is no gap.
+        doubted += tuple(replace(one, shows=None) if one.reason == WANDERS else one for one in why_not)
+        refused |= wanders
         if refused and len(doubted) <= most:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
