@@ -97,7 +97,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     for source in (ROOT / "ident/laws").glob("*.*"):
         (place / "ident/laws" / source.name).write_bytes(source.read_bytes())
     (place / "ident/laws/magnets.py").write_text(FILE)
-    with (place / "ident/laws/effects.toml").open("a") as table:
+    with (place / "ident/effects/effects.toml").open("a") as table:
         table.write(ROW)
     work = tmp_path_factory.mktemp("work")
     environment = {**os.environ, "PYTHONPATH": str(place)}

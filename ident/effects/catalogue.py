@@ -1,8 +1,8 @@
 """The catalogue: all effects that a diagnosis may name, and those of a user's file.
 
 How to add one stands in `docs/how-to.md`: a file with a class derived from `Effect`, given as `--catalogue`, or, for a
-law of one joint's speed, load and angle, one function in a file of `ident.laws` and one row of its `effects.toml`,
-which models and plans carry, too. What may be said of an effect beside its law has a default: see `Effect`.
+law of one joint's speed, load and angle, one function in a file of `ident.laws` and one row of `effects.toml`, which
+models and plans carry, too. What may be said of an effect beside its law has a default: see `Effect`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is known of effects, written once: their laws in NumPy, and the table `effects.toml` of all else.
+"""What is known of effects, written once: their laws in NumPy (all else stands in `ident/effects/effects.toml`).
 
 A law of one joint's speed, load and angle is one function of the states and its shape, named as its effect: the
 diagnosis, the fit, the planners' slopes and symbols and the written module all evaluate it. The text of `motion`,

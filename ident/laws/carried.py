@@ -23,7 +23,9 @@ from ident.laws.motion import direction
 # Torque of a joint for coefficients of one, by its states and what bends the law [N m].
 Columns = Callable[[JointStates, Mapping[str, float]], list[Any]]
 
-TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
+TABLE: Mapping[str, Any] = tomllib.loads(
+    (Path(__file__).parents[1] / "effects/effects.toml").read_text(encoding="utf-8")
+)
 Shape = Mapping[str, float]
 # Largest exponent of a law that is believed: no friction bends more, and a file may hold anything.
 LARGEST_EXPONENT = 10.0

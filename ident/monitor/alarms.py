@@ -9,7 +9,7 @@ and spread:
     B_k(m) = (1 + c² d'd)^(-1/2) · [ S / (S - c² (d'x)² / (1 + c² d'd)) ]^((m - 1)/2),
 
 d the step at k less its mean, S the sum of squares about the mean. So under the null hypothesis B_k is a martingale
-that starts at 1, whatever the spread. Its growth from one session to the next is cut at `MOST_GROWTH`, which makes it
+that starts at 1, whatever the spread. Its growth from one session to the next is cut at `most_growth`, which makes it
 a supermartingale: one odd session, in days that are not normally distributed, can't raise an alarm alone. Over all k
 the evidence is a sum with weights w_k that add up to one, the weight of changes that are still to come counting as it
 is. Then by Ville's inequality
@@ -36,26 +36,15 @@ from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.monitor.estimates import SCALED, UNITS, ParameterEstimate
-from ident.records import Record
+from ident.records import Record, read_group
 
-# Sessions before the first change that is looked for: three give a mean and a spread.
-LEAST_BEFORE = 3
-# Prior spread of a change, in day-to-day spreads: changes that matter are one to five of them.
-CHANGE_SIZE = 2.0
-# Half of all weight lies on changes within so many sessions after the first ones: half a year of weekly sessions.
-HALF_WEIGHT = 30.0
-# Most that one session may multiply the evidence with. In drawn arm-years of 34 parameters, level 5 %, it gave an alarm
-# to none of 100 with normal days, none of 100 with Student's t of three degrees of freedom, and 10 of 160 with
-# lognormal days; without a cut one parameter in twelve of such t-distributed days reaches an arm's alarm.
-MOST_GROWTH = 20.0
-# Differences below this share of the values are rounding.
-ROUNDING = 1e-12
+LIMIT = read_group(__file__, "alarms")
 
 
 def prior_weight(before: Float[Array, " k"] | Array) -> Float[Array, " k"]:
     """Weight of a change after so many values: 1 over the square for late ones, adds up to one over all."""
-    place = before - LEAST_BEFORE
-    return HALF_WEIGHT / ((place + HALF_WEIGHT) * (place + HALF_WEIGHT + 1.0))
+    place = before - LIMIT.least_before
+    return LIMIT.half_weight / ((place + LIMIT.half_weight) * (place + LIMIT.half_weight + 1.0))
 
 
 class EProcess:
@@ -77,12 +66,12 @@ class EProcess:
         """
         self._values.append(value)
         m = len(self._values)
-        if m <= LEAST_BEFORE:
+        if m <= LIMIT.least_before:
             return self.evidence
-        before = np.arange(LEAST_BEFORE, m)
+        before = np.arange(LIMIT.least_before, m)
         now = self._log_bayes_factors(before)
         last, grown = np.append(self._last, 0.0), np.append(self._grown, 0.0)
-        self._grown, self._last = grown + np.minimum(now - last, np.log(MOST_GROWTH)), now
+        self._grown, self._last = grown + np.minimum(now - last, np.log(LIMIT.most_growth)), now
         weight = prior_weight(before)
         share = weight * np.exp(np.minimum(self._grown, 700.0))
         self.evidence = float(share.sum() + 1.0 - weight.sum())
@@ -93,13 +82,13 @@ class EProcess:
         """log B_k of the values so far, for changes after `before` of them."""
         x = np.array(self._values) - self._values[0]
         m, sums, squares = len(x), np.cumsum(x), float(x @ x)
-        spread = max(squares - sums[-1] ** 2 / m, ROUNDING * squares, 1e-300)
+        spread = max(squares - sums[-1] ** 2 / m, LIMIT.rounding * squares, 1e-300)
         after = m - before
         length = before * after / m
         along = sums[-1] - sums[before - 1] - after * sums[-1] / m
-        explained = CHANGE_SIZE**2 * along**2 / (1.0 + CHANGE_SIZE**2 * length)
-        left = np.maximum(spread - explained, ROUNDING * spread)
-        return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(CHANGE_SIZE**2 * length)
+        explained = LIMIT.change_size**2 * along**2 / (1.0 + LIMIT.change_size**2 * length)
+        left = np.maximum(spread - explained, LIMIT.rounding * spread)
+        return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(LIMIT.change_size**2 * length)
 
 
 # Outliers: sessions in which one parameter is far from all its other days, as when a tool was left on.
@@ -107,12 +96,6 @@ class EProcess:
 # change (deleted residual, Student's t); the level is shared between all estimates of the arm (Bonferroni). So a look
 # at normal days has a false hint with that chance; unlike an alarm's, it is one look's, not that of all looks
 # together.
-
-
-# Chance of a false hint in one look at an arm.
-OUTLIER_LEVEL = 0.05
-# Other sessions by which the usual is known.
-LEAST_OTHERS = 4
 
 
 @dataclass(frozen=True)
@@ -143,14 +126,14 @@ def find_outliers(
         stretch = list(accumulate(point.session in starts for point in points))
         for i, point in enumerate(points):
             others = np.array([one.value for k, one in enumerate(points) if stretch[k] == stretch[i] and k != i])
-            if len(others) < LEAST_OTHERS:
+            if len(others) < LIMIT.least_others:
                 continue
             usual, spread = float(others.mean()), float(others.std(ddof=1))
             # An estimate that is itself uncertain may lie as far off as its own error allows.
             scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
             p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
             known = found.get(point.session)
-            if p * tests < OUTLIER_LEVEL and (known is None or p < known.p_value):
+            if p * tests < LIMIT.outlier_level and (known is None or p < known.p_value):
                 found[point.session] = Outlier(arm, joint, figure, point.session, point.value, usual, spread, p)
     return tuple(found.values())
 
@@ -165,18 +148,6 @@ def find_outliers(
 # changed: another current gain, another firmware, another drive. For each, r = log(mean after / mean before); these
 # must agree (their spread about the weighted mean by χ²), several must have changed, and the common change must be
 # sure.
-
-
-# Chance of any false alarm in an arm's life.
-LEVEL = 0.05
-# Evidence of one parameter alone from which on it is a hint, no alarm yet: of arms in which nothing changes, one
-# look in twenty has one (32 parameters, normal days, 1 to 40 sessions).
-HINT = 10.0
-# A session whose estimate is this many times less certain than is usual says nothing about day-to-day spread: it is
-# passed over. Whether it is follows from its motions alone, not from what they gave.
-WORST_ERROR = 2.0
-# They agree unless so improbable; one has changed beyond so many standard errors; so many of them must have.
-AGREE, CHANGED, LEAST_CHANGED = 0.01, 3.0, 2
 
 
 @dataclass(frozen=True)
@@ -224,13 +195,13 @@ class _Stream:
     def take(self, point: Point) -> None:
         """One more session."""
         usual = np.median([one.std for one in self.points]) if self.points else np.inf
-        if point.std <= WORST_ERROR * usual:
+        if point.std <= LIMIT.worst_error * usual:
             self.points.append(point)
             self.bets.add(point.value)
 
 
 def find_changes(
-    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LEVEL
+    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LIMIT.level
 ) -> tuple[tuple[Alarm, ...], Alarm | None]:
     """All alarms in an arm's history, as they would have been raised session by session, and what may be the next.
 
@@ -271,7 +242,7 @@ def find_changes(
             if key in named:
                 streams[key] = _Stream()
     first = max(streams, key=lambda key: streams[key].evidence, default=None)
-    if first is None or streams[first].evidence < HINT:
+    if first is None or streams[first].evidence < LIMIT.hint:
         return tuple(alarms), None
     return tuple(alarms), _describe(arm, first, streams, order[-1], evidence)
 
@@ -325,12 +296,12 @@ def gain_change(
         variance = square * (1 / len(early) / early.mean() ** 2 + 1 / len(late) / late.mean() ** 2)
         ratios.append(np.log(late.mean() / early.mean()))
         variances.append(max(variance / (len(early) + len(late) - 2), 1e-12))
-    if len(ratios) < LEAST_CHANGED:
+    if len(ratios) < LIMIT.least_changed:
         return None
     r, v = np.array(ratios), np.array(variances)
     mean, error = float((r / v).sum() / (1 / v).sum()), float((1 / v).sum() ** -0.5)
-    alike = chdtrc(len(r) - 1, float(((r - mean) ** 2 / v).sum())) > AGREE
-    several = int((np.sign(mean) * r / np.sqrt(v) > CHANGED).sum()) >= LEAST_CHANGED
+    alike = chdtrc(len(r) - 1, float(((r - mean) ** 2 / v).sum())) > LIMIT.agree
+    several = int((np.sign(mean) * r / np.sqrt(v) > LIMIT.changed).sum()) >= LIMIT.least_changed
     if not (alike and several):
         return None
     reach = float(ndtri(0.975)) * error

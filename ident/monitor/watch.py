@@ -16,7 +16,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError, plural
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
-from ident.monitor.alarms import LEVEL, Alarm, Outlier, Point, find_changes, find_outliers
+from ident.monitor.alarms import LIMIT, Alarm, Outlier, Point, find_changes, find_outliers
 from ident.monitor.estimates import UNITS, estimate_session, unit_of
 from ident.monitor.store import DONE, STORE_KIND, FoundSession, Store, as_text, date_of, find_sessions, write_rows
 from ident.motion.motion import prepare
@@ -128,7 +128,7 @@ class Watch(Result):
     arms: tuple[ArmHistory, ...]  # every arm in the store
     fresh: tuple[str, ...] = ()  # sessions that were examined this time
     waiting: tuple[str, ...] = ()  # sessions that are still being written
-    level: float = LEVEL  # chance of any false alarm in an arm's life
+    level: float = LIMIT.level  # chance of any false alarm in an arm's life
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -218,7 +218,7 @@ def look(
     return Watch(arms, tuple(sorted(finished)), waiting, options.level)
 
 
-def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]:
+def read_histories(store: Store, level: float = LIMIT.level) -> tuple[ArmHistory, ...]:
     """Every arm's history and alarms, from the store alone."""
     tables: list[dict[str, list[dict[str, Any]]]] = []
     for kind in ("sessions", "figures", "effects"):
@@ -229,7 +229,7 @@ def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]
     return tuple(make_history(arm, sessions[arm], figures[arm], effects[arm], level) for arm in sorted(sessions))
 
 
-def make_history(arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LEVEL) -> ArmHistory:
+def make_history(arm: str, sessions: Rows, figures: Rows, effects: Rows = (), level: float = LIMIT.level) -> ArmHistory:
     """An arm's history from the rows of the store."""
     ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))
     order = [row["session"] for row in ordered if row["status"] == "done"]

@@ -7,17 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.monitor.alarms import (
-    LEAST_BEFORE,
-    MOST_GROWTH,
-    Alarm,
-    EProcess,
-    Point,
-    find_changes,
-    find_outliers,
-    gain_change,
-    prior_weight,
-)
+from ident.monitor.alarms import LIMIT, Alarm, EProcess, Point, find_changes, find_outliers, gain_change, prior_weight
 from ident.monitor.estimates import HABIT, Estimates, ParameterEstimate, estimate_session, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -135,7 +125,7 @@ def test_however_often_one_looks_false_alarms_stay_below_the_level() -> None:
     # A supermartingale: its mean after 8 sessions is at most one; the weights of all changes add up to one.
     last = np.array([evidence(rng.standard_normal(8))[-1] for _ in range(2000)])
     assert last.mean() <= 1.0 + 4.0 * last.std() / np.sqrt(len(last))
-    assert 0.999 < prior_weight(np.arange(LEAST_BEFORE, 100_000)).sum() < 1.0
+    assert 0.999 < prior_weight(np.arange(LIMIT.least_before, 100_000)).sum() < 1.0
 
 
 NOISE = 0.2
@@ -241,13 +231,13 @@ def test_a_change_is_told_and_dated() -> None:
 
 
 def test_one_odd_session_raises_no_alarm() -> None:
-    """However far off, it multiplies the evidence by `MOST_GROWTH` at most, and the next ones take that back."""
+    """However far off, it multiplies the evidence by `LIMIT.most_growth` at most, and the next ones take that back."""
     rng = np.random.default_rng(3)
     values = rng.standard_normal(30)
     values[15] = 1e6
     found = evidence(values)
-    assert found[15] <= MOST_GROWTH * found[14] + 1.0
-    assert found[-1] < MOST_GROWTH
+    assert found[15] <= LIMIT.most_growth * found[14] + 1.0
+    assert found[-1] < LIMIT.most_growth
     assert evidence(np.full(10, 3.7)).max() <= 1.0  # no spread at all, as of a counter
 
 
