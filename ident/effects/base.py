@@ -305,9 +305,9 @@ class StatesEffect(Effect):
             found.append(evaluate(self.states.columns, at, shape))
         return found
 
-    def at_state(self, shape: Mapping[str, float], q: float = 0.0, dq: float = 0.0, load: float = 0.0) -> Array:
-        """Its columns at one state, sliding in the direction of the speed: what sentences evaluate, shape (k,)."""
-        at = JointStates(*(np.array([value]) for value in (q, dq, load, float(np.sign(dq)))))
+    def at_state(self, shape: Mapping[str, float], dq: float, load: float = 0.0) -> Array:
+        """Its columns at an angle of zero, sliding as the speed says: what sentences evaluate, shape (k,)."""
+        at = JointStates(*(np.array([value]) for value in (0.0, dq, load, float(np.sign(dq)))))
         return evaluate(self.states.columns, at, shape)[0]
 
     def parameters(

@@ -25,9 +25,9 @@ CHANGEABLE = sorted(
 CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
 
 
-def ids(flag: str, of: Sequence[Effect] = CHANGES) -> frozenset[str]:
+def ids(flag: str) -> frozenset[str]:
     """The changes of which something is known (`AsChange`)."""
-    return frozenset(one.id for one in of if getattr(one.as_change, flag))
+    return frozenset(one.id for one in CHANGES if getattr(one.as_change, flag))
 
 
 # Those whose own columns, in all runs alike, say nothing that the tuned baseline does not say already.

@@ -71,7 +71,6 @@ def map_gap(
     joints: Sequence[str],
     noise: Whitening,
     rng: np.random.Generator,
-    views: Sequence[View] = VIEWS,
     settings: MapSettings = USUAL_MAP,
 ) -> dict[View, list[Place]]:
     """All cells of every joint that has a gap, joint by joint and axis by axis, in each view.
@@ -81,13 +80,12 @@ def map_gap(
         joints: Joint names.
         noise: Noise of each joint.
         rng: For the signs.
-        views: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF fixed.
         settings: How time and the axes are cut, and where a joint is on the map.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
     labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
     axes = session_axes(series)
-    maps: dict[View, list[Place]] = {view: [] for view in views}
+    maps: dict[View, list[Place]] = {view: [] for view in VIEWS}
     for view, places in maps.items():
         for j, name in enumerate(joints):
             one = _JointMap(series, labels, name, j, view, settings)
