@@ -1,8 +1,8 @@
 """A diagnosis in words: its verdict, what to do first, what is not known.
 
-One order holds for all words, that of the map: the joint of its first place, of the largest gap, leads. The first line
-begins with it, what to do first is about it, and of the names those that show there come first. A torque that is off by
-a factor is a gap of its joint like any other: it is said of the joint that leads, or after the verdict.
+One order holds for all words, that of the map: the joint of its first place leads, one whose whole torque is off by a
+factor, else of the largest gap. The first line begins with it, what to do first is about it, and of the names those
+that show there come first. A factor of a joint that has no gap is said after the verdict.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The leading joint's gap where no name of its own says it, the verdict, and a torque off by a factor elsewhere."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
-    largest = f"The gap is largest at {joint}, {size}"
     misread = scale is not None and joint in scale["joints"]
     if scale and misread:
-        lead = f"{largest}: {scale['reading']}." if record.get("where") else f"{scale['reading']}."
+        lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
-        elsewhere = f"{scale['reading']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
+        elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
-        lead = f"{largest}, {there}."
+        lead = f"The gap is largest at {joint}, {size}, {there}."
     more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
     names = [called(finding, joint) for finding in shown[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
-    words = f"Beyond that, {words[:1].lower()}{words[1:]}" if misread else words
+    if scale and misread:
+        words = f"A body may be why. {words}" if scale["bodily"] else f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
 
 
@@ -173,7 +173,7 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     joints = sorted(off["joints"], key=lambda one: one != lead)
     readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
     others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
-    texts = {"reading": f"{readings[0]}{where}{others}", "readings": f"{'; '.join(readings)}{where}"}
+    texts = {"reading": f"{readings[0]}{where}", "others": others, "readings": f"{'; '.join(readings)}{where}"}
     return {**off, **texts, "joints": joints, "bodily": body}
 
 

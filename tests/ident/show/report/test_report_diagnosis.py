@@ -260,7 +260,7 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
     assert re.findall("elbow|wrist|base|knee", action)[0] == mapped
     gap, reading = f"The gap is largest at {mapped}, 0.50 N m beyond noise", f"{scale} reads 1.10 ± 0.02 in session"
     if scale == mapped:
-        assert line.startswith(f"{gap}: {reading}. Beyond that, the gap ")
+        assert line.startswith(f"{reading} (0.50 N m beyond noise). Beyond that, the gap ")
         assert action == f"{reading}: check its drive gain."
         return
     assert line.endswith(f" {reading}. Check its drive gain.") is bool(scale)
@@ -279,7 +279,7 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record["provenance"] = {"sessions": ["s"]}
     line = diagnosis_headline(record)
     assert line.startswith(
-        "The gap is largest at elbow, 2.0 N m beyond noise: elbow reads 1.32 ± 0.05; off as well: wrist."
+        "elbow reads 1.32 ± 0.05 (2.0 N m beyond noise); off as well: wrist. A body may be why. The gap has a name: payl"
     )
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
