@@ -33,6 +33,7 @@ from ident.show.report.words import (
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
+GAINS = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they act on other joints' torque, too
 
@@ -97,13 +98,19 @@ def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first."""
-    lead = leading_joint(record)[0]
+    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first.
+
+    Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it.
+    """
+    lead, findings = leading_joint(record)[0], record.get("findings", [])
+    off = {joint for one in record.get("telemetry", []) if one["issue"] == MISREAD for joint in one["joints"]}
+    factors = [one for one in findings if one["effect"] in GAINS and is_likely(one) and off & {*one["joints"]}]
+    factors = factors if any(lead in one["joints"] for one in factors) else []
 
     def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:
-        return lead not in one["joints"], lead not in joints_shown(one), not is_likely(one)
+        return one not in factors, lead not in one["joints"], lead not in joints_shown(one), not is_likely(one)
 
-    return sorted(record.get("findings", []), key=rank)
+    return sorted(findings, key=rank)
 
 
 def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
@@ -154,11 +161,10 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     shown = in_order_of_joints(record)
     likely = [one for one in shown if is_likely(one)]
     bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
-    gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
     if off is None or record["verdict"] == "refused":
         return None
-    gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
-    if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
+    gained = {joint for one in likely if one["effect"] in GAINS for joint in one["joints"]}
+    if set(off["joints"]) <= gained and likely[0]["effect"] in GAINS:
         return None
     after, gap = record.get("heldout", {}).get("rms_after_Nm", {}), record.get("gap", {})
     turned = {joint for one in likely if one["effect"] in ELSEWHERE - bodies for joint in joints_shown(one)}

@@ -114,7 +114,7 @@ lower_deg = [-90, -0.2, -90]
 
 
 def test_what_a_scene_says_of_joints_that_slide_is_in_metres(tmp_path: Path) -> None:
-    """Law: in every list of a scene file a joint that turns has degrees and one that slides metres; so in what is said."""
+    """Law: lists of a scene file have degrees for joints that turn and metres for those that slide."""
     arm, file = sliding_arm(), tmp_path / "arm.urdf"
     file.write_text(arm.urdf)
     (tmp_path / "scene.toml").write_text(SLIDES.format(robot=file, goal=0.1))

@@ -279,7 +279,7 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record["provenance"] = {"sessions": ["s"]}
     line = diagnosis_headline(record)
     assert line.startswith(
-        "elbow reads 1.32 ± 0.05 (2.0 N m beyond noise); off as well: wrist. A body may be why. The gap has a name: payl"
+        "elbow reads 1.32 ± 0.05 (2.0 N m beyond noise); off as well: wrist. A body may be why. The gap has a name"
     )
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
@@ -321,6 +321,18 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert diagnosis_headline(two).startswith(
         "elbow reads 1.32 ± 0.05 of the model's gravity torque; off as well: wrist."
     )
+
+
+def test_gains_of_all_joints_that_are_off_stand_first() -> None:
+    """Law: where the leading joint's factor has a name those of others come next, before all else that it has."""
+    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record["where"] = [{"joint": "wrist", "beyond_noise_Nm": 9.0}]
+    record["findings"] += [
+        {**record["findings"][0], "effect": effect, "joints": ["wrist"]}
+        for effect in ("spring_torque", "torque_gain_error")
+    ]
+    order = [(one["effect"], *one["joints"]) for one in in_order_of_joints(record)]
+    assert order == [("torque_gain_error", "wrist"), ("torque_gain_error", "elbow"), ("spring_torque", "wrist")]
 
 
 def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
