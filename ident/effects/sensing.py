@@ -46,8 +46,8 @@ class TorqueGainError(Effect):
         model, log = (joined(session, signal, joint) for signal in ("total", "tau"))
         size = float(log @ model) / max(float(model @ model), 1e-300)
         share = coefficient_interval(0, coefficients, covariance)
-        ends = (one / max(size - one, 1e-3) for one in (share.value, share.low, share.high))
-        return {"gain": Interval(*ends)}
+        value, low, high = (one / max(size - one, 1e-3) for one in (share.value, share.low, share.high))
+        return {"gain": Interval(value, low, high)}
 
 
 class TorqueOffset(Effect):

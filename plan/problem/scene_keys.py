@@ -130,9 +130,10 @@ class SceneTable:
 
     def _checked(self, key: str, found: Any, known: SceneKey) -> Any:
         """A value of the kind that the key asks for."""
-        of_joints = known.count == "joints" and self.joints is not None
-        count = len(self.joints) if of_joints else None if known.count == "joints" else known.count
-        slides = self.joints if of_joints else False
+        count, slides = known.count, np.zeros(1, dtype=bool)
+        if count == "joints":
+            count = None if self.joints is None else len(self.joints)
+            slides = slides if self.joints is None else self.joints
         if known.kind in ("number", "angle"):
             value = self._number(key, found, known)
             return math.radians(value) if known.kind == "angle" else value
