@@ -153,7 +153,7 @@ def _motion_title(result: PlanResult) -> str:
     duration, energy = float(splines.total[0]), certificate.energy[result.metric]
     clearance = 1000 * certificate.closest.proven
     unit = "N² m² s" if result.metric == "copper" else "J"
-    near = f", at least {clearance:.0f} mm clear of all boxes" if clearance < 1000 else ""
+    near = f", at least {clearance:.0f} mm clear of everything" if clearance < 1000 else ""
     return f"{result.method}: {duration:.3f} s, {energy:.2f} {unit} ({result.metric}){near}"
 
 

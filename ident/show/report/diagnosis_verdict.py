@@ -50,15 +50,25 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
         lead = f"The gap is largest at {joint}, {size}, {there}."
-    more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
-    names = [called(finding, joint) for finding in shown[:3]]
+    # A gain of a joint that reads a factor is only another name of it.
+    other = [one for one in shown if not (scale and misread and _is_gain_of(one, scale["joints"]))]
+    listed = other or shown
+    more = f", and {len(listed) - 3} more" if len(listed) > 3 else ""
+    names = [called(finding, joint) for finding in listed[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
-    has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
+    has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
-    if scale and misread:
-        words = f"A body may be why. {words}" if scale["bodily"] else f"Beyond that, {words[:1].lower()}{words[1:]}"
+    if scale and misread and scale["bodily"]:
+        words = f"A body may be why. {words}"
+    elif misread and (other or not shown):
+        words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
+
+
+def _is_gain_of(finding: Mapping[str, Any], joints: Collection[str]) -> bool:
+    """Whether a name is a gain, and of some joints alone."""
+    return finding["effect"] in GAINS and {*finding["joints"]} <= {*joints}
 
 
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
@@ -104,7 +114,7 @@ def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """
     lead, findings = leading_joint(record)[0], record.get("findings", [])
     off = {joint for one in record.get("telemetry", []) if one["issue"] == MISREAD for joint in one["joints"]}
-    factors = [one for one in findings if one["effect"] in GAINS and is_likely(one) and off & {*one["joints"]}]
+    factors = [one for one in findings if is_likely(one) and _is_gain_of(one, off)]
     factors = factors if any(lead in one["joints"] for one in factors) else []
 
     def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:

@@ -323,6 +323,15 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     )
 
 
+def test_a_factors_gain_is_not_beyond_the_factor() -> None:
+    """Law: a gain of a joint whose factor is said is only another name of it: others are listed, or it stands alone."""
+    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record |= {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    assert diagnosis_headline(record).endswith("wrist. The gap has a name: torque gain error in elbow.")
+    record["findings"] += acted_on("spring_torque", 0.97)["findings"]
+    assert diagnosis_headline(record).endswith("wrist. Beyond that, the gap has a name: spring torque in elbow.")
+
+
 def test_gains_of_all_joints_that_are_off_stand_first() -> None:
     """Law: where the leading joint's factor has a name those of others come next, before all else that it has."""
     record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
