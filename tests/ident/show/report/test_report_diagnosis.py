@@ -302,11 +302,14 @@ def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> No
 
 @pytest.mark.parametrize(("left", "off"), [(0.31, False), (0.8, True)])
 def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool) -> None:
-    """Law: what turns gravity at several joints, and leaves noise, is what read as a factor before it was known."""
+    """Law: what turns gravity at several joints, and closes the gap there, is what read as a factor without it.
+
+    Also where tuning had absorbed it: what the name closes counts, not what the tuned model leaves.
+    """
     record = acted_on("encoder_offset", 0.97, SCALE)
-    record["findings"][0] |= {"joints": ["shoulder"], "heldout": {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}}}
-    record["gap"] = {name: {"rms_Nm": 1.2, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
-    record["heldout"] = {"rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
+    errors = {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}, "rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
+    record["findings"][0] |= {"joints": ["shoulder"], "heldout": errors}
+    record["gap"] = {name: {"rms_Nm": 0.3, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
     assert ("elbow reads 1.32" in diagnosis_headline(record)) is off
 
 
@@ -330,6 +333,27 @@ def test_a_factors_gain_is_not_beyond_the_factor() -> None:
     assert diagnosis_headline(record).endswith("wrist. The gap has a name: torque gain error in elbow.")
     record["findings"] += acted_on("spring_torque", 0.97)["findings"]
     assert diagnosis_headline(record).endswith("wrist. Beyond that, the gap has a name: spring torque in elbow.")
+
+
+@pytest.mark.parametrize(("gain", "same"), [(0.3, True), (-0.09, False)])
+def test_a_gain_of_the_other_side_is_no_name_of_a_factor(gain: float, same: bool) -> None:
+    """Law: a joint that reads 1.32 of gravity is not explained by a gain that reads too little; both are said."""
+    record = acted_on("torque_gain_error", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    record["findings"][0]["parameters"] = {"gain": {"value": gain, "low": gain - 0.02, "high": gain + 0.02}}
+    line = diagnosis_headline(record)
+    assert line.startswith("elbow reads 1.32") is not same
+    assert ("Beyond that, the gap has a name: torque gain error in elbow" in line) is not same
+    assert first_action(record) == "Do so." if same else first_action(record).startswith("elbow reads 1.32")
+
+
+@pytest.mark.parametrize("joint", ["elbow", "wrist"])
+def test_a_body_may_be_the_factor_of_joints_that_carry_it(joint: str) -> None:
+    """Law: a body on a link loads the joints before it, also where tuning hides that; none behind it."""
+    record = acted_on("link_inertial_error", 0.97, {**SCALE, "joints": [joint]})
+    record |= {"joints": ["shoulder", "elbow", "forearm", "wrist"], "where": [{"joint": joint}]}
+    record["findings"][0]["joints"] = ["forearm"]
+    assert ("A body may be why." in diagnosis_headline(record)) is (joint == "elbow")
+    assert (first_action(record) == "Do so.") is (joint == "elbow")
 
 
 def test_gains_of_all_joints_that_are_off_stand_first() -> None:
