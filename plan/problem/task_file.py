@@ -12,7 +12,6 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.recordings.recording import Payload
-from ident.robot.arm import ArmModel
 from ident.safe_read import read_toml
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.solids import Box, Kind, Solid
@@ -145,6 +144,9 @@ def load_task(path: str | Path) -> Task:
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
     robot, given = top.need("robot"), len(top.table("task")["start_deg"])
+    top.table("limits")
+    from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
+
     slides = np.append(ArmModel.load(robot).sliding_joints, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
     task, limits = top.table("task"), top.table("limits")
