@@ -57,7 +57,9 @@ from ident.robot.names import robot_argument
 # By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
 AS_GIVEN = 1e5
 # Why a name does not stand that a discrepancy explains about as cheaply.
-NO_LAW = "a flexible function of the joint's state explains it about as cheaply: more likely no law of its own than one"
+NO_LAW = (
+    "a flexible function of the joint's state explains as much about as cheaply: more likely no such law is at work"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,9 @@ def diagnose(
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         judged,
         [NamedPlace(one.joints, one.hidden) for one in findings]
-        + [NamedPlace(one.joints, dict.fromkeys(one.joints, np.inf)) for one in telemetry if one.issue == MISREAD],
+        + [
+            NamedPlace(one.joints, dict.fromkeys(one.joints, np.inf), True) for one in telemetry if one.issue == MISREAD
+        ],
         settings.verdict.loud,
     )
     diagnosis = Diagnosis(

@@ -81,8 +81,12 @@ def diagnose_reports(
 def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
     """What an action rests on that is in doubt at its joints: a guess, or what their torque reads of gravity's."""
     words = {"guessed_gains": "; the drive gain of {} is a guess"}
-    if not finding.estimate.group.effect.as_change.exact:  # which may be the factor
-        words[MISREAD] = "; first mend the factor by which the torque of {} is off, for this size goes with it"
+    change = finding.estimate.group.effect.as_change
+    if not change.exact:  # which may be the factor, as a body may
+        mend_first = "; first mend the factor by which the torque of {} is off, for this size goes with it"
+        words[MISREAD] = (
+            "; check the drive gain of {}, too: its torque is off by a factor" if change.body else mend_first
+        )
     doubted = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
     own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in doubted.items()}
     return "".join(words[kind].format(names) for kind, names in own.items() if names)

@@ -35,6 +35,20 @@ class TorqueGainError(Effect):
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.total[:, [joint]] for run in session.runs]
 
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        """The gain g of the true torque, whatever of it the tuned inertias have taken on.
+
+        Its column is τ_model as tuned before, which a log with a wrong gain has tuned, too. With k the log as a
+        multiple of τ_model (least squares), the coefficient c leaves (k - c) τ_model as true torque: g = c / (k - c).
+        """
+        model, log = (joined(session, signal, joint) for signal in ("total", "tau"))
+        size = float(log @ model) / max(float(model @ model), 1e-300)
+        share = coefficient_interval(0, coefficients, covariance)
+        value, low, high = (one / max(size - one, 1e-3) for one in (share.value, share.low, share.high))
+        return {"gain": Interval(value, low, high)}
+
 
 class TorqueOffset(Effect):
     """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid).

@@ -66,7 +66,8 @@ def search(
     first = [hinted if hinted in FAMILIES else "wide"] * int(HINTED_SHARE * count)
     for family in first + [names[k % len(names)] for k in range(count - len(first))]:
         attempt(family, rng.uniform(0.0, 1.0, RunSet.freedom(family, joints)))
-    finalists = _best_of_families(done)[:FINALISTS]
+    # None where no start fits: no step from one will.
+    finalists = [one for one in _best_of_families(done) if np.isfinite(one.rate)][:FINALISTS]
     for i, best in enumerate(finalists):  # a (1 + 1) evolution strategy in the unit cube
         reach = STEP
         for _ in range((evaluations - len(done)) // (len(finalists) - i)):
@@ -113,7 +114,7 @@ class Designer:
         around: What stands around the arm, and limits inside the robot's.
 
     Raises:
-        RobotError: A link has no shape.
+        RobotError: A link has no shape, or two are too near one another wherever the arm is.
     """
 
     def __init__(
@@ -121,6 +122,7 @@ class Designer:
     ) -> None:
         self.arm, self.options, self.hypotheses = arm, options, hypotheses
         self.predictor, self.feasible = Predictor.of(arm, hypotheses.noise), Feasibility(arm, options.shapes, around)
+        self.feasible.require_room()
         home = np.array(self.feasible.limits.centre)
         self.general = RunSet("wide", WIDE_FIGURES, home, hypotheses.joint, options.seed)
         self.hypotheses = replace(hypotheses, testable=self._testable())

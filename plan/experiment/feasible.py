@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import InputError
+from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from ident.trajectories.kinds import MotionLimits, thin
@@ -24,6 +24,9 @@ from plan.problem.task_file import Surroundings, floor_box, load_surroundings
 MARGINS = (0.01, 0.005, 0.001)
 # Largest move of a joint between two looks of the quick check [rad].
 STEP = 0.04
+# Positions by chance, at one of which at least each two shapes must keep their distance.
+POSITIONS = 500
+LEAVE_OUT = "give other --shapes, or leave the pair out by an SRDF (srdf of --scene)"
 # Positions that the proof walks over at once.
 STRIDE = 4096
 HIGHEST_FLOOR = 10.0
@@ -61,6 +64,20 @@ class Feasibility:
             carried=around.attached,
             disabled=None if around.srdf is None else read_disabled(around.srdf, arm),
         )
+
+    def require_room(self) -> None:
+        """Raises RobotError, with the pair, where two shapes are too near one another at whatever position is tried."""
+        limits = self.limits
+        bounded = np.isfinite(limits.upper - limits.lower)
+        low, high = (np.where(bounded, one, side) for one, side in ((limits.lower, -np.pi), (limits.upper, np.pi)))
+        gaps = self.scene.gaps(np.random.default_rng(0).uniform(low, high, (POSITIONS, len(low))))
+        most = gaps.max(axis=0, initial=-np.inf)
+        if len(most) and most.min() <= MARGINS[0]:
+            pair, best = int(most.argmin()), 1e3 * float(most.min())
+            reads = f"overlap by {-best:.0f} mm" if best < 0.0 else f"are {best:.0f} mm apart"
+            what = f"{self.scene.pair_name(pair)} {reads} at best, of {POSITIONS} positions within the limits"
+            remedy = "lower the floor (--floor METRES, or none)" if FLOOR in self.scene.names_of(pair) else LEAVE_OUT
+            raise RobotError(self.scene.arm.name, what, remedy)
 
     def allows(self, motion: ReferenceMotion) -> bool:
         """Whether a motion keeps all limits and, by the quick check, its distance from itself."""
@@ -105,7 +122,7 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
         InputError: The floor's height is no number.
         InputError: The scene file is at fault, or another robot's.
     """
-    around = OPEN if options.scene is None else load_surroundings(options.scene, arm.n)
+    around = OPEN if options.scene is None else load_surroundings(options.scene, arm.sliding_joints)
     robot = around.robot
     if robot is not None and arm.source is not None and find_urdf(robot).resolve() != arm.source.resolve():
         raise InputError(around.source, f"it is for {robot!r}, the robot is {arm.name!r}", "give its --robot")

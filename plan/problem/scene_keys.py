@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.robot.urdf import rpy_to_matrix
 
@@ -25,7 +25,8 @@ class SceneKey:
     """A key of a scene file."""
 
     says: str  # its meaning, for people
-    # What it holds: one number or several, degrees that become radians (`angle`, `angles`, `rows` of them), one number
+    # What it holds: one number or several, degrees that become radians (`angle`; `angles`, `rows` of them, one a joint;
+    # of joints that slide metres), one number
     # for three (`scale`), a unit vector (`direction`), a rotation matrix (`turn`, `quaternion`), `text`, a `flag`, a
     # `whole` number; what is `any` is looked at by whoever reads it.
     kind: str = "any"
@@ -46,6 +47,11 @@ KEYS: dict[str, Keys] = {
 }
 
 
+def as_given(value: float, slides: bool, digits: int = 1) -> str:
+    """A joint's position [rad or m] in words, as a scene file has it."""
+    return f"{value:.{digits + 2}f} m" if slides else f"{math.degrees(value):.{digits}f} deg"
+
+
 class SceneTable:
     """One table of a scene file; what is wrong in it is named with the file and the key.
 
@@ -54,10 +60,12 @@ class SceneTable:
         name: What the table is called in messages; nothing for the top of the file.
         entry: Its keys and values.
         keys: Keys that it may have; those of `KEYS` under its name if None.
-        joints: How many joints move, where that is known.
+        joints: Whether each joint that moves slides, where that is known: its numbers are metres, not degrees.
     """
 
-    def __init__(self, file: Path, name: str, entry: Any, keys: Keys | None = None, joints: int | None = None) -> None:
+    def __init__(
+        self, file: Path, name: str, entry: Any, keys: Keys | None = None, joints: Bool[Array, " n"] | None = None
+    ) -> None:
         if not isinstance(entry, dict):
             raise InputError(file, f"{name} is not a table", f"write [{name}] and its keys")
         self.file, self.name, self.entry, self.joints = file, name, entry, joints
@@ -122,7 +130,10 @@ class SceneTable:
 
     def _checked(self, key: str, found: Any, known: SceneKey) -> Any:
         """A value of the kind that the key asks for."""
-        count = self.joints if known.count == "joints" else known.count
+        count, slides = known.count, np.zeros(1, dtype=bool)
+        if count == "joints":
+            count = None if self.joints is None else len(self.joints)
+            slides = slides if self.joints is None else self.joints
         if known.kind in ("number", "angle"):
             value = self._number(key, found, known)
             return math.radians(value) if known.kind == "angle" else value
@@ -130,7 +141,7 @@ class SceneTable:
             values = self._numbers(key, found, count, known.positive)
             if np.abs(values).max() > known.most:
                 raise self.fault(key, f"has {np.abs(values).max():.3g}, beyond {known.most:g}", "give metres")
-            return np.radians(values) if known.kind == "angles" else values
+            return np.where(slides, values, np.radians(values)) if known.kind == "angles" else values
         if known.kind in ("direction", "turn", "quaternion"):
             return self._turned(key, self._numbers(key, found, count), known.kind)
         if known.kind == "scale":
@@ -138,7 +149,8 @@ class SceneTable:
         if known.kind == "rows":
             if not isinstance(found, list) or not found:
                 raise self.fault(key, "is not a list of rows", "give rows of joint angles in degrees")
-            return [np.radians(self._numbers(f"{key} {k}", row, count)) for k, row in enumerate(found, start=1)]
+            rows = [self._numbers(f"{key} {k}", row, count) for k, row in enumerate(found, start=1)]
+            return [np.where(slides, row, np.radians(row)) for row in rows]
         if known.kind == "text" and (not isinstance(found, str) or not found):
             raise self.fault(key, "is missing", f'add {key} = "…"')
         if known.kind == "flag" and not isinstance(found, bool):

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.recordings.recording import Payload
 from ident.safe_read import read_toml
@@ -143,9 +143,16 @@ def load_task(path: str | Path) -> Task:
     top = _read(Path(path))
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
-    start = top.table("task")["start_deg"]
-    top.joints = len(start)
+    robot, given = top.need("robot"), len(top.table("task")["start_deg"])
+    top.table("limits")
+    from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
+
+    slides = np.append(ArmModel.load(robot).sliding_joints, np.zeros(given, dtype=bool))
+    top.joints = slides[:given]
     task, limits = top.table("task"), top.table("limits")
+    start, wrist = task["start_deg"], task["wrist_deg"]
+    if wrist is not None:
+        wrist = np.where(slides[given:][: len(wrist)], np.degrees(wrist), wrist)
     poses = read_poses(task)
     goals = [start] if poses else task["goals_deg"] or [task.need("goal_deg")]
     taught = times = None
@@ -156,12 +163,12 @@ def load_task(path: str | Path) -> Task:
         if times is not None and np.any(np.diff(times) <= 0):
             raise InputError(task.file, f"{task.name}: times_s do not increase", "give one later stamp a via point")
     return Task(
-        **vars(_surroundings(top)) | {"robot": top.need("robot")},
+        **vars(_surroundings(top)) | {"robot": robot},
         start=start,
         goal=goals[0],
         duration=task["duration_s"],
         via_points=task["via_points"] if taught is None else len(taught),
-        wrist=task["wrist_deg"],
+        wrist=wrist,
         clearance=task["clearance_m"],
         reach=task["reach_deg"],
         torque=limits["torque_Nm"],
@@ -177,8 +184,8 @@ def load_task(path: str | Path) -> Task:
     )
 
 
-def load_surroundings(path: str | Path, joints: int) -> Surroundings:
-    """Reads a scene file for an arm of so many joints; its task, if it has one, is left aside.
+def load_surroundings(path: str | Path, joints: Bool[Array, " n"]) -> Surroundings:
+    """Reads a scene file for an arm of whose joints each slides or turns; its task, if it has one, is left aside.
 
     Raises:
         InputError: As `load_task`.
@@ -189,7 +196,7 @@ def load_surroundings(path: str | Path, joints: int) -> Surroundings:
     return _surroundings(top)
 
 
-def _read(file: Path, joints: int | None = None) -> SceneTable:
+def _read(file: Path, joints: Bool[Array, " n"] | None = None) -> SceneTable:
     """The top of a scene file."""
     return SceneTable(file, "", read_toml(file, "give a scene file (TOML)"), joints=joints)
 
@@ -200,7 +207,7 @@ def _surroundings(top: SceneTable) -> Surroundings:
     low, high = limits["lower_deg"], limits["upper_deg"]
     if low is not None and high is not None and np.any(low >= high):
         j = int(np.flatnonzero(low >= high)[0])
-        what = f"{np.degrees(low[j]):g} is not below limits.upper_deg {np.degrees(high[j]):g}"
+        what = f"{limits.entry['lower_deg'][j]:g} is not below limits.upper_deg {limits.entry['upper_deg'][j]:g}"
         raise limits.fault("lower_deg", what, "correct one of them")
     if "payload" in top:
         x, y, z = payload["com_m"].tolist()

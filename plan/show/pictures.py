@@ -54,7 +54,8 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     Below them stands the arm at start and goal, with what it carries and what is in its way.
     """
     assert result.splines is not None
-    n = problem.n
+    n, slides = problem.n, problem.scene.arm.sliding_joints
+    scale = np.where(slides, 1.0, np.degrees(1.0))
     figure = plt.figure(figsize=(max(3.2 * n, 7), 11), layout="constrained")
     curves, places = np.asarray(figure.subfigures(2, 1, height_ratios=(7, 4)), dtype=object)
     axes = curves.subplots(3, n, sharex=True, squeeze=False)
@@ -70,13 +71,13 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         tau = problem.model.torque(q[None], dq[None], ddq[None])[0]
         times = times / slower if splines is before else times
         for j in range(n):
-            axes[0, j].plot(times, np.degrees(q[:, j]), color=colour, label=label)
+            axes[0, j].plot(times, scale[j] * q[:, j], color=colour, label=label)
             axes[1, j].plot(times, tau[:, j], color=colour)
             axes[2, j].plot(times, tau[:, j] * dq[:, j], color=colour)
     stamps = np.cumsum(result.splines.durations[0])[:-1]
     for j in range(n):
         if len(stamps) <= 10:
-            angles = np.degrees(result.splines.points[0, 1:-1, j])
+            angles = scale[j] * result.splines.points[0, 1:-1, j]
             axes[0, j].plot(stamps, angles, "o", color=AFTER, ms=4, label="via points")
         for limit in (-problem.limits.torque[j], problem.limits.torque[j]):
             axes[1, j].axhline(limit, color=LIMIT, lw=1, label="torque limit")
@@ -87,8 +88,10 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
         axes[0, j].set_title(problem.scene.arm.joint_names[j], parse_math=False)  # a name is no formula
         axes[2, j].set_xlabel("time [s]")
         axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
-    for row, name in enumerate(("angle [deg]", "torque [N m]", "power [W]")):
-        axes[row, 0].set_ylabel(name)
+    for j in sorted({0, *np.flatnonzero(slides)}):
+        names = ("position [m]", "force [N]") if slides[j] else ("angle [deg]", "torque [N m]")
+        for row, name in enumerate((*names, "power [W]")):
+            axes[row, j].set_ylabel(name)
     figure.suptitle(_motion_title(result))
     handles = [*axes[0, 0].get_legend_handles_labels()[0], axes[1, 0].lines[-1]]
     curves.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
@@ -150,7 +153,7 @@ def _motion_title(result: PlanResult) -> str:
     duration, energy = float(splines.total[0]), certificate.energy[result.metric]
     clearance = 1000 * certificate.closest.proven
     unit = "N² m² s" if result.metric == "copper" else "J"
-    near = f", at least {clearance:.0f} mm clear of all boxes" if clearance < 1000 else ""
+    near = f", at least {clearance:.0f} mm clear of everything" if clearance < 1000 else ""
     return f"{result.method}: {duration:.3f} s, {energy:.2f} {unit} ({result.metric}){near}"
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ident.show.console import styled
+from plan.problem.scene_keys import as_given
 
 if TYPE_CHECKING:  # each result is known by its name: none of them needs what the others are made of
     from matplotlib.figure import Figure
@@ -46,9 +47,13 @@ def _print_plan(console: Console, result: PlanResult) -> None:
     spent = f" by {result.method}, {result.evaluations} evaluations, {result.seconds:.2f} s"
     console.print(styled(status, spent), soft_wrap=True)
     vias = []
-    if result.splines is not None:
+    if result.splines is not None and result.certificate is not None:
+        slides = result.certificate.scene.arm.sliding_joints
         stamps, points = np.cumsum(result.splines.durations[0])[:-1], result.splines.points[0, 1:-1]
-        vias = list(zip(stamps, np.degrees(points), strict=True))
+        words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
+        words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
+        words = words if slides.any() else [one.replace(" deg,", ",") for one in words]
+        vias = list(zip(stamps, words, strict=True))
     _say(console, "plan", result, vias=vias)
     if len(result.starts) > 1:
         table = Table(title="initial trajectories", title_justify="left")
@@ -116,10 +121,12 @@ def draw(result: Any) -> Figure:
         return draw_comparison(result)
     if kind == "PlanResult":
         figure, axes = panel("time [s]", "angle [deg]", f"{result.status} by {result.method}")
-        if result.splines is not None:  # else it stays empty
+        if result.splines is not None and result.certificate is not None:  # else it stays empty
+            slides = result.certificate.scene.arm.sliding_joints
             times = np.linspace(0.0, float(result.splines.total[0]), SAMPLES)
-            angles = np.degrees(result.splines.at(times)[0]).T
-            curves = [(times, one, f"joint {j}") for j, one in enumerate(angles, start=1)]
+            paths = (result.splines.at(times)[0] * np.where(slides, 100.0, np.degrees(1.0))).T
+            words = [f"joint {j}{' [cm]' * bool(one)}" for j, one in enumerate(slides, start=1)]
+            curves = list(zip([times] * len(words), paths, words, strict=True))
     else:
         figure, axes = panel("time [s]", "position", f"{result.status}: {', '.join(result.effects) or result.aim}")
         for motion in result.runs[:1]:

@@ -25,6 +25,7 @@ from plan.initial.starts import from_vias, straight
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
+from plan.problem.scene_keys import as_given
 from plan.problem.task_file import Task
 
 Choice = TypeVar("Choice", bound=str)
@@ -162,9 +163,10 @@ def _bad_end(problem: PlanningProblem) -> tuple[str, str, str] | None:
         outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
         if len(outside):
             j = int(outside[0])
-            low, high = np.degrees(limits.lower[j]), np.degrees(limits.upper[j])
-            what = f"{np.degrees(q[j]):.1f} deg of {arm.joint_names[j]} is out of its limits"
-            return name, what, f"stay within {low:.0f} to {high:.0f} deg"
+            slides = bool(arm.sliding_joints[j])
+            low, high = (as_given(one[j], slides, 0) for one in (limits.lower, limits.upper))
+            what = f"{as_given(q[j], slides)} of {arm.joint_names[j]} is out of its limits"
+            return name, what, f"stay within {low} to {high}"
         refused = why_refused(problem.scene, q, limits.clearance)
         if refused is not None:
             return name, *refused
@@ -198,11 +200,11 @@ def require_inside(problem: PlanningProblem, source: Path) -> None:
         outside = np.flatnonzero((q < known.low[0, : problem.n]) | (q > known.high[0, : problem.n]))
         if len(outside):
             j = int(outside[0])
-            low, high = np.degrees(known.low[0, j]), np.degrees(known.high[0, j])
+            arm, seen = problem.scene.arm, (q, known.low[0], known.high[0])
+            here, low, high = (as_given(one[j], bool(arm.sliding_joints[j])) for one in seen)
             raise InputError(
                 source,
-                f"the {name}'s {problem.scene.arm.joint_names[j]}, {np.degrees(q[j]):.1f} deg, lies beyond the model's "
-                f"training ({low:.1f} to {high:.1f} deg)",
+                f"the {name}'s {arm.joint_names[j]}, {here}, lies beyond the model's training ({low} to {high})",
                 "move it, fit a model to recordings from there, or leave out --stay-inside",
             )
 
@@ -293,8 +295,8 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
     usable = torque if reserve is None else torque - reserve
     for j, joint in enumerate(arm.joint_names):
         if lower[j] >= upper[j]:
-            own = f"{np.degrees(arm.lower[j]):.0f} to {np.degrees(arm.upper[j]):.0f} deg"
-            what = f"[limits] leave {joint} no room within the robot's own, {own}"
+            low, high = (as_given(one[j], bool(arm.sliding_joints[j]), 0) for one in (arm.lower, arm.upper))
+            what = f"[limits] leave {joint} no room within the robot's own, {low} to {high}"
             raise InputError(task.source, what, "correct lower_deg or upper_deg")
         if reserve is not None and not usable[j] > 0.0:
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"

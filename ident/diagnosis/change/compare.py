@@ -121,7 +121,7 @@ def _find_changes(search: ChangeSearch) -> _Changes:
         found = _results(search, [one.group for one in weighed])
         fine = Refined(search, tuple(item.group for item in found.named))
         wider = [one.standing.widening for one in weighed]
-        raw = estimate_effects(search, fine, design.session, found.named, wider) if weighed else []
+        raw = estimate_effects(search, fine, design.later_session, found.named, wider) if weighed else []
         estimates = [_as_read(*each, fine, design) for each in zip(raw, wider, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
         if not refused:
@@ -170,7 +170,7 @@ def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedD
     scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     cells = cells + (1.0 - widening**-2.0) * estimate.covariance
-    asked = group.effect.asked(design.session)
+    asked = group.effect.asked(design.later_session)
     estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(estimates), coefficients=beta, covariance=cells)
 

@@ -68,6 +68,12 @@ class PairedDesign:
         evidence = self.sums.evidence
         return Known(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
 
+    @cached_property
+    def later_session(self) -> SessionContext:
+        """The runs of the later set, in which what changed acts."""
+        runs = [run for run, is_later in zip(self.session.runs, self.sides.later, strict=True) if is_later]
+        return replace(self.session, runs=runs)
+
     @property
     def judged(self) -> list[int]:
         """Joints of which there are rows."""

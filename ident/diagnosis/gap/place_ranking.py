@@ -1,5 +1,7 @@
 """Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
 
+Joints whose whole torque is off by a factor come before all others: every size that is found there is off by it, too.
+
 A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
 URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. What tuning
 hides of a cause that is reported is added, up to the error of the one that errs more: of a name that it absorbs, what
@@ -33,6 +35,7 @@ class NamedPlace:
 
     joints: tuple[str, ...]  # the joints that it is reported of
     hides: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
+    is_factor: bool = False  # whether it is a factor of the whole torque
 
 
 def measure_harm(
@@ -43,7 +46,7 @@ def measure_harm(
     names: Sequence[NamedPlace],
     loud: float,
 ) -> dict[str, Harm]:
-    """Harm of every joint that has a gap, in order of harm.
+    """Harm of every joint that has a gap, in order of harm; first that of joints whose torque is off by a factor.
 
     Args:
         joints, noise: Their names, and noise floors [N m].
@@ -62,7 +65,8 @@ def measure_harm(
         if error > (1.0 if own else loud) * noise[j]:
             beyond = error**2 - noise[j] ** 2
             found[joint] = Harm(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
-    return dict(sorted(found.items(), key=lambda one: -one[1].torque))
+    off = {joint for one in names if one.is_factor for joint in one.joints}
+    return dict(sorted(found.items(), key=lambda one: (one[0] not in off, -one[1].torque)))
 
 
 def rank_places(

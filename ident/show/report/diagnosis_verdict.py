@@ -1,13 +1,14 @@
 """A diagnosis in words: its verdict, what to do first, what is not known.
 
-One order holds for all words, that of the map: the joint of its first place, of the largest gap, leads. The first line
-begins with it, what to do first is about it, and of the names those that show there come first. A torque that is off by
-a factor is a gap of its joint like any other: it is said of the joint that leads, or after the verdict.
+One order holds for all words, that of the map: the joint of its first place leads, one whose whole torque is off by a
+factor, else of the largest gap. The first line begins with it, what to do first is about it, and of the names those
+that show there come first. A factor of a joint that has no gap is said after the verdict.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from ident.checks.report import MISREAD
 from ident.diagnosis.heldout_gain import of_a_slide
 from ident.diagnosis.next_experiment import joints_shown
+from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
@@ -33,6 +35,8 @@ from ident.show.report.words import (
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
+BODIES = {effect.id for effect in CATALOGUE if effect.as_change.body}
+GAINS = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they act on other joints' torque, too
 
@@ -41,23 +45,47 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The leading joint's gap where no name of its own says it, the verdict, and a torque off by a factor elsewhere."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
-    largest = f"The gap is largest at {joint}, {size}"
     misread = scale is not None and joint in scale["joints"]
     if scale and misread:
-        lead = f"{largest}: {scale['reading']}." if record.get("where") else f"{scale['reading']}."
+        lead = f"{scale['reading']}{f' ({size})' * bool(record.get('where'))}{scale['others']}."
     elif scale:
-        elsewhere = f"{scale['reading']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
+        elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
-        there = "where a name of another joint shows" if joint in joints_shown(shown[0]) else "and has no name there"
-        lead = f"{largest}, {there}."
-    more = f", and {len(shown) - 3} more" if len(shown) > 3 else ""
-    names = [called(finding, joint) for finding in shown[:3]]
+        acts = _acts_on(shown[0], joint, record)
+        there = "where a name of another joint shows" if acts else "and has no name there"
+        lead = f"The gap is largest at {joint}, {size}, {there}."
+    # A gain of a joint that reads a factor is only another name of it.
+    other = [one for one in shown if not (scale and misread and _names_factor(one, scale))]
+    listed = other or shown
+    more = f", and {len(listed) - 3} more" if len(listed) > 3 else ""
+    names = [called(finding, joint) for finding in listed[:3]]
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
-    has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
+    has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
-    words = f"Beyond that, {words[:1].lower()}{words[1:]}" if misread else words
+    if scale and misread and scale["bodily"]:
+        words = f"A body may be why. {words}"
+    elif misread and (other or not shown):
+        words = f"Beyond that, {words[:1].lower()}{words[1:]}"
     return " ".join(filter(None, (lead, words, elsewhere)))
+
+
+def _acts_on(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
+    """Whether a name is felt at a joint: it shows there, or is a body that the joint carries."""
+    order = list(record.get("joints", ()))
+    carries = finding["effect"] in BODIES and {joint, *finding["joints"]} <= {*order}
+    behind = carries and any(order.index(one) > order.index(joint) for one in finding["joints"])
+    return behind or joint in joints_shown(finding)
+
+
+def _names_factor(finding: Mapping[str, Any], off: Mapping[str, Any]) -> bool:
+    """Whether a name is a gain, of joints alone that read a factor, and as they do: too much or too little."""
+    reads = {joint: float(factor) for joint, factor in re.findall(r"(\S+) reads (\d+\.\d+)", off["evidence"])}
+    gain = finding.get("parameters", {}).get("gain", {}).get("value")
+    alike = all(
+        gain is None or joint not in reads or (gain > 0.0) == (reads[joint] > 1.0) for joint in finding["joints"]
+    )
+    return finding["effect"] in GAINS and {*finding["joints"]} <= {*off["joints"]} and alike
 
 
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
@@ -97,13 +125,19 @@ def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first."""
-    lead = leading_joint(record)[0]
+    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first.
+
+    Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it.
+    """
+    lead, findings = leading_joint(record)[0], record.get("findings", [])
+    off = [one for one in record.get("telemetry", []) if one["issue"] == MISREAD]
+    factors = [one for one in findings if is_likely(one) and any(_names_factor(one, issue) for issue in off)]
+    factors = factors if any(lead in one["joints"] for one in factors) else []
 
     def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:
-        return lead not in one["joints"], lead not in joints_shown(one), not is_likely(one)
+        return one not in factors, lead not in one["joints"], not _acts_on(one, lead, record), not is_likely(one)
 
-    return sorted(record.get("findings", []), key=rank)
+    return sorted(findings, key=rank)
 
 
 def is_likely(finding: Mapping[str, Any], alike: Collection[str] = ()) -> bool:
@@ -128,7 +162,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     scale, (joint, beyond) = _misread(record), leading_joint(record)
     if scale and not scale["bodily"] and joint in ("", *scale["joints"]):
         return f"{scale['readings']}: {scale['remedy']}."
-    named = [one for one in in_order_of_joints(record) if joint in ("", *joints_shown(one))]
+    named = [one for one in in_order_of_joints(record) if not joint or _acts_on(one, joint, record)]
     overtuned, hidden = overtuned_joints(record), tuned_away_joints(record)
     believed = any(map(is_likely, named)) or not (overtuned or hidden)
     action = next(filter(None, (order_of(one, record) for one in named)), "")
@@ -147,34 +181,39 @@ def _misread(record: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """What telemetry says of joints whose whole torque is off by a factor, if anything: the leading joint's first.
 
     None, too, where a likely name says what it is: first of all the gain of every joint that is off, or what turns
-    gravity at several joints, as a zero or a mount, and leaves noise there. The first name of all, a likely body that
-    shows where the gap is largest, may be it (`bodily`), so far as it goes.
+    gravity at several joints, as a zero or a mount, and closes the gap there. The first name of all, a likely body that
+    the leading joint carries, may be it (`bodily`), so far as it goes.
     """
     off = next((one for one in record.get("telemetry", []) if one["issue"] == MISREAD), None)
     shown = in_order_of_joints(record)
     likely = [one for one in shown if is_likely(one)]
-    bodies = {effect.id for effect in CATALOGUE if effect.as_change.body}
-    gains = {effect.id for effect in CATALOGUE if effect.as_change.exact and effect.as_change.common_gain}
     if off is None or record["verdict"] == "refused":
         return None
-    gained = {joint for one in likely if one["effect"] in gains for joint in one["joints"]}
-    if set(off["joints"]) <= gained and likely[0]["effect"] in gains:
+    gained = {joint for one in likely if _names_factor(one, off) for joint in one["joints"]}
+    if set(off["joints"]) <= gained and _names_factor(likely[0], off):
         return None
-    after, gap = record.get("heldout", {}).get("rms_after_Nm", {}), record.get("gap", {})
-    turned = {joint for one in likely if one["effect"] in ELSEWHERE - bodies for joint in joints_shown(one)}
-    turned = {joint for joint in turned & {*gap} & {*after} if above_noise(gap[joint])}
-    if {*off["joints"]} <= {one for one in turned if not above_noise({**gap[one], "rms_Nm": after[one]})}:
+    turning = [one for one in likely if one["effect"] in ELSEWHERE - BODIES]
+    if {*off["joints"]} <= {joint for one in turning for joint in joints_shown(one) if _explains(one, joint, record)}:
         return None
     lead = leading_joint(record)[0]
-    there = bool(shown) and lead in ("", *joints_shown(shown[0]))
-    body = there and shown[0]["effect"] in bodies and is_likely(shown[0], bodies)
+    there = bool(shown) and (not lead or _acts_on(shown[0], lead, record))
+    body = there and shown[0]["effect"] in BODIES and is_likely(shown[0], BODIES)
     session, _, evidence = off["evidence"].rpartition(": ")
     where = f" in {session}" * (bool(session) and len(record.get("provenance", {}).get("sessions", ())) != 1)
     joints = sorted(off["joints"], key=lambda one: one != lead)
     readings = sorted(evidence.split("; "), key=lambda one: not one.startswith(f"{lead} "))
     others = f"; off as well: {join_words(joints[1:])}" * (len(joints) > 1)
-    texts = {"reading": f"{readings[0]}{where}{others}", "readings": f"{'; '.join(readings)}{where}"}
+    texts = {"reading": f"{readings[0]}{where}", "others": others, "readings": f"{'; '.join(readings)}{where}"}
     return {**off, **texts, "joints": joints, "bodily": body}
+
+
+def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any]) -> bool:
+    """Whether a name by itself closes nearly all of what the model errs by at a joint beyond its noise."""
+    figures = finding.get("heldout") or {}
+    before, after = (figures.get(key, {}).get(joint, math.inf) for key in ("rms_before_Nm", "rms_after_Nm"))
+    floor = record.get("gap", {}).get(joint, {}).get("noise_floor_Nm", math.inf)
+    left = (1.0 - USUAL_VERDICT.named_from) * (before**2 - floor**2)
+    return floor < before < math.inf and after**2 - floor**2 <= left
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:

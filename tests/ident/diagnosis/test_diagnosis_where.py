@@ -91,7 +91,8 @@ def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_va
 def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     """Law: by torque beyond noise of the model that errs less, with what tuning hides of a cause.
 
-    Whoever is named first; what is hidden adds as squares do, never to more than the model errs by that errs more.
+    Whoever is named first; what is hidden adds as squares do, never to more than the model errs by that errs more. Only
+    a torque that is off by a factor comes before a larger gap, for all sizes there are off with it.
     """
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
@@ -108,6 +109,8 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
     assert hidden["joint_3"] == Harm(pytest.approx(5.0), "before")
     assert list(harm(NamedPlace(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == ["joint_3", "joint_2", "joint_1"]
+    off = NamedPlace(("joint_1", "joint_2"), {"joint_1": np.inf, "joint_2": np.inf}, is_factor=True)
+    assert list(harm(off)) == ["joint_2", "joint_1", "joint_3"]
     away = harm(away=np.array([0.0, 2.0, 0.5]))
     assert away["joint_2"] == Harm(pytest.approx(np.sqrt(1.05**2 + 3.0)), "fixed")
     assert away["joint_3"] == harm()["joint_3"]

@@ -37,9 +37,10 @@ def make_run(
 def make_context(arm: ArmModel, name: str, time: Any, q: Any, dq: Any, ddq: Any) -> RunContext:
     """What effects are reported of a motion, with friction of a typical arm."""
     std = np.tile([[1e-5], [1e-3], [1e-1]], (1, arm.n))
-    motion = Motion(name, arm.joint_names, time, q, dq, ddq, np.zeros_like(q), Lowpass.design(RATE), std)
     rigid, direction = arm.inverse_dynamics(q, dq, ddq), np.tanh(dq / 0.01)
-    return RunContext(motion, arm, rigid, rigid, COULOMB[: arm.n] * direction + VISCOUS[: arm.n] * dq, direction)
+    friction = COULOMB[: arm.n] * direction + VISCOUS[: arm.n] * dq
+    motion = Motion(name, arm.joint_names, time, q, dq, ddq, rigid + friction, Lowpass.design(RATE), std)
+    return RunContext(motion, arm, rigid, rigid, friction, direction)
 
 
 def make_session(

@@ -259,7 +259,7 @@ def test_what_to_do_bears_the_figures() -> None:
     payload = {"mass_kg": Interval(2.64, 2.31, 2.97)}
     assert "2.64 kg [2.31, 2.97]" in find_effect("payload").action("joint_6", payload)
     gain = {"gain": Interval(-0.11, -0.14, -0.08)}
-    assert "reads 11 % [8, 14] too little" in find_effect("torque_gain_error").action("joint_5", gain)
+    assert "reads 11 % [8, 14] less than the true torque" in find_effect("torque_gain_error").action("joint_5", gain)
     warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
 

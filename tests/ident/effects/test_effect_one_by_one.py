@@ -170,19 +170,25 @@ def test_what_can_not_show_says_why(
     assert words in str(find_effect(effect).untestable(change(session), joint))
 
 
-def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover) -> None:
-    """A log that reads 5 % high reads so of rigid torque, friction and rotor inertia."""
+@pytest.mark.parametrize("absorbed", [0.0, 0.6, 1.0])
+@pytest.mark.parametrize("gain", [-0.4, 0.05, 0.5])
+def test_a_gain_is_found_whatever_of_it_tuning_has_absorbed(
+    gain: float, absorbed: float, session: SessionContext, recover: Recover
+) -> None:
+    """Law: a log that reads so of rigid torque, friction and rotor is off by its gain, however the model was tuned."""
+    tuned = 1.0 + absorbed * gain
 
-    def with_rotor(run: RunContext) -> RunContext:
-        return replace(run, rotor=0.6 * run.motion.ddq)
+    def misread(run: RunContext) -> RunContext:
+        rotor = 0.6 * run.motion.ddq
+        motion = replace(run.motion, tau=(1.0 + gain) * (run.total + rotor))
+        rigid, friction, rotor = (tuned * one for one in (run.rigid, run.friction, rotor))
+        return replace(run, motion=motion, rigid=rigid, friction=friction, rotor=rotor)
 
-    whole = edit_runs(session, with_rotor)
-    torque = [
-        0.05 * (run.rigid + COULOMB * np.tanh(run.motion.dq / 0.01) + VISCOUS * run.motion.dq + 0.6 * run.motion.ddq)
-        for run in session.runs
-    ]
-    found = recover(find_effect("torque_gain_error"), whole, 2, [values[:, 2] for values in torque])["gain"]
-    assert found.low < 0.05 < found.high
+    whole = edit_runs(session, misread)
+    torque = [gain / (1.0 + gain) * run.motion.tau[:, 2] for run in whole.runs]
+    found = recover(find_effect("torque_gain_error"), whole, 2, torque)["gain"]
+    assert found.value == pytest.approx(gain, rel=1e-3)
+    assert found.low < gain < found.high
 
 
 def test_an_offset_is_found_with_its_drift(session: SessionContext, recover: Recover) -> None:

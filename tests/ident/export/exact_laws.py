@@ -95,6 +95,7 @@ def give_way(run: RunContext, p: Figures) -> Array:
 
 
 EXACT: dict[str, Callable[[RunContext, Figures], Array]] = {
+    "torque_gain_error": lambda run, p: p["gain"] * run.total * np.eye(run.n)[JOINT],
     "payload": carried,
     "gravity_misalignment": tilted,
     "encoder_offset": lambda run, p: bodies(run, run.arm, run.motion.q + p["offset_rad"] * np.eye(run.n)[JOINT]),

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from ident.arrays import Array, Float
 from ident.effects.catalogue import find_effect
-from ident.errors import InputError
+from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.files import read_commands
 from ident.trajectories.kinds import MotionLimits, plan_motions
@@ -105,6 +105,14 @@ def test_nothing_goes_below_the_base_plane_unless_told(whole: ArmModel) -> None:
     assert floored.clearance(dip) == 0.0
     assert floored.clearance(slow_move(above, above + 0.01)) > 0.0
     assert "floor" in {box.name for box in floored.scene.obstacles}
+
+
+def test_two_shapes_that_are_never_apart_are_named_before_the_search(whole: ArmModel) -> None:
+    """Law: where no position keeps two shapes apart no motion does, and which two they are is said at once."""
+    Feasibility(whole, around=surroundings_of(whole, ExciteOptions())).require_room()
+    flooded = Feasibility(whole, around=surroundings_of(whole, ExciteOptions(floor="2.0")))
+    with pytest.raises(RobotError, match=r"and floor overlap by \d+ mm at best.*lower the floor"):
+        flooded.require_room()
 
 
 def test_a_scene_narrows_what_is_allowed(whole: ArmModel, tmp_path: Path) -> None:

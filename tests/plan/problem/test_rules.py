@@ -15,6 +15,8 @@ from plan.api.planning import open_task, solve
 from plan.planners.sequential import Sequential
 from plan.problem.rule_values import Rules
 from plan.problem.rules import Cone, ViaPoint, WayRules
+from plan.problem.task_file import load_task
+from tests.ident.made_up import sliding_arm
 from tests.plan.checker import World, rule_faults
 from tests.plan.geometry.worlds import scanned
 
@@ -98,6 +100,36 @@ def test_a_tool_too_slow_for_its_time_is_refused_with_the_time_it_takes(tmp_path
     found = solve(tmp_path / "scene.toml", planner=QUICK, gap=False)
     assert found.status == "infeasible"
     assert "the tool takes 18" in found.reason
+
+
+SLIDES = """robot = "{robot}"
+[task]
+start_deg = [30, -0.05, 60]
+goals_deg = [[0, {goal}, 90], [1, 0.3, 2]]
+wrist_deg = [0.2]
+duration_s = 2
+[limits]
+lower_deg = [-90, -0.2, -90]
+"""
+
+
+def test_what_a_scene_says_of_joints_that_slide_is_in_metres(tmp_path: Path) -> None:
+    """Law: lists of a scene file have degrees for joints that turn and metres for those that slide."""
+    arm, file = sliding_arm(), tmp_path / "arm.urdf"
+    file.write_text(arm.urdf)
+    (tmp_path / "scene.toml").write_text(SLIDES.format(robot=file, goal=0.1))
+    task = load_task(tmp_path / "scene.toml")
+    turn = np.degrees(1.0)
+    assert [one.tolist() for one in (task.start, task.goal)] == [
+        pytest.approx([30 / turn, -0.05, 60 / turn]),
+        pytest.approx([0.0, 0.1, 90 / turn]),
+    ]
+    assert task.others[0] == pytest.approx([1 / turn, 0.3, 2 / turn])
+    assert task.lower == pytest.approx([-90 / turn, -0.2, -90 / turn])
+    assert task.wrist == pytest.approx([0.2])
+    (tmp_path / "scene.toml").write_text(SLIDES.format(robot=file, goal=2.5).replace(", [1, 0.3, 2]", ""))
+    with pytest.raises(InputError, match=r"2\.500 m of slide_2 is out of its limits.*within -0\.20 m to 2\.00 m"):
+        solve(tmp_path / "scene.toml", planner=QUICK, gap=False, shapes="capsules")
 
 
 TABLE3 = (Path(__file__).parents[1] / "data" / "table3.toml").read_text()

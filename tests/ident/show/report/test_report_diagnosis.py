@@ -260,7 +260,7 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
     assert re.findall("elbow|wrist|base|knee", action)[0] == mapped
     gap, reading = f"The gap is largest at {mapped}, 0.50 N m beyond noise", f"{scale} reads 1.10 ± 0.02 in session"
     if scale == mapped:
-        assert line.startswith(f"{gap}: {reading}. Beyond that, the gap ")
+        assert line.startswith(f"{reading} (0.50 N m beyond noise). Beyond that, the gap ")
         assert action == f"{reading}: check its drive gain."
         return
     assert line.endswith(f" {reading}. Check its drive gain.") is bool(scale)
@@ -279,7 +279,7 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record["provenance"] = {"sessions": ["s"]}
     line = diagnosis_headline(record)
     assert line.startswith(
-        "The gap is largest at elbow, 2.0 N m beyond noise: elbow reads 1.32 ± 0.05; off as well: wrist."
+        "elbow reads 1.32 ± 0.05 (2.0 N m beyond noise); off as well: wrist. A body may be why. The gap has a name"
     )
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
@@ -302,11 +302,14 @@ def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> No
 
 @pytest.mark.parametrize(("left", "off"), [(0.31, False), (0.8, True)])
 def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool) -> None:
-    """Law: what turns gravity at several joints, and leaves noise, is what read as a factor before it was known."""
+    """Law: what turns gravity at several joints, and closes the gap there, is what read as a factor without it.
+
+    Also where tuning had absorbed it: what the name closes counts, not what the tuned model leaves.
+    """
     record = acted_on("encoder_offset", 0.97, SCALE)
-    record["findings"][0] |= {"joints": ["shoulder"], "heldout": {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}}}
-    record["gap"] = {name: {"rms_Nm": 1.2, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
-    record["heldout"] = {"rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
+    errors = {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}, "rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
+    record["findings"][0] |= {"joints": ["shoulder"], "heldout": errors}
+    record["gap"] = {name: {"rms_Nm": 0.3, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
     assert ("elbow reads 1.32" in diagnosis_headline(record)) is off
 
 
@@ -321,6 +324,48 @@ def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
     assert diagnosis_headline(two).startswith(
         "elbow reads 1.32 ± 0.05 of the model's gravity torque; off as well: wrist."
     )
+
+
+def test_a_factors_gain_is_not_beyond_the_factor() -> None:
+    """Law: a gain of a joint whose factor is said is only another name of it: others are listed, or it stands alone."""
+    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record |= {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    assert diagnosis_headline(record).endswith("wrist. The gap has a name: torque gain error in elbow.")
+    record["findings"] += acted_on("spring_torque", 0.97)["findings"]
+    assert diagnosis_headline(record).endswith("wrist. Beyond that, the gap has a name: spring torque in elbow.")
+
+
+@pytest.mark.parametrize(("gain", "same"), [(0.3, True), (-0.09, False)])
+def test_a_gain_of_the_other_side_is_no_name_of_a_factor(gain: float, same: bool) -> None:
+    """Law: a joint that reads 1.32 of gravity is not explained by a gain that reads too little; both are said."""
+    record = acted_on("torque_gain_error", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    record["findings"][0]["parameters"] = {"gain": {"value": gain, "low": gain - 0.02, "high": gain + 0.02}}
+    line = diagnosis_headline(record)
+    assert line.startswith("elbow reads 1.32") is not same
+    assert ("Beyond that, the gap has a name: torque gain error in elbow" in line) is not same
+    assert first_action(record) == "Do so." if same else first_action(record).startswith("elbow reads 1.32")
+
+
+@pytest.mark.parametrize("joint", ["elbow", "wrist"])
+def test_a_body_may_be_the_factor_of_joints_that_carry_it(joint: str) -> None:
+    """Law: a body on a link loads the joints before it, also where tuning hides that; none behind it."""
+    record = acted_on("link_inertial_error", 0.97, {**SCALE, "joints": [joint]})
+    record |= {"joints": ["shoulder", "elbow", "forearm", "wrist"], "where": [{"joint": joint}]}
+    record["findings"][0]["joints"] = ["forearm"]
+    assert ("A body may be why." in diagnosis_headline(record)) is (joint == "elbow")
+    assert (first_action(record) == "Do so.") is (joint == "elbow")
+
+
+def test_gains_of_all_joints_that_are_off_stand_first() -> None:
+    """Law: where the leading joint's factor has a name those of others come next, before all else that it has."""
+    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
+    record["where"] = [{"joint": "wrist", "beyond_noise_Nm": 9.0}]
+    record["findings"] += [
+        {**record["findings"][0], "effect": effect, "joints": ["wrist"]}
+        for effect in ("spring_torque", "torque_gain_error")
+    ]
+    order = [(one["effect"], *one["joints"]) for one in in_order_of_joints(record)]
+    assert order == [("torque_gain_error", "wrist"), ("torque_gain_error", "elbow"), ("spring_torque", "wrist")]
 
 
 def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
