@@ -122,7 +122,8 @@ def describe_gap(joint: str, one: Mapping[str, Any], after: float | None) -> str
     """A joint's gap in one line, and what is left of it with the names."""
     unit, named = one.get("unit", "N m"), "" if after is None else f", {after:.3f} with the names,"
     follows = TABLES["follows"][one["unexplained"]] if one["unexplained"] else ""
-    left = f"; but for what follows {follows} it were {one['ceiling_rms_Nm']:.3f}" if follows else ""
+    ceiling, least = f"{one['ceiling_rms_Nm']:.3f}", f"{one['rms_Nm'] if after is None else after:.3f}"
+    left = f"; but for what follows {follows} it were {ceiling}" if follows and ceiling != least else ""
     return f"{joint}: {one['rms_Nm']:.3f} {unit}{named} against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 

@@ -56,7 +56,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
-    words = f"Beyond that, {words[:1].lower()}{words[1:]}" if misread else words
+    beside = scale and misread and not scale["bodily"]  # of a body the factor is what it does
+    words = f"Beyond that, {words[:1].lower()}{words[1:]}" if beside else words
     return " ".join(filter(None, (lead, words, elsewhere)))
 
 

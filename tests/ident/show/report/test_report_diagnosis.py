@@ -22,7 +22,7 @@ from ident.show.report.diagnosis_verdict import (
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
-from ident.show.terminal import print_diagnosis
+from ident.show.terminal import describe_gap, print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -170,6 +170,8 @@ def test_a_terminal_shows_brackets_and_what_a_gap_follows(capsys: pytest.Capture
     print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]})
     told = capsys.readouterr().out
     assert ("[open]" in told, told.count("of noise; but for what follows ")) == (True, len(BLOCKS))
+    same = {**RECORD["gap"]["joint_2"], "unexplained": "state", "ceiling_rms_Nm": 0.5}
+    assert "but for" not in describe_gap("joint_2", same, 0.5)  # nothing is left to follow anything
 
 
 def test_doubts_tell_figures_by_words_and_units() -> None:
@@ -279,8 +281,8 @@ def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> No
     record["provenance"] = {"sessions": ["s"]}
     line = diagnosis_headline(record)
     assert line.startswith(
-        "The gap is largest at elbow, 2.0 N m beyond noise: elbow reads 1.32 ± 0.05; off as well: wrist."
-    )
+        "The gap is largest at elbow, 2.0 N m beyond noise: elbow reads 1.32 ± 0.05; off as well: wrist. The gap has a "
+    )  # the body is that factor, and not beyond it
     record |= {"verdict": "no_gap", "findings": [], "where": []}
     record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
     assert diagnosis_headline(record).startswith("elbow reads 1.32 ± 0.05; off as well: wrist. Beyond that, no gap: ")
