@@ -98,11 +98,12 @@ def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first."""
+    """Names as they are shown: those that show at the leading joint first, of them first what closes most there."""
     lead = leading_joint(record)[0]
 
-    def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:
-        return lead not in one["joints"], lead not in joints_shown(one), not is_likely(one)
+    def rank(one: Mapping[str, Any]) -> tuple[bool, float, bool, bool]:
+        before, after = (one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after"))
+        return lead not in joints_shown(one), after**2 - before**2, lead not in one["joints"], not is_likely(one)
 
     return sorted(record.get("findings", []), key=rank)
 
