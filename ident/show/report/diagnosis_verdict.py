@@ -55,10 +55,22 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, shown[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
-    words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
+    size = "" if misread or not joint else f": {joint} is off by {size}"
+    words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
     beside = scale and misread and not scale["bodily"]  # of a body the factor is what it does
     words = f"Beyond that, {words[:1].lower()}{words[1:]}" if beside else words
     return " ".join(filter(None, (lead, words, elsewhere)))
+
+
+def _largest_rest(record: Mapping[str, Any]) -> str:
+    """Where the names leave most beyond noise, and how much."""
+    after, gap = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
+    left = {joint: rms**2 - gap[joint]["noise_floor_Nm"] ** 2 for joint, rms in after.items() if joint in gap}
+    joint = max(left, key=left.__getitem__, default="")
+    if not joint or left[joint] <= 0.0:
+        return ""
+    size = in_units_of([joint], record, f"{significant(math.sqrt(left[joint]))} N m")
+    return f"; most of the rest is at {joint}, {size} beyond noise"
 
 
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
@@ -102,7 +114,9 @@ def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     lead = leading_joint(record)[0]
 
     def rank(one: Mapping[str, Any]) -> tuple[bool, float, bool, bool]:
-        before, after = (one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after"))
+        before, after = (
+            one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after")
+        )
         return lead not in joints_shown(one), after**2 - before**2, lead not in one["joints"], not is_likely(one)
 
     return sorted(record.get("findings", []), key=rank)

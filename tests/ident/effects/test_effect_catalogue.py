@@ -23,7 +23,7 @@ NAMES = {
     "load_dependent_friction": "mu at_load_Nm at_speed_rad_s",
     "thermal_friction": "viscous_change coulomb_change time_constant_s",
     "presliding_hysteresis": "amplitude_Nm displacement_rad reversal_Nm at_travel_rad",
-    "position_dependent_friction": "amplitude_Nm order phase_rad",
+    "position_dependent_friction": "amplitude_Nm order phase_rad swing_Nm at_low_rad at_high_rad",
     "asymmetric_friction": "coulomb_difference_Nm viscous_difference_Nms_rad difference_Nm at_speed_rad_s",
     "joint_coupling": "viscous_Nms_rad coulomb_Nm inertia_kgm2 other_joint drag_Nm at_speed_rad_s",
     "joint_elasticity": "stiffness_Nm_rad damping_Nms_rad",

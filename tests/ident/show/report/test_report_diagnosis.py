@@ -274,6 +274,19 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
         assert action == f"0.50 N m at {mapped} have no name. Record this next: move {mapped}."
 
 
+def test_where_names_close_a_part_the_first_line_says_where_most_of_the_rest_is() -> None:
+    """Law: beyond noise, and in the slide's unit; nowhere where they leave noise alone."""
+    gap = {"base": {"rms_Nm": 9.0, "noise_floor_Nm": 4.0, "unit": "N"}, "elbow": {"rms_Nm": 2.0, "noise_floor_Nm": 0.4}}
+    record = acted_on("spring_torque", 0.97) | {"verdict": "partial", "gap": gap}
+    for after, rest in (
+        ((5.0, 0.5), "at base, 3.0 N beyond"),
+        ((4.0, 0.5), "at elbow, 0.30 N m beyond"),
+        ((4, 0.4), ""),
+    ):
+        record["heldout"] = {"rms_after_Nm": dict(zip(gap, after, strict=True))}
+        assert (f"most of the rest is {rest} noise." in diagnosis_headline(record)) is bool(rest)
+
+
 def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> None:
     """Law: also where a body may be the factor, or nothing else is a gap; of one session its name says nothing."""
     two = {**SCALE, "joints": ["wrist", "elbow"], "evidence": "s: wrist reads 1.50 ± 0.02; elbow reads 1.32 ± 0.05"}
