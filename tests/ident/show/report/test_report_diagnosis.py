@@ -22,7 +22,7 @@ from ident.show.report.diagnosis_verdict import (
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
-from ident.show.terminal import describe_gap, print_diagnosis
+from ident.show.terminal import describe_gap, headline, print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -285,6 +285,15 @@ def test_where_names_close_a_part_the_first_line_says_where_most_of_the_rest_is(
     ):
         record["heldout"] = {"rms_after_Nm": dict(zip(gap, after, strict=True))}
         assert (f"most of the rest is {rest} noise." in diagnosis_headline(record)) is bool(rest)
+
+
+def test_a_change_less_likely_than_not_is_not_told_by_one_name() -> None:
+    """Law: the first line of a comparison names what it may be as well; what is likely it names alone."""
+    change = {"effect": "torque_offset", "joints": ["knee"], "class": ["torque_offset", "asymmetric_friction"]}
+    record = {"verdict": "changed", "changes": [change | {"parameters": {}, "probability": 0.4}], "not_testable": []}
+    assert headline(record)[0] == "What changed: torque offset or asymmetric friction in knee."
+    record["changes"][0]["probability"] = 0.8
+    assert headline(record)[0] == "What changed: torque offset in knee."
 
 
 def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> None:
