@@ -270,7 +270,8 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     for one in record.get("reservations", []):
         if one["effect"]:
             what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
-            unbelieved.setdefault(with_units(one["reason"]), []).append(what)
+            reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
+            unbelieved.setdefault(reason, []).append(what)
         else:
             doubts.append(f"Doubt: {one['reason']}.")
     return [*(f"Not believed: {join_words(w)} would fit, but {reason}." for reason, w in unbelieved.items()), *doubts]
