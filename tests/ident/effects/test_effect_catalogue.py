@@ -260,6 +260,10 @@ def test_what_to_do_bears_the_figures() -> None:
     assert "2.64 kg [2.31, 2.97]" in find_effect("payload").action("joint_6", payload)
     gain = {"gain": Interval(-0.11, -0.14, -0.08)}
     assert "reads 11 % [8, 14] too little" in find_effect("torque_gain_error").action("joint_5", gain)
+    pushes = replace(find_effect("external_contact"), pushes=(Push("first", 0.5, 1.5), Push("third", 5.0, 6.0)))
+    pushed = {"start_s": 5.0, "end_s": 6.0, "force_N": 10.0, "link": 2.0}
+    told = pushes.action("joint_2", {name: Interval(one, one, one) for name, one in pushed.items()})
+    assert "from 5.0 to 6.0 s on the clock of third" in told  # clocks may restart with each run
     warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
 

@@ -299,6 +299,18 @@ def test_a_change_less_likely_than_not_is_not_told_by_one_name() -> None:
     assert headline(record)[0] == "What changed: torque offset in knee."
 
 
+def test_of_names_that_show_at_the_leading_joint_the_one_that_closes_most_there_is_first() -> None:
+    """Law: a load that hangs on another joint stands before a ripple of the joint itself, and is its factor."""
+    record = acted_on("torque_ripple", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    load = {**record["findings"][0], "effect": "link_inertial_error", "joints": ["wrist"], "action": "weigh it"}
+    closed = {"rms_before_Nm": {"elbow": 9.0, "wrist": 1.0}, "rms_after_Nm": {"elbow": 0.8, "wrist": 0.1}}
+    ripple = {"rms_before_Nm": {"elbow": 0.8}, "rms_after_Nm": {"elbow": 0.7}}
+    record["findings"] = [{**record["findings"][0], "heldout": ripple}, {**load, "heldout": closed}]
+    assert in_order_of_joints(record)[0]["effect"] == "link_inertial_error"
+    assert first_action(record) == "Weigh it."
+    assert "Beyond that" not in diagnosis_headline(record)
+
+
 def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> None:
     """Law: also where a body may be the factor, or nothing else is a gap; of one session its name says nothing."""
     two = {**SCALE, "joints": ["wrist", "elbow"], "evidence": "s: wrist reads 1.50 ± 0.02; elbow reads 1.32 ± 0.05"}
