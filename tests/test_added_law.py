@@ -92,10 +92,11 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         copy = place / source.relative_to(ROOT)
         if not copy.exists():
             copy.symlink_to(source)
-    (place / "ident/laws").unlink()
-    (place / "ident/laws").mkdir()
-    for source in (ROOT / "ident/laws").glob("*.*"):
-        (place / "ident/laws" / source.name).write_bytes(source.read_bytes())
+    for folder in ("laws", "effects"):  # the others are links
+        (place / "ident" / folder).unlink()
+        (place / "ident" / folder).mkdir()
+        for source in (ROOT / "ident" / folder).glob("*.*"):
+            (place / "ident" / folder / source.name).write_bytes(source.read_bytes())
     (place / "ident/laws/magnets.py").write_text(FILE)
     with (place / "ident/effects/effects.toml").open("a") as table:
         table.write(ROW)

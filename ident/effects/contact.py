@@ -106,7 +106,9 @@ class ExternalContact(Effect):
         start, end = estimates["start_s"].value, estimates["end_s"].value
         force, link = estimates["force_N"].words("N"), round(estimates["link"].value)
         what = f"link {link} or one behind it (with {force} if at the centre of mass of link {link})"
-        return f"find what pushed {what}, from {start:.1f} to {end:.1f} s, and record in free space"
+        own = min(self.pushes, key=lambda push: abs(push.start + push.end - start - end), default=None)
+        clock = "" if own is None else f" on the clock of {own.run}"  # clocks may restart with each run
+        return f"find what pushed {what}, from {start:.1f} to {end:.1f} s{clock}, and record in free space"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, _largest_force(session))

@@ -6,6 +6,7 @@ Friction that bends over speed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ident.effects.session_context import (
     least_rest_speed,
     rated_torque,
     top_speed,
+    travel,
     typical_load,
     usual_speed,
 )
@@ -100,7 +102,14 @@ class PositionDependentFriction(StatesEffect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        return wave_parameters(variant.inner["order"], coefficients, covariance)
+        """The wave's own, and half of what friction varies by over the angles that were seen, which may be far less."""
+        order, seen = variant.inner["order"], np.linspace(*travel(session, joint), 100)
+        wave = np.column_stack([np.cos(order * seen), np.sin(order * seen)])
+        least, most = int(np.argmin(wave @ coefficients)), int(np.argmax(wave @ coefficients))
+        swing = linear_interval(0.5 * (wave[most] - wave[least]), coefficients, covariance)
+        shown = {"swing_Nm": replace(swing, low=max(swing.low, 0.0))}
+        shown |= {f"at_{end}_rad": exactly(float(seen[k])) for end, k in (("low", least), ("high", most))}
+        return wave_parameters(order, coefficients, covariance) | shown
 
     def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         """Passive: where it takes friction away, no less than none may be left; at angles that were not seen, anything.

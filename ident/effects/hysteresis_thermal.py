@@ -90,7 +90,9 @@ class ThermalFriction(Effect):
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         change, constant = estimates["viscous_change"].words("%", 100.0), estimates.get("time_constant_s")
         minutes = max(2.0 * constant.value / 60.0, 1.0) if constant else 0.0
-        how_long = f"for {minutes:.0f} minutes" if constant else "until its temperature is steady"
+        how_long = (
+            f"for {minutes:.0f} minute{'s' * (round(minutes) != 1)}" if constant else "until its temperature is steady"
+        )
         warm = f"warm {where} up {how_long} before precise work, or compensate"
         return f"{warm}: its viscous friction changes by {change}"
 

@@ -149,6 +149,8 @@ def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:
     head, dot, label = name.removesuffix(ending).rpartition(".")
     if dot and not label.isdecimal():
         found.append((f"{head}.{PLACE}{ending}", joint_name(label)))
+        if judge_words(label)[0]:  # a drive's trace names the axis first: `Z.ActPos`, `A2.ActPos`
+            found.append((f"{PLACE}.{label}", head))
     if "/" in name and ":" not in name:
         joint, _, channel = name.rpartition("/")
         found.append((f"{PLACE}/{channel}", joint))

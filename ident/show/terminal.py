@@ -12,6 +12,7 @@ from ident.errors import plural
 from ident.show.console import print_issues, styled
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_verdict import (
+    MOST_TIED,
     OF_THE_ARM,
     describe_reservations,
     describe_unnamed,
@@ -20,6 +21,7 @@ from ident.show.report.diagnosis_verdict import (
     first_action,
     in_order_of_joints,
     in_units_of,
+    is_likely,
     order_of,
     units_of,
 )
@@ -122,7 +124,8 @@ def describe_gap(joint: str, one: Mapping[str, Any], after: float | None) -> str
     """A joint's gap in one line, and what is left of it with the names."""
     unit, named = one.get("unit", "N m"), "" if after is None else f", {after:.3f} with the names,"
     follows = TABLES["follows"][one["unexplained"]] if one["unexplained"] else ""
-    left = f"; but for what follows {follows} it were {one['ceiling_rms_Nm']:.3f}" if follows else ""
+    ceiling, least = f"{one['ceiling_rms_Nm']:.3f}", f"{one['rms_Nm'] if after is None else after:.3f}"
+    left = f"; but for what follows {follows} it were {ceiling}" if follows and ceiling != least else ""
     return f"{joint}: {one['rms_Nm']:.3f} {unit}{named} against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 
@@ -154,7 +157,8 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
 
     named = []
     for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
-        mass, effect = change["parameters"].get("mass_kg"), effect_name(change["effect"])
+        tied = change.get("class", [])[:MOST_TIED] if not is_likely(change) else []
+        mass, effect = change["parameters"].get("mass_kg"), " or ".join(map(effect_name, tied or [change["effect"]]))
         if change["effect"] == CARRIED:
             side = "more" if mass["value"] > 0.0 else "less"
             effect = f"{significant(abs(mass['value']), 3)} kg {side} at the flange"

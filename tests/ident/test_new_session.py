@@ -230,6 +230,18 @@ def test_names_in_another_language_axes_by_letters_slides_in_millimetres(tmp_pat
     assert_same(path, made, velocity=False)
 
 
+def test_a_drives_trace_names_the_axis_first(tmp_path: Path) -> None:
+    """Law: what stands before a channel's name is its joint, by letter or number, as scopes of drives write."""
+    arm = sliding_arm()
+    made = made_session(arm, driven(arm), [3], duration=20.0).runs[0]
+    heads = [f"{axis}.{what}" for axis in ("A1", "Z", "A2", "W") for what in ("ActPos", "ActTorque")]
+    pairs = np.stack([made.position * np.array([1.0, 1e3, 1.0, 1e3]), made.effort], axis=2)
+    path = text_table(tmp_path / "run.csv", ["time", *heads], np.column_stack([made.time, pairs.reshape(-1, 8)]))
+    (tmp_path / "arm.urdf").write_text(arm.urdf, encoding="utf-8")
+    assert "not used" not in new(path, tmp_path / "arm.urdf").summary()
+    assert_same(path, made, velocity=False)
+
+
 def test_words_that_are_glued_a_counter_and_forces_of_slides(tmp_path: Path) -> None:
     """Law: Istwinkel is an angle, a column that counts samples is no clock, a slide's force stands for a torque."""
     arm = sliding_arm()

@@ -50,7 +50,7 @@ class Standing:
     p_value: float  # for one change
     spread: float  # standard deviation from run to run of the effect, as a share of the change
     widening: float  # factor on the half-widths of intervals that count the blocks' noise alone
-    of_the_day: bool  # whether it is mostly unsure as one day differs from the next, whatever the runs say
+    of_the_day: bool  # whether it is mostly unsure as friction differs by day or wanders, whatever these runs say
     of_the_runs: bool  # whether as runs or days differ, and not by noise
     nats: float  # log likelihood ratio against none
     looser: float  # log of by how much its variance exceeds that of the noise model
@@ -77,11 +77,12 @@ def measure_standing(
     variance = by_blocks + max(by_runs, walk) + day.error**2
     dof = variance**2 / (estimated + 1e-300)
     error = float(np.sqrt(variance))
+    known = day.error**2 + (walk if walk >= by_runs else 0.0)
     return Standing(
         p_value=float(fisher.sf(1.0 / (k * variance), k, dof)),
         spread=float(np.sqrt(by_runs / sum(1.0 / count for count in counts))),
         widening=max(1.0, float(student.ppf(0.975, dof)) / NORMAL_95 * error / float(np.sqrt(max(by_blocks, 1e-300)))),
-        of_the_day=day.error > np.sqrt(0.5) * error,
+        of_the_day=known > 0.5 * variance,
         of_the_runs=variance > 2.0 * by_blocks,
         nats=float(0.5 * (dof + k) * np.log1p(1.0 / (max(dof, 1e-9) * variance))),
         looser=float(np.log(max(variance * gain, 1.0))),

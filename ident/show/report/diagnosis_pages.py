@@ -230,7 +230,8 @@ def outlook_section(record: Mapping[str, Any]) -> Section | None:
         return None
     tied = any(len(finding["class"]) > 1 for finding in record.get("findings", []))
     values = {"tied": tied, "limits": limit_rows(record), "silent": silent_groups(record.get("not_testable", []))}
-    return Section("next", "What to record next", "outlook.html", {"record": record, **values})
+    values |= {"record": record, "in_units_of": verdict.in_units_of}
+    return Section("next", "What to record next", "outlook.html", values)
 
 
 def render_comparison_report(record: Mapping[str, Any]) -> str:

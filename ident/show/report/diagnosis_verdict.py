@@ -62,7 +62,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     named = ("; ".join(names) if " and " in "".join(names) else join_words(names)) + more
     has = "has a name" if any(map(is_likely, listed[:1])) else "may have a name"
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
-    words = words.format(has=has, named=named, size="" if misread or not joint else f": {joint} is off by {size}")
+    size = "" if misread or not joint else f": {joint} is off by {size}"
+    words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
     if scale and misread and scale["bodily"]:
         words = f"A body may be why. {words}"
     elif misread and (other or not shown):
@@ -86,6 +87,17 @@ def _names_factor(finding: Mapping[str, Any], off: Mapping[str, Any]) -> bool:
         gain is None or joint not in reads or (gain > 0.0) == (reads[joint] > 1.0) for joint in finding["joints"]
     )
     return finding["effect"] in GAINS and {*finding["joints"]} <= {*off["joints"]} and alike
+
+
+def _largest_rest(record: Mapping[str, Any]) -> str:
+    """Where the names leave most beyond noise, and how much."""
+    after, gap = (record.get("heldout") or {}).get("rms_after_Nm", {}), record.get("gap", {})
+    left = {joint: rms**2 - gap[joint]["noise_floor_Nm"] ** 2 for joint, rms in after.items() if joint in gap}
+    joint = max(left, key=left.__getitem__, default="")
+    if not joint or left[joint] <= 0.0:
+        return ""
+    size = in_units_of([joint], record, f"{significant(math.sqrt(left[joint]))} N m")
+    return f"; most of the rest is at {joint}, {size} beyond noise"
 
 
 def called(finding: Mapping[str, Any], lead: str = "") -> str:
@@ -125,7 +137,7 @@ def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
 
 
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Names as they are shown: the leading joint's first, then those that show there; of each what is likely first.
+    """Names as they are shown: those that act at the leading joint first, of them what closes most there.
 
     Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it.
     """
@@ -134,8 +146,12 @@ def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     factors = [one for one in findings if is_likely(one) and any(_names_factor(one, issue) for issue in off)]
     factors = factors if any(lead in one["joints"] for one in factors) else []
 
-    def rank(one: Mapping[str, Any]) -> tuple[bool, ...]:
-        return one not in factors, lead not in one["joints"], not _acts_on(one, lead, record), not is_likely(one)
+    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, float, bool]:
+        before, after = (
+            one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after")
+        )
+        closes = after**2 - before**2 if is_likely(one) else 0.0
+        return one not in factors, not _acts_on(one, lead, record), closes, lead not in one["joints"]
 
     return sorted(findings, key=rank)
 
@@ -293,7 +309,8 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     for one in record.get("reservations", []):
         if one["effect"]:
             what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
-            unbelieved.setdefault(with_units(one["reason"]), []).append(what)
+            reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
+            unbelieved.setdefault(reason, []).append(what)
         else:
             doubts.append(f"Doubt: {one['reason']}.")
     return [*(f"Not believed: {join_words(w)} would fit, but {reason}." for reason, w in unbelieved.items()), *doubts]

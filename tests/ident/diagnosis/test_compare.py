@@ -13,9 +13,9 @@ from ident.diagnosis.change.confounded_links import distinguished, place_bodies
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
-from ident.diagnosis.change.permuted_sets import _parts
+from ident.diagnosis.change.permuted_sets import NullVariance, _parts
 from ident.diagnosis.change.result import ArmComparison, Side
-from ident.diagnosis.change.search import ChangeSearch
+from ident.diagnosis.change.search import ChangeSearch, measure_standing
 from ident.diagnosis.change.settings import CHANGE, PRIOR
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
@@ -236,6 +236,15 @@ def test_friction_that_wanders_adds_up_in_a_session_and_begins_anew_in_the_next(
     assert one.walk((12, 12)) == pytest.approx(2.0 * one.walk((6, 6)))
     assert one.walk((6, 6)) == pytest.approx(4.0 * two.walk((6, 6)))
     assert DayToDay().walk((6, 6)) == 0.0
+
+
+def test_friction_that_wanders_as_usual_is_known_without_dealing_runs() -> None:
+    """Law: few dealings cost odds where what laws gain by them decides, not where the usual spread of runs does."""
+    day = DayToDay(error=0.1, step=0.07)
+    usual, misfit = (
+        measure_standing(1000.0, 2, (1e-3, 60), NullVariance(ratio, 20.0), day, (6, 6)) for ratio in (1.2, 40.0)
+    )
+    assert (usual.of_the_day, misfit.of_the_day) == (True, False)
 
 
 def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, before: list[Motion]) -> None:

@@ -23,7 +23,7 @@ NAMES = {
     "load_dependent_friction": "mu at_load_Nm at_speed_rad_s",
     "thermal_friction": "viscous_change coulomb_change time_constant_s",
     "presliding_hysteresis": "amplitude_Nm displacement_rad reversal_Nm at_travel_rad",
-    "position_dependent_friction": "amplitude_Nm order phase_rad",
+    "position_dependent_friction": "amplitude_Nm order phase_rad swing_Nm at_low_rad at_high_rad",
     "asymmetric_friction": "coulomb_difference_Nm viscous_difference_Nms_rad difference_Nm at_speed_rad_s",
     "joint_coupling": "viscous_Nms_rad coulomb_Nm inertia_kgm2 other_joint drag_Nm at_speed_rad_s",
     "joint_elasticity": "stiffness_Nm_rad damping_Nms_rad",
@@ -260,6 +260,10 @@ def test_what_to_do_bears_the_figures() -> None:
     assert "2.64 kg [2.31, 2.97]" in find_effect("payload").action("joint_6", payload)
     gain = {"gain": Interval(-0.11, -0.14, -0.08)}
     assert "reads 11 % [8, 14] less than the true torque" in find_effect("torque_gain_error").action("joint_5", gain)
+    pushes = replace(find_effect("external_contact"), pushes=(Push("first", 0.5, 1.5), Push("third", 5.0, 6.0)))
+    pushed = {"start_s": 5.0, "end_s": 6.0, "force_N": 10.0, "link": 2.0}
+    told = pushes.action("joint_2", {name: Interval(one, one, one) for name, one in pushed.items()})
+    assert "from 5.0 to 6.0 s on the clock of third" in told  # clocks may restart with each run
     warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
 

@@ -63,6 +63,12 @@ def loaded(p: Figures) -> list[float]:
     return [100.0 * both.mean() / load, load, speed]
 
 
+def placed(p: Figures) -> list[float]:
+    ends = [p["at_low_rad"], p["at_high_rad"]]
+    low, high = law("position_dependent_friction", p, q_own=ends, dq_own=[1.0, 1.0])
+    return [0.5 * (high - low), *ends]
+
+
 def asymmetric(p: Figures) -> list[float]:
     speed = p["at_speed_rad_s"]
     return [law("asymmetric_friction", p, dq_own=[speed, -speed]).sum(), speed]
@@ -110,7 +116,7 @@ EVALUATED: dict[str, Callable[[Figures], list[float]]] = {
     "load_dependent_friction": loaded,
     "thermal_friction": thermal,
     "presliding_hysteresis": hysteresis,
-    "position_dependent_friction": lambda p: [wave("position_dependent_friction", p, dq_own=[1.0])],
+    "position_dependent_friction": placed,
     "asymmetric_friction": asymmetric,
     "joint_coupling": coupling,
     "joint_elasticity": lambda p: [p["stiffness_Nm_rad"]],

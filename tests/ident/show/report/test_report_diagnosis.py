@@ -22,7 +22,7 @@ from ident.show.report.diagnosis_verdict import (
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
-from ident.show.terminal import print_diagnosis
+from ident.show.terminal import describe_gap, headline, print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -88,7 +88,10 @@ def test_a_joint_that_slides_is_of_forces_and_metres(tmp_path: Path) -> None:
     """Law: its card, its place and its torque are; those of joints that turn are as ever."""
     record = json.loads(json.dumps(RECORD))
     record["gap"]["joint_2"]["unit"] = "N"
-    text, words = written(tmp_path, record), ("joint_2 1.1 → 0.47 N;", "0.20 m/s", "[N m; of joints that slide N]")
+    silent = {"effect": "backlash", "joints": ["joint_2"], "reason": "load never changes sign (520 to 631 N m)"}
+    record["not_testable"] = [silent]
+    text = written(tmp_path, record)
+    words = ("joint_2 1.1 → 0.47 N;", "0.20 m/s", "[N m; of joints that slide N]", "(520 to 631 N)")
     assert all(seen in text for seen in words)
     assert "rad/s" not in text
     tilt = {"effect": "gravity_misalignment", "parameters": {"tilt_x_rad": {"value": 0.02, "low": 0.01, "high": 0.03}}}
@@ -170,6 +173,8 @@ def test_a_terminal_shows_brackets_and_what_a_gap_follows(capsys: pytest.Capture
     print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]})
     told = capsys.readouterr().out
     assert ("[open]" in told, told.count("of noise; but for what follows ")) == (True, len(BLOCKS))
+    same = {**RECORD["gap"]["joint_2"], "unexplained": "state", "ceiling_rms_Nm": 0.5}
+    assert "but for" not in describe_gap("joint_2", same, 0.5)  # nothing is left to follow anything
 
 
 def test_doubts_tell_figures_by_words_and_units() -> None:
@@ -270,6 +275,40 @@ def test_first_line_first_action_and_first_name_are_about_the_first_place(
         assert line.index(f"spring torque in {mapped} and knee") < line.index("spring torque in base")
     else:
         assert action == f"0.50 N m at {mapped} have no name. Record this next: move {mapped}."
+
+
+def test_where_names_close_a_part_the_first_line_says_where_most_of_the_rest_is() -> None:
+    """Law: beyond noise, and in the slide's unit; nowhere where they leave noise alone."""
+    gap = {"base": {"rms_Nm": 9.0, "noise_floor_Nm": 4.0, "unit": "N"}, "elbow": {"rms_Nm": 2.0, "noise_floor_Nm": 0.4}}
+    record = acted_on("spring_torque", 0.97) | {"verdict": "partial", "gap": gap}
+    for after, rest in (
+        ((5.0, 0.5), "at base, 3.0 N beyond"),
+        ((4.0, 0.5), "at elbow, 0.30 N m beyond"),
+        ((4, 0.4), ""),
+    ):
+        record["heldout"] = {"rms_after_Nm": dict(zip(gap, after, strict=True))}
+        assert (f"most of the rest is {rest} noise." in diagnosis_headline(record)) is bool(rest)
+
+
+def test_a_change_less_likely_than_not_is_not_told_by_one_name() -> None:
+    """Law: the first line of a comparison names what it may be as well; what is likely it names alone."""
+    change = {"effect": "torque_offset", "joints": ["knee"], "class": ["torque_offset", "asymmetric_friction"]}
+    record = {"verdict": "changed", "changes": [change | {"parameters": {}, "probability": 0.4}], "not_testable": []}
+    assert headline(record)[0] == "What changed: torque offset or asymmetric friction in knee."
+    record["changes"][0]["probability"] = 0.8
+    assert headline(record)[0] == "What changed: torque offset in knee."
+
+
+def test_of_names_that_show_at_the_leading_joint_the_one_that_closes_most_there_is_first() -> None:
+    """Law: a load that hangs on another joint stands before a ripple of the joint itself, and is its factor."""
+    record = acted_on("torque_ripple", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
+    load = {**record["findings"][0], "effect": "link_inertial_error", "joints": ["wrist"], "action": "weigh it"}
+    closed = {"rms_before_Nm": {"elbow": 9.0, "wrist": 1.0}, "rms_after_Nm": {"elbow": 0.8, "wrist": 0.1}}
+    ripple = {"rms_before_Nm": {"elbow": 0.8}, "rms_after_Nm": {"elbow": 0.7}}
+    record["findings"] = [{**record["findings"][0], "heldout": ripple}, {**load, "heldout": closed}]
+    assert in_order_of_joints(record)[0]["effect"] == "link_inertial_error"
+    assert first_action(record) == "Weigh it."
+    assert "Beyond that" not in diagnosis_headline(record)
 
 
 def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> None:
