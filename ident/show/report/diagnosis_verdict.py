@@ -146,12 +146,12 @@ def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     factors = [one for one in findings if is_likely(one) and any(_names_factor(one, issue) for issue in off)]
     factors = factors if any(lead in one["joints"] for one in factors) else []
 
-    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, float, bool]:
+    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, float, bool, bool]:
         before, after = (
             one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after")
         )
-        closes = after**2 - before**2 if is_likely(one) else 0.0
-        return one not in factors, not _acts_on(one, lead, record), closes, lead not in one["joints"]
+        elsewhere = lead not in one["joints"]
+        return one not in factors, not _acts_on(one, lead, record), after**2 - before**2, elsewhere, not is_likely(one)
 
     return sorted(findings, key=rank)
 
