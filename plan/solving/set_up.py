@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -74,10 +73,7 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
     if duration is None:  # one that the limits allow; of a pose the way is unknown
         duration = 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0
     disabled = None if task.srdf is None else read_disabled(task.srdf, robot)
-    said = (
-        *_say_slides(task, arm),
-        *say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None),
-    )
+    said = say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None)
     return PlanningProblem(
         scene=Scene.build(arm, task.obstacles, stand_in=options.shapes, carried=hung, disabled=disabled),
         model=_torque(model, payload, arm, task),
@@ -271,16 +267,6 @@ def _moving_arm(task: Task, robot: ArmModel) -> ArmModel:
     if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
         raise InputError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
     return robot.locked(robot.joint_names[task.n :], list(held)) if rest else robot
-
-
-def _say_slides(task: Task, arm: ArmModel) -> tuple[str, ...]:
-    """What numbers of joints that slide are in keys that speak of degrees, and where they so start."""
-    slides = np.flatnonzero(arm.sliding_joints)
-    starts = ", ".join(f"{arm.joint_names[j]} starts at {1e3 * task.start[j]:.3g} mm" for j in slides)
-    metre = math.degrees(1.0)
-    return (
-        (f"of joints that slide {metre:.1f} are a metre in keys that end with _deg: {starts}",) if len(slides) else ()
-    )
 
 
 def _torque(model: HybridModel | None, payload: Payload | None, arm: ArmModel, task: Task) -> ChainTorque:

@@ -14,8 +14,7 @@ from plan.geometry.scene import Scene
 from plan.problem.makers_limits import TABLE, find_makers_limits
 from plan.problem.problem import SHARE, TIME_NODES
 from plan.problem.task_file import load_task
-from plan.solving.set_up import TaskOptions, set_up
-from tests.ident.made_up import sliding_arm
+from plan.solving.set_up import set_up
 from tests.plan.worlds import MONITOR, problem
 
 
@@ -127,18 +126,6 @@ def test_makers_limits_are_kept_where_the_task_gives_none(tmp_path: Path) -> Non
     without = limits_of(tmp_path, "[limits]\nmakers = false\n")
     assert without.limits.acceleration is None
     assert any("no limit of acceleration and jerk" in note for note in without.notes)
-
-
-def test_of_a_slide_it_is_said_what_its_degrees_are(tmp_path: Path) -> None:
-    """Law: nobody who means metres gets a plan of millimetres unawares; of arms that turn nothing is said."""
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(sliding_arm().urdf, encoding="utf-8")
-    task = "start_deg = [0, 0.2, 0, 0.1]\ngoal_deg = [9, 5, 9, 5]\nduration_s = 2\n"
-    scene = f'robot = "{urdf.as_posix()}"\n[task]\n{task}'
-    (tmp_path / "scene.toml").write_text(scene, encoding="utf-8")
-    notes = set_up(load_task(tmp_path / "scene.toml"), options=TaskOptions(shapes="boxes")).notes
-    assert "57.3 are a metre in keys that end with _deg: slide_2 starts at 3.49 mm, slide_4" in notes[0]
-    assert not any("metre" in note for note in limits_of(tmp_path).notes)
 
 
 def test_feasible_is_always_better() -> None:
