@@ -222,3 +222,9 @@ def _look_through(record: Any) -> None:
             waiting += [(one, depth + 1) for one in value]
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError("an integer of more than 64 bit")
+
+
+def urdf_from(file: Path, robot: str) -> str:
+    """The robot that a file names: a URDF by its path from the file's folder on where it is there, else as named."""
+    beside = file.parent / robot
+    return str(beside) if robot.endswith((".urdf", ".xml")) and beside.is_file() else robot

@@ -12,7 +12,7 @@ from typing import Any
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
-from ident.safe_read import read_toml
+from ident.safe_read import read_toml, urdf_from
 
 NAME = "session.toml"
 # Beside the drive gains that nobody measured.
@@ -92,16 +92,13 @@ def load_session_file(path: Path) -> SessionFile:
     robot = data.get("robot")
     if robot is not None and not isinstance(robot, str):
         raise RecordingError(path, f"robot = {robot!r}", "give a name or a URDF path in quotes")
-    # A relative URDF path is relative to the file that names it.
-    if robot and robot.endswith((".urdf", ".xml")) and (path.parent / robot).is_file():
-        robot = str(path.parent / robot)
     return SessionFile(
         path=path,
         columns=keys.columns(),
         drive_gain=gains,
         effort_sign=signs,
         payload=keys.payload(),
-        robot=robot,
+        robot=None if robot is None else urdf_from(path, robot),
         sample_rate_hz=keys.positive("sample_rate_hz", "rate [Hz]"),
         angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles or "rad"],
         angle_zero=0.0 if counts is None else counts / 2.0,

@@ -12,7 +12,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.recordings.recording import Payload
-from ident.safe_read import read_toml
+from ident.safe_read import read_toml, urdf_from
 from plan.geometry.obstacle_files import read_cloud, read_mesh
 from plan.geometry.solids import Box, Kind, Solid
 from plan.geometry.tool import Carried
@@ -143,7 +143,7 @@ def load_task(path: str | Path) -> Task:
     top = _read(Path(path))
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
-    robot, given = top.need("robot"), len(top.table("task")["start_deg"])
+    robot, given = urdf_from(top.file, top.need("robot")), len(top.table("task")["start_deg"])
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
 
@@ -214,7 +214,7 @@ def _surroundings(top: SceneTable) -> Surroundings:
         mass = Payload(payload["mass_kg"], (x, y, z))
     return Surroundings(
         source=top.file,
-        robot=top["robot"],
+        robot=None if "robot" not in top else urdf_from(top.file, top["robot"]),
         obstacles=read_obstacles(top),
         attached=read_attached(top),
         payload=mass,

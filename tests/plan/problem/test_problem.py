@@ -13,7 +13,7 @@ from plan.geometry.clearance_proof import SHORT, find_cuts, find_margins, why_re
 from plan.geometry.scene import Scene
 from plan.problem.makers_limits import TABLE, find_makers_limits
 from plan.problem.problem import SHARE, TIME_NODES
-from plan.problem.task_file import load_task
+from plan.problem.task_file import load_surroundings, load_task
 from plan.solving.set_up import set_up
 from tests.plan.worlds import MONITOR, problem
 
@@ -86,6 +86,17 @@ def limits_of(folder: Path, more: str = "", robot: str = "panda", joints: int = 
     start, goal = ([*ends, 0, -90, 0, 90, 0][:joints] for ends in ([0, 0], [20, 10]))
     (folder / "scene.toml").write_text(TASK.format(robot=robot, start=start, goal=goal, more=more))
     return set_up(load_task(folder / "scene.toml"))
+
+
+def test_a_scene_finds_a_urdf_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: its path is from the scene's folder on, wherever the command is run, with a task or without."""
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "cell/arm.urdf").write_text(Path("urdf/tm5_900.urdf").read_text())
+    (tmp_path / "cell/scene.toml").write_text('robot = "arm.urdf"\n')
+    (tmp_path / "cell/task.toml").write_text(TASK.format(robot="arm.urdf", start=[0.0] * 6, goal=[1.0] * 6, more=""))
+    monkeypatch.chdir(tmp_path)
+    assert load_task("cell/task.toml").robot == str(Path("cell/arm.urdf"))
+    assert load_surroundings("cell/scene.toml", np.zeros(6, dtype=bool)).robot == str(Path("cell/arm.urdf"))
 
 
 def test_every_row_says_where_it_is_from() -> None:
