@@ -256,12 +256,15 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
     def cloud(path: Path) -> object:
         return read_cloud(path, 0.01, np.ones(3))
 
+    def around(path: Path) -> object:
+        return load_surroundings(path, np.zeros(3, dtype=bool))
+
     def check_mesh(found: Any) -> None:
         finite("the mesh", found[0].points, found[1])
 
     return [
         Kind("scene.toml", folder / "scene.toml", load_task, check_task),
-        Kind("surroundings", folder / "scene.toml", lambda path: load_surroundings(path, 3), check_boxes, 0.5),
+        Kind("surroundings", folder / "scene.toml", around, check_boxes, 0.5),
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
