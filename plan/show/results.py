@@ -51,7 +51,6 @@ def _print_plan(console: Console, result: PlanResult) -> None:
         slides = result.certificate.scene.arm.sliding_joints
         stamps, points = np.cumsum(result.splines.durations[0])[:-1], result.splines.points[0, 1:-1]
         words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
-        words = [", ".join(as_given(x, bool(one), 2) for x, one in zip(q, slides, strict=True)) for q in points]
         words = words if slides.any() else [one.replace(" deg,", ",") for one in words]
         vias = list(zip(stamps, words, strict=True))
     _say(console, "plan", result, vias=vias)
