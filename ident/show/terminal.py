@@ -188,7 +188,7 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
     console.print(styled((record["verdict"], "bold"), f": {words}"), soft_wrap=True)
-    lines = [f"{describe_change(change, record)}\n    do: {change['action']}" for change in record["changes"]]
+    lines = [f"{describe_change(change, record)}\n    do: {order_of(change, record)}" for change in record["changes"]]
     lines += [f"do: {order}"] * bool(order)
     lines += [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
     for line in filter(None, lines):

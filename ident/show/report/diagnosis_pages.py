@@ -242,6 +242,7 @@ def render_comparison_report(record: Mapping[str, Any]) -> str:
         "headline": words,
         "order": order,
         "places_of": places_of,
+        "order_of": verdict.order_of,
         "in_units_of": verdict.in_units_of,
         "units": verdict.units_of(record),
         "spread": describe_spread(record),

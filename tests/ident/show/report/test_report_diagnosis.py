@@ -295,8 +295,11 @@ def test_a_change_less_likely_than_not_is_not_told_by_one_name() -> None:
     change = {"effect": "torque_offset", "joints": ["knee"], "class": ["torque_offset", "asymmetric_friction"]}
     record = {"verdict": "changed", "changes": [change | {"parameters": {}, "probability": 0.4}], "not_testable": []}
     assert headline(record)[0] == "What changed: torque offset or asymmetric friction in knee."
+    change = record["changes"][0] | {"action": "correct it"}
+    assert order_of(change, record).startswith("act on none yet, for it may be torque offset or asymmetric friction in")
     record["changes"][0]["probability"] = 0.8
     assert headline(record)[0] == "What changed: torque offset in knee."
+    assert order_of(change | {"probability": 0.8}, record) == "correct it"
 
 
 def test_of_names_that_show_at_the_leading_joint_the_one_that_closes_most_there_is_first() -> None:
