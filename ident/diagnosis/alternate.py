@@ -199,11 +199,11 @@ def _sure(
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
         hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
         refused = refused or find_uneven(search, groups, kept, hidden)
-        wanders = {} if refused else dict.fromkeys(_find_wandering(search, groups, kept), WANDERS)
-        why_not = [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in (refused | wanders).items()]
-        # Friction that varies is no gap.
-        doubted += tuple(replace(one, shows=None) if one.reason == WANDERS else one for one in why_not)
-        refused |= wanders
+        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
+        for k in () if refused else _find_wandering(search, groups, kept):
+            refused[k] = WANDERS
+            # Friction that varies is no gap.
+            doubted += (replace(Reservation.of(found.named[k], estimates[k], joints, WANDERS), shows=None),)
         if refused and len(doubted) <= most:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
