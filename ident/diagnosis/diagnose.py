@@ -121,7 +121,7 @@ def diagnose(
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
-    open_gap = find_unexplained(found, ceilings, evidence, settings.verdict)
+    open_gap = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
     left = open_gap.left
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)

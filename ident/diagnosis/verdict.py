@@ -15,6 +15,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 
@@ -50,19 +51,23 @@ def find_unexplained(
     ceilings: Sequence[Ceiling],
     evidence: Evidence,
     settings: VerdictSettings = USUAL_VERDICT,
+    law_share: float = USUAL_SELECTION.least_own_share,
 ) -> Unexplained:
     """At which joints more than noise is left, and how far it stands out.
 
     Unexplained is what a discrepancy sees; and, whether it does or not, an error over innovation (what can't be
     foretold from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a
-    run's own level of friction doesn't count: that varies.
+    run's own level of friction doesn't count: that varies. Neither does `law_share` of the mean square that was there
+    before anything was named: no arm obeys a law to the letter, and for what is smaller no second name is given either.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
-    steady = np.array([ceiling.before for ceiling in ceilings])
-    typical = np.minimum.reduce([found.ladder[-1].rms, found.ladder[-1].typical_rms, steady])
+    last, steady = found.ladder[-1], np.array([ceiling.before for ceiling in ceilings])
+    misfit = law_share * np.maximum(found.ladder[0].rms ** 2 - last.rms**2, 0.0)
+    typical = np.sqrt(np.maximum(np.minimum.reduce([last.rms, last.typical_rms, steady]) ** 2 - misfit, 0.0))
     colour = typical / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
-    learnt = np.array([c.sure * (1.0 - (c.rms / max(c.before, 1e-12)) ** 2) for c in ceilings])
+    seen = np.array([c.sure * (c.before**2 - c.rms**2) for c in ceilings])
+    learnt = np.maximum(seen - misfit, 0.0) / np.maximum(steady**2, 1e-24)
     # What all joints have in excess is the noise's estimate, up to a point.
     excess = (typical / np.maximum(evidence.floor, 1e-12)) ** 2
     shared = max(float(np.median(excess[moved])), 1.0) if moved.any() else 1.0

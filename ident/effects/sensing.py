@@ -53,7 +53,8 @@ class TorqueGainError(Effect):
 class TorqueOffset(Effect):
     """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid).
 
-    The interval of o holds what the offset is all through the session, whenever a drift is counted from.
+    The interval of o holds what the offset is all through the session, whenever a drift is counted from. Without a
+    common clock nothing is known of d, and it is not reported.
     """
 
     id = "torque_offset"
@@ -76,7 +77,7 @@ class TorqueOffset(Effect):
     ) -> dict[str, Interval]:
         offset = coefficient_interval(0, coefficients, covariance)
         if not variant.shape:
-            return {"offset_Nm": offset, "drift_Nm_s": exactly(0.0)}
+            return {"offset_Nm": offset}
         reach = float(np.hypot(offset.high - offset.value, coefficients[1]))
         return {
             "offset_Nm": Interval(offset.value, offset.value - reach, offset.value + reach),
