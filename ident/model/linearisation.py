@@ -177,8 +177,8 @@ RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
 # A range of fewer standard deviations of the position than this follows noise.
 NOISE_FACTOR = 8.0
 # Friction's possible curves beside the straight line: powers of the speed, the least of them straight below a knee
-# [rad/s], and what falls off at this speed [rad/s].
-CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), 0.05
+# [rad/s], and what falls off at these speeds [rad/s].
+CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), (0.02, 0.06, 0.18)
 # What differs by so many nats is as likely; length of the stretches by which misfits are held against each other [s].
 AS_LIKELY, STRETCH = 2.0, 2.0
 
@@ -255,11 +255,11 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
 def _known(motion: Motion, torque: Float[Array, "T n"]) -> Known:
     """What all trials share of a run."""
     moving, target = _between_rests(motion), motion.tau_filtered - motion.filtered(torque)
-    # Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning.
+    # Acceleration, speed and concave curves over it, which turn sharply: laws of friction are no slow turning.
     heading, pace = np.sign(motion.dq), np.abs(motion.dq)
     curves = [(power, 0.0) for power in CONCAVE] + [(CONCAVE[0], knee) for knee in KNEES]
     concave = [heading * bent(pace, power, knee) for power, knee in curves]
-    moves = np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
+    moves = np.stack([motion.ddq, motion.dq, *concave], axis=-1)
     rows = np.concatenate([motion.filtered(moves), target[:, :, None]], axis=2)
     rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
     sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
@@ -293,17 +293,25 @@ def _pieces(samples: int, motion: Motion) -> list[slice]:
 
 
 def _misfit(motions: Sequence[Motion], known: Sequence[Known], trial: Sliding) -> Float[Array, "stretches n"]:
-    """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
-    count = known[0][1].shape[2] + 1
+    """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²].
+
+    What falls off from rest turns round with dry friction: turning sharply it would make up for a slow turning.
+    """
+    own_columns = 1 + len(SLOW)
+    count = known[0][1].shape[2] + own_columns
     pieces = []
     for motion, (moving, rows, sums) in zip(motions, known, strict=True):
-        slip = np.where(moving, motion.filtered(trial.direction(motion)), 0.0).T
+        slip = trial.direction(motion)
+        falling = [slip * np.exp(-np.abs(motion.dq) / speed) for speed in SLOW]
+        turning = motion.filtered(np.stack([slip, *falling], axis=-1))
+        turning = np.moveaxis(np.where(moving[:, :, None], turning, 0.0), 0, 2)
         grams = np.empty((*sums.shape[:2], count, count))
-        grams[..., 1:, 1:] = sums
+        grams[..., own_columns:, own_columns:] = sums
         for k, part in enumerate(_pieces(len(moving), motion)):
-            own = slip[:, part]
-            grams[k, :, 0, 0] = np.einsum("jt,jt->j", own, own)
-            grams[k, :, 0, 1:] = grams[k, :, 1:, 0] = (own[:, None] @ rows[:, part])[:, 0]
+            own = turning[..., part]
+            grams[k, :, :own_columns, :own_columns] = own @ np.swapaxes(own, 1, 2)
+            grams[k, :, :own_columns, own_columns:] = own @ rows[:, part]
+            grams[k, :, own_columns:, :own_columns] = np.swapaxes(grams[k, :, :own_columns, own_columns:], 1, 2)
         pieces.append(grams)
     grams = np.concatenate(pieces)
     found = np.zeros(grams.shape[:2])
