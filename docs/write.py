@@ -66,8 +66,8 @@ def describe_command(package: str, name: str, command: Any) -> str:
             continue
         names = ", ".join(f"`{one}`" for one in (*option.opts, *option.secondary_opts) if one.startswith("-"))
         needed = "needed" if option.required else "" if option.default in (None, (), "") else f"`{option.default}`"
-        rows.append((names or f"`{option.name}`", needed, getattr(option, "help", "") or ""))
-    return f"## {package} {name}\n\n{command.help}\n\n{table(('', 'default', ''), rows)}"
+        rows.append((names or f"`{option.name}`", getattr(option, "help", "") or "", needed))
+    return f"## {package} {name}\n\n{command.help}\n\n{table(('', 'what', 'default'), rows)}"
 
 
 def commands() -> str:
@@ -88,7 +88,7 @@ def session_keys() -> str:
     from ident.recordings.session_toml import KEYS
 
     lines = "Every key may be left out. `ident new` writes the file with its guesses.\n\n"
-    columns, columns_of = ("key", "unit", "if left out", "what", "example"), ("unit", "default", "meaning")
+    columns, columns_of = ("key", "what", "unit", "if left out", "example"), ("meaning", "unit", "default")
     rows = [(f"`{name}`", *map(key.get, columns_of), f"`{key['example']}`") for name, key in KEYS.items()]
     return HEAD + "# session.toml\n\n" + lines + table(columns, rows)
 
@@ -108,7 +108,7 @@ def settings() -> str:
     """The numbers by which a diagnosis decides."""
     from ident.diagnosis.settings import DiagnosisSettings
 
-    columns, parts = ("value", "unit", "meaning", "source"), []
+    columns, parts = ("meaning", "value", "unit", "source"), []
     for group, rows in groupby(DiagnosisSettings().describe(), lambda one: one["name"].rpartition(".")[0]):
         own = [(f"`{one['name'].rpartition('.')[2]}`", *map(one.get, columns)) for one in rows]
         parts.append(f"## {group.replace('.', ', ').replace('_', ' ') or 'all stages'}\n\n{table(('', *columns), own)}")

@@ -87,5 +87,5 @@ class ExciteOptions:
         None, "Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."
     )
     floor: str = option("0", "Height of the floor above the base [m], or none; a scene's own floor counts instead.")
-    top_speed: float | None = option(None, "Top speed of every joint [deg/s].", min=1e-3)
+    top_speed: float | None = option(None, "Top speed of every joint that turns [deg/s].", min=1e-3)
     seed: int = option(0, "Seed of all randomness.", min=0)

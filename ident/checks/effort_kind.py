@@ -21,7 +21,7 @@ from scipy.special import stdtrit
 from ident.arrays import least_squares
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
-from ident.checks.report import JointEffort, TelemetryReport, issue_of
+from ident.checks.report import JointEffort, issue_of
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -143,24 +143,32 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
 
 
 class Gains:
-    """Sessions of one arm whose guessed gains differ: so do all their sizes, though the arm is the same."""
+    """Reads sessions of one arm with the first one's guesses of its drive gains: another guess is no other arm."""
 
     def __init__(self) -> None:
-        self._before: Session | None = None
+        self._first: Session | None = None
         self._issues: list[TelemetryIssue] = []
 
-    def take(self, session: Session, report: TelemetryReport) -> None:
-        """One more session."""
-        first = (self._before or session).guessed_gains
-        differ = [name for name, gain in session.guessed_gains.items() if not np.isclose(gain, first.get(name, gain))]
-        if differ and self._before is not None:
-            evidence = f"{self._before.name} and {session.name} have different guesses for {', '.join(differ)}"
-            remedy = "give both sessions the same drive gains"
-            self._issues.append(TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy))
-        self._before = session.replace(runs=()) if session.guessed_gains else self._before
+    def in_first_unit(self, session: Session) -> Session:
+        """The session, its torques those of the first one's guesses."""
+        if not session.guessed_gains:
+            return session
+        first = self._first = self._first or session.replace(runs=())
+        gains = {name: first.guessed_gains.get(name, gain) for name, gain in session.guessed_gains.items()}
+        differ = [name for name, gain in session.guessed_gains.items() if not np.isclose(gain, gains[name])]
+        if not differ:
+            return session
+        evidence = (
+            f"{first.name} and {session.name} have different guesses for {', '.join(differ)}: read with the first"
+        )
+        remedy = "give both sessions the same drive gains"
+        self._issues.append(TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy))
+        factor = [gains[name] / session.guessed_gains[name] if name in differ else 1.0 for name in session.joints]
+        runs = [run if run.current is None else run.replace(effort=factor * run.effort) for run in session.runs]
+        return session.replace(runs=runs, guessed_gains=gains)
 
     def issues(self) -> list[TelemetryIssue]:
-        """One a pair that differs."""
+        """One for each session that differs."""
         return self._issues
 
 

@@ -112,11 +112,11 @@ def _inspect_each(
     sessions: Iterable[Session], arm: ArmModel | None, settings: TelemetrySettings
 ) -> Iterator[TelemetryReport]:
     """A report of each session, or part of one, and a last one without runs: what they lack together or hold twice."""
-    tallies, last = (Amount(settings.excitation), Repeats(), Gains()), None
+    tallies, gains, last = (Amount(settings.excitation), Repeats()), Gains(), None
     for session in sessions:
         # The checks' matrices are small: threads of the linear algebra only get into each other's way.
         with threadpool_limits(limits=1, user_api="blas"):
-            report = inspect_alone(session, arm, settings)
+            report = inspect_alone(gains.in_first_unit(session), arm, settings)
             for tally in tallies:
                 tally.take(session, report)
         arm = None if arm is None else as_mounted(arm, report.session)  # later ones are held against the same arm
@@ -125,7 +125,7 @@ def _inspect_each(
         del session, report
     if last is not None:
         with threadpool_limits(limits=1, user_api="blas"):
-            issues = tuple(issue for tally in tallies for issue in tally.issues())
+            issues = tuple(issue for tally in (*tallies, gains) for issue in tally.issues())
         yield replace(last, issues=issues)
 
 

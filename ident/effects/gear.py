@@ -127,9 +127,6 @@ def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
     return Variant(shape={"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
 
 
-WIDE_GAPS = tuple(float(gap) for gap in np.geomspace(0.0025, 0.06, 15))
-
-
 @dataclass(frozen=True)
 class Backlash(Effect):
     """Play of width b: no torque passes while the link crosses from one flank to the other.
@@ -150,7 +147,7 @@ class Backlash(Effect):
             () if self.untestable(session, joint) else _widths(session.survey, some, joint)
             for joint in range(session.n)
         )
-        return replace(self, widths=found, screens=len(WIDE_GAPS) // LIMIT.wide_kept)
+        return replace(self, widths=found, screens=len(LIMIT.wide_gaps) // LIMIT.wide_kept)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         least, load = LIMIT.least_load_share * rated_torque(session, joint), joined(session, "link", joint)
@@ -210,15 +207,15 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
     """The wide gaps whose torque looks most like what is left at a joint, by differences from sample to sample."""
     stiffness = _contact(session, joint, LIMIT.wide_contact_ratio)
     contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
-    along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
+    along, power = np.zeros(len(LIMIT.wide_gaps)), np.zeros(len(LIMIT.wide_gaps))
     for run, left in zip(session.runs, leftover, strict=True):
         settled = run.motion.settled[:, joint]
         counts = settled[1:] & settled[:-1]
         steps = np.diff(left[:, joint])[counts]
-        felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
+        felt = list(_knock(run, joint, contact, LIMIT.wide_gaps, rows=slice(joint, joint + 1)))
         change = np.diff(run.motion.lowpass.together(felt), axis=0)[counts]
         along += steps @ change
         power += np.sum(change**2, axis=0)
     score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)
     best = np.argsort(-score, kind="stable")[: LIMIT.wide_kept]
-    return tuple(sorted(WIDE_GAPS[k] for k in best if score[k] > 0.0))
+    return tuple(sorted(LIMIT.wide_gaps[k] for k in best if score[k] > 0.0))

@@ -196,7 +196,7 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
             raise RecordingError(session_file.where, what, f"its joints are: {', '.join(joints)}")
     channels, issues = _channels(found, joints, source)
     turns = np.array([joint not in session_file.slides for joint in joints])
-    factors = np.array([session_file.slides.get(joint, session_file.angle_factor) for joint in joints])
+    factors = np.array([session_file.slides.get(joint, session_file.angle_factor or 1.0) for joint in joints])
     for channel in ANGLES:
         if channel in channels and np.any(factors != 1.0):
             zero = session_file.angle_zero * turns if channel in ("position", "position_command") else 0.0

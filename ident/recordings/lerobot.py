@@ -67,7 +67,7 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
         columns = load_columns(file, labels)
         own = [name for name in columns if name.startswith("observation.state.")] if number == 0 else []
         far = [np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) for name in own]
-        if session_file.angle_factor == 1.0 and max(far, default=0.0) > MOST_RADIANS:
+        if session_file.angle_factor is None and max(far, default=0.0) > MOST_RADIANS:
             session_file = replace(session_file, angle_factor=ANGLE_UNITS["deg"])
             what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
             notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)

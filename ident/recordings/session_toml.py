@@ -41,7 +41,7 @@ class SessionFile:
     payload: Payload | None = None  # known body at the flange
     robot: str | None = None  # name or URDF path of the robot
     sample_rate_hz: float | None = None  # sampling rate of tables without a time column [Hz]
-    angle_factor: float = 1.0  # what recorded angles and their derivatives are multiplied with to be radians
+    angle_factor: float | None = None  # what makes radians of recorded angles; radians where nothing is written
     # What is taken off recorded positions before; counts have their zero in the middle of a turn.
     angle_zero: float = 0.0
     # Joint that slides -> what its positions and their derivatives are multiplied with to be metres, instead.
@@ -100,7 +100,7 @@ def load_session_file(path: Path) -> SessionFile:
         payload=keys.payload(),
         robot=None if robot is None else urdf_from(path, robot),
         sample_rate_hz=keys.positive("sample_rate_hz", "rate [Hz]"),
-        angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles or "rad"],
+        angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles] if angles else None,
         angle_zero=0.0 if counts is None else counts / 2.0,
         slides=keys.numbers("slide_scale"),
         effort_kind=kind,

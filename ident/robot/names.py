@@ -7,6 +7,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import shlex
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -28,9 +29,18 @@ def data_path(relative: str) -> Path:
 
 
 def example_robots_folder() -> Path:
-    """Where example-robot-data's wheel puts its robots; the wheel holds data only, no Python module."""
+    """Where example-robot-data's wheel (data only, no module) puts its robots; without it a folder that isn't there."""
     relative = "cmeel.prefix/share/example-robot-data/robots"
-    return Path(str(importlib.metadata.distribution("example-robot-data").locate_file(relative)))
+    for wheel in importlib.metadata.distributions(name="example-robot-data"):
+        return Path(str(wheel.locate_file(relative)))
+    return Path(sys.prefix, relative)
+
+
+def named_files() -> dict[str, Path]:
+    """The URDFs of the names in robots.toml, whether or not they are installed."""
+    folder = example_robots_folder()
+    shipped = {name: data_path(path) for name, path in SHIPPED_ROBOTS.items()}
+    return shipped | {name: folder / path for name, path in EXAMPLE_ROBOTS.items()}
 
 
 @cache
@@ -59,12 +69,14 @@ def find_urdf(robot: str | Path) -> Path:
 
     Raises:
         RobotError: Neither a file nor a known name.
+        ModuleNotFoundError: A name of example-robot-data, which is not installed.
     """
     name, _ = split_tip(robot)
-    if name in SHIPPED_ROBOTS or name.replace("_", "-") in SHIPPED_ROBOTS:
-        return data_path(SHIPPED_ROBOTS[name.replace("_", "-")])
-    if name in EXAMPLE_ROBOTS:
-        return example_robots_folder() / EXAMPLE_ROBOTS[name]
+    named = named_files()
+    if known := named.get(name) or named.get(name.replace("_", "-")):
+        if not known.is_file():
+            raise ModuleNotFoundError(f"no {known}", name="example_robot_data")
+        return known
     path = Path(name)
     if path.is_file():
         return path
@@ -106,6 +118,6 @@ def _described(name: str) -> Path:
 
 def robot_argument(name: str, source: Path | None, tip: str = "") -> str:
     """What `--robot` takes for an arm, quoted for a shell: its name or its URDF's path, and its last joint if given."""
-    known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
+    known = next((one for one, path in named_files().items() if path == source), None)
     robot = known or (name if source is None else str(source))
     return shlex.quote(f"{robot}:{tip}" if tip else robot)

@@ -136,6 +136,6 @@ def surroundings_of(arm: ArmModel, options: ExciteOptions) -> Surroundings:
             raise InputError("--floor", what, f"give metres within {HIGHEST_FLOOR:g}, or none")
         around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
     if options.top_speed is not None:
-        given = np.full(arm.n, math.radians(options.top_speed))
+        given = np.where(arm.sliding_joints, np.inf, math.radians(options.top_speed))
         around = replace(around, speed=given if around.speed is None else np.minimum(given, around.speed))
     return around

@@ -116,6 +116,10 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, *build], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "diagnose" in (tmp_path / "api.html").read_text(encoding="utf-8")
+    # The switch of colours stops at the first element that it doesn't find.
+    page, switch = (tmp_path / name for name in ("index.html", "js/darkmode.js"))
+    asked = set(re.findall(r"getElementById\('([\w-]+)'\)", switch.read_text(encoding="utf-8")))
+    assert asked <= set(re.findall(r'id="([\w-]+)"', page.read_text(encoding="utf-8")))
 
 
 @pytest.mark.slow

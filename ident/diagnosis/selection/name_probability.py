@@ -138,7 +138,9 @@ def _parameters(
         asked, doubt = group.effect.asked(session), group.effect.doubt
         best = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
         parameters = grid.widened(best, asked, np.sqrt(np.diag(cells))) | grid.inner_parameters()
-        parameters = {name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}
+        parameters = {
+            name: widened(one, doubt.of(name, one.value), name in doubt.places) for name, one in parameters.items()
+        }
         found.append((parameters, beta, cells, is_certain(beta, cells, group.effect.essential(group.variant))))
     return found
 
@@ -203,12 +205,20 @@ def _off_their_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group])
     return [kept if kept.any() else np.ones_like(kept) for kept in free]
 
 
-def widened(interval: Interval, doubt: float) -> Interval:
-    """An interval that also holds what an arm's own law of an effect may differ from the catalogue's."""
+def widened(interval: Interval, doubt: float, place: bool = False) -> Interval:
+    """An interval that also holds what an arm's own law of an effect may differ from the catalogue's.
+
+    An interval that does not go beyond zero never does, but for a place: doubt about a size is a share of it.
+    """
     if doubt == 0.0 or not np.isfinite(interval.value):
         return interval
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
-    return replace(interval, low=interval.value - low, high=interval.value + high)
+    low, high = interval.value - low, interval.value + high
+    if not place and interval.low >= 0.0:
+        low = max(low, 0.0)
+    if not place and interval.high <= 0.0:
+        high = min(high, 0.0)
+    return replace(interval, low=low, high=high)
 
 
 def _beside(

@@ -211,6 +211,19 @@ def test_guessed_gains_are_told_and_make_no_recording_fit_without_a_word(
     assert any("other" in issue.evidence and "joint_2" in issue.joints for issue in first.find("guessed_gains"))
 
 
+def test_another_guess_of_a_gain_is_no_change_of_the_arm(session: Session, arm: ArmModel) -> None:
+    """Law: the same currents are the same torques, whatever a later session's gains were guessed to be."""
+    guesses = [np.full(len(session.joints), 10.0), np.linspace(8.0, 13.0, len(session.joints))]
+    marked = [
+        spoil(
+            session, lambda run, gains=gains: run.replace(current=run.effort / 10.0, effort=gains / 10.0 * run.effort)
+        ).replace(guessed_gains=dict(zip(session.joints, gains, strict=True)), name=name)
+        for gains, name in zip(guesses, ("before", "after"), strict=True)
+    ]
+    before, after = (report.session.runs[0].effort for report in inspect_sessions(marked, arm))
+    np.testing.assert_allclose(after, before, rtol=1e-12)
+
+
 def test_an_effort_of_zeros_is_refused(session: Session, arm: ArmModel) -> None:
     assert not inspect_sessions([changed(session, "effort", np.zeros_like)], arm)[0].is_fit
 

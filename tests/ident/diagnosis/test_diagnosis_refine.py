@@ -173,4 +173,8 @@ def test_intervals_hold_what_laws_may_differ() -> None:
     assert wide.value == 2.0
     assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
     assert widened(sharp, doubt.of("order", 2.0)) == sharp
+    # A size that may be nothing is never less: a knee in speed is not a negative speed. A place may lie on either side.
+    edge = Interval(2.0, 0.0, 3.0)
+    assert widened(edge, doubt.of("amplitude_Nm", 2.0)).low == 0.0
+    assert widened(edge, doubt.of("phase_rad", 2.0), place=True).low < 0.0
     assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))

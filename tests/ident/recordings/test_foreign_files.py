@@ -35,6 +35,18 @@ def test_a_lerobot_data_set_is_a_session_of_episodes(names: Any, run: Recording,
         np.testing.assert_allclose(one.position_command - one.position, 0.1, atol=1e-6)
 
 
+def test_a_stated_unit_is_believed_of_a_lerobot_data_set(run: Recording, tmp_path: Path) -> None:
+    """Law: large angles are taken as degrees only where session.toml says nothing; what a note advises works."""
+    columns = {"observation.state": 50.0 * run.position, "observation.effort": run.effort, "timestamp": run.time}
+    folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], columns)
+    guessed = load_session(folder).runs[0]
+    (folder / "session.toml").write_text('angle_unit = "rad"\n')
+    stated = load_session(folder).runs[0]
+    assert [issue.issue for issue in guessed.issues] == ["units_degrees"]
+    assert not stated.issues
+    np.testing.assert_allclose(guessed.position, np.radians(stated.position), rtol=1e-6)
+
+
 def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
     """Version 2.1: lists of any length, `episode_000001.parquet`; a column that stands twice is refused."""
     folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], {"observation.state": run.position, "timestamp": run.time})

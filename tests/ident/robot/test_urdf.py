@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.errors import RobotError
+from ident.process import missing_extra
+from ident.robot import names as robot_files
 from ident.robot.arm import ArmModel
+from ident.robot.meshes import find_mesh
 from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_argument, robot_names
 from ident.robot.urdf import gripper_joints, matrix_to_rpy, rpy_to_matrix
 from tests.ident.made_up import joint, link, urdf
@@ -43,6 +46,21 @@ def test_an_unknown_robot_is_told_the_names() -> None:
         find_urdf("pandda")
     assert error.value.where == "pandda"
     assert all(name in error.value.remedy for name in ("tm5-900", *EXAMPLE_ROBOTS))
+
+
+def test_an_arm_by_its_path_needs_no_package_of_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: without example-robot-data only its names are out of reach, and one line says what to install."""
+    monkeypatch.setattr(robot_files.importlib.metadata, "distributions", lambda name: [])
+    monkeypatch.setattr(robot_files, "example_files", robot_files.example_files.__wrapped__)
+    own = Path("arms", "panda_description", "urdf", "panda.urdf")
+    assert robot_argument("panda", own) == own.as_posix()
+    assert robot_argument("tm5_900", find_urdf("tm5-900")) == "tm5-900"
+    assert find_mesh("package://arm/link.stl", own) is None
+    with pytest.raises(RobotError, match="no such URDF file or robot"):
+        find_urdf("pandda")
+    with pytest.raises(ModuleNotFoundError) as error:
+        find_urdf("panda")
+    assert "armgap[sim]" in missing_extra(error.value).remedy  # type: ignore[union-attr]
 
 
 def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:

@@ -131,6 +131,14 @@ def test_a_scene_narrows_what_is_allowed(whole: ArmModel, tmp_path: Path) -> Non
     assert open_.clearance(slow_move(side, front)) > 0.0
 
 
+def test_a_top_speed_of_angles_says_nothing_of_slides() -> None:
+    """Law: --top-speed is in degrees, so a joint that slides keeps the speed that its URDF gives."""
+    arm = ArmModel.load("scara")
+    speed = surroundings_of(arm, ExciteOptions(top_speed=90.0)).speed
+    assert arm.sliding_joints.any()
+    assert np.array_equal(speed, np.where(arm.sliding_joints, np.inf, np.pi / 2))
+
+
 @pytest.mark.parametrize(
     ("text", "floor", "words"),
     [
