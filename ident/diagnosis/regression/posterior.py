@@ -29,7 +29,6 @@ from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.positive import factorise
-from ident.diagnosis.regression.run_spread import residual_weights
 from ident.effects.base import SessionContext
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
@@ -171,11 +170,8 @@ class Posterior:
         Beside a discrepancy the model itself is another: it no longer makes up for what the discrepancy explains.
         """
         columns, local = np.concatenate(self.blocks[joint]), self.evidence.layout.local[joint]
-        weights = residual_weights(self.evidence, model)
-        beside = weights.copy()
-        beside[columns] -= found.weights
-        beside[model.inside] += model.slopes[:, columns] @ found.weights
-        before, after = (float(one[local] @ sums @ one[local]) for one in (weights, beside))
+        beside = model.weights - model.left_of(columns) @ found.weights
+        before, after = (float(one[local] @ sums @ one[local]) for one in (model.weights, beside))
         return before, after
 
     def _free_samples(self, joint: int, found: Variances) -> float:
@@ -194,7 +190,7 @@ def measure_dispersion(
         evidence: Sums of the first pass.
         prior: The URDF's tolerance.
     """
-    weights = residual_weights(evidence, project(evidence.gram(), evidence, prior))
+    weights = project(evidence.gram(), evidence, prior).weights
     joints = range(evidence.layout.n)
     loud = [j for j in joints if evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD]
     found = np.ones(evidence.layout.n)
