@@ -112,7 +112,10 @@ class Posterior:
         found = estimate_variances(sums, _sizes(self.blocks[joint]))
         if not found.variances.any():
             return LeftAtJoint(0.0, None, 0.0)
-        return LeftAtJoint(found.evidence, found.kind, self._explained(joint, model, found))
+        before, after = self._squares(joint, model, found, self.evidence.plain[joint].over())
+        free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
+        share = max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
+        return LeftAtJoint(found.evidence, found.kind, share)
 
     def beside(self, slot: int, joints: Sequence[int]) -> Beside:
         """What a name is worth beside a discrepancy at some joints.
@@ -155,12 +158,6 @@ class Posterior:
         found = estimate_variances(self._part(model, np.concatenate(self.blocks[joint])), _sizes(self.blocks[joint]))
         _, after = self._squares(joint, model, found, self.evidence.total[joint].over())
         return max(1.0, after / self._free_samples(joint, found))
-
-    def _explained(self, joint: int, model: Projection, found: Variances) -> float:
-        """Share of a model's mean square at a joint that a discrepancy explains, in N² m²."""
-        before, after = self._squares(joint, model, found, self.evidence.plain[joint].over())
-        free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
-        return max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
 
     def _squares(
         self, joint: int, model: Projection, found: Variances, sums: Float[Array, "p p"]
