@@ -55,13 +55,13 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     while True:
         left -= 1
         sure = _sure(search, session, baseline, doubted, start)
-        search, doubted = sure.search, sure.doubted
-        error, unlikely = _how_wrong(search, sure.found, session, baseline)
+        error, unlikely = _how_wrong(sure.search, sure.found, session, baseline)
         while unlikely and (error == prior.error or not left):
-            sure = _without(unlikely, sure, session, baseline)
-            search, doubted = sure.search, sure.doubted
-            error, unlikely = _how_wrong(search, sure.found, session, baseline)
-        groups = [item.group for item in sure.found.named]
+            barring = replace(sure.search, barred=sure.search.barred | unlikely)
+            start = [item.group for item in sure.found.named]
+            sure = _sure(barring, session, baseline, sure.doubted, start)
+            error, unlikely = _how_wrong(sure.search, sure.found, session, baseline)
+        search, doubted, groups = sure.search, sure.doubted, [item.group for item in sure.found.named]
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, groups))
         steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
@@ -154,12 +154,6 @@ def _find_wandering(search: Search, groups: Sequence[Group], asked: Sequence[int
         if log_odds_of_law(free, model, variants) < settings.wandering.least_nats:
             found.append(k)
     return found
-
-
-def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
-    """The search once more, some names barred."""
-    search = replace(sure.search, barred=sure.search.barred | names)
-    return _sure(search, session, baseline, sure.doubted, [item.group for item in sure.found.named])
 
 
 def _sure(

@@ -22,7 +22,6 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
-from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.noise import Whitening
@@ -136,13 +135,8 @@ def _limit_at(look: _Look, by_other: Sequence[Sequence[Group]]) -> SizeLimit | N
 
 def _typical_points(groups: Sequence[Group]) -> list[Group]:
     """The points of an inner grid that are nearest to what is typical; all where nothing is."""
-
-    def apart(group: Group) -> float:
-        wanted, inner = group.effect.typical.inner, group.variant.inner
-        return sum(abs(float(np.log(wanted[name] / inner[name]))) for name in inner if name in wanted)
-
-    least = min(map(apart, groups))
-    return [group for group in groups if apart(group) <= least + 1e-9]
+    apart = [group.effect.typical.distance(group.variant.inner) for group in groups]
+    return [group for group, one in zip(groups, apart, strict=True) if one <= min(apart) + 1e-9]
 
 
 class _Look:
@@ -160,7 +154,7 @@ class _Look:
         evidence = search.evidence
         self.floor, self.last = evidence.floor, found.ladder[-1].rms
         self.gap = np.maximum(found.ladder[0].rms ** 2 - self.floor**2, 0.0)
-        self.plain = tuple(SymmetricSums.of(one.over()[None]) for one in evidence.plain)
+        self.plain = tuple(one.over() for one in evidence.plain)
         self.counts = np.maximum(evidence.weights.sum(axis=0), 1.0)
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
@@ -198,10 +192,8 @@ class _Look:
 
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
         """Those of a typical effect that make up its parameter."""
-        typical, width = group.effect.typical, len(group.columns)
-        scale = group.effect.prior_scale(self._asked(group), group.joint, group.variant)
-        beta = typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float)[:width])
-        beta[[k for k in typical.absent if k < width]] = 0.0
+        width = len(group.columns)
+        beta = group.effect.typical_coefficients(self._asked(group), group.joint, group.variant, width)
         key = group.effect.id, width, group.variant.shape.get("law")
         if key not in self._parts:  # the same at every joint
             self._parts[key] = self._parts_of(group, beta)
@@ -221,9 +213,7 @@ class _Look:
 
     def _figure(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Size of the parameter that is an effect's size."""
-        none = np.zeros((len(beta), len(beta)))
-        found = group.effect.parameters(self._asked(group), group.joint, group.variant, beta, none)
-        return abs(float(found[group.effect.typical.figure].value))
+        return group.effect.size_of(self._asked(group), group.joint, group.variant, beta)
 
     def _asked(self, group: Group) -> SessionContext:
         return group.effect.asked(self.session)
@@ -242,12 +232,8 @@ class _Look:
 
     def _closed(self, view: Projection, columns: Array, beta: Array, joint: int) -> float:
         """Mean square of the torque at a joint that coefficients explain beyond a model [N² m²]."""
-        used = np.concatenate([columns, view.inside])
-        weights = np.concatenate([beta, -view.slopes[:, columns] @ beta])
-        place = self.search.evidence.layout.places[joint]
-        rows = np.array([place.get(int(column), -1) for column in used])
-        rows, weights = rows[rows >= 0], weights[rows >= 0]
-        return max(float(weights @ self.plain[joint].part(rows)[0] @ weights) / float(self.counts[joint]), 0.0)
+        weights = (view.left_of(columns) @ beta)[self.search.evidence.layout.local[joint]]
+        return max(float(weights @ self.plain[joint] @ weights) / float(self.counts[joint]), 0.0)
 
     def _that_matters(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""

@@ -175,6 +175,21 @@ class Effect(ABC):
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return np.array([_sized(one, session, joint) for one in self.prior]) if self.prior else None
 
+    def typical_coefficients(
+        self, session: SessionContext, joint: int, variant: Variant, width: int
+    ) -> Float[Array, " k"]:
+        """Coefficients of its columns, so many of them, where it is as large as is typical."""
+        scale = self.prior_scale(session, joint, variant)
+        beta = self.typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float)[:width])
+        beta[[k for k in self.typical.absent if k < width]] = 0.0
+        return beta
+
+    def size_of(self, session: SessionContext, joint: int, variant: Variant, coefficients: Array) -> float:
+        """The reported parameter that scales it, as coefficients have it, without its sign."""
+        nothing = np.zeros((len(coefficients), len(coefficients)))
+        found = self.parameters(session, joint, variant, coefficients, nothing)
+        return abs(float(found[self.typical.figure].value))
+
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior | None:
         """What is known of its coefficients beforehand; None where each costs what any free parameter does.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from math import log
 from typing import Any, Literal
 
 from ident.laws.carried import KINDS, TABLE
@@ -53,6 +54,11 @@ class Typical:
     inner: Mapping[str, float] = field(default_factory=dict)
     absent: tuple[int, ...] = ()  # coefficients that a typical effect has not
     inverse: bool = False  # whether it shows less as the parameter grows: a stiffer spring
+
+    def distance(self, inner: Mapping[str, float], reported: Mapping[str, float] | None = None) -> float:
+        """How far inner parameters are from what is reported, or typical: sum of the logarithms of their ratios."""
+        wanted = {**self.inner, **(reported or {})}
+        return sum(abs(log(max(wanted[name], 1e-9) / inner[name])) for name in inner if name in wanted)
 
 
 @dataclass(frozen=True)

@@ -177,8 +177,9 @@ RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
 # A range of fewer standard deviations of the position than this follows noise.
 NOISE_FACTOR = 8.0
 # Friction's possible curves beside the straight line: powers of the speed, the least of them straight below a knee
-# [rad/s], and what falls off at these speeds [rad/s].
-CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), (0.02, 0.06, 0.18)
+# [rad/s]; and what falls off at these speeds [rad/s], with these powers of the speed in the exponent.
+CONCAVE, KNEES = (0.3, 0.6), (0.05, 0.2)
+FALLS = ((0.02, 1.0), (0.06, 1.0), (0.18, 1.0), (0.1, 2.0), (0.3, 2.0))
 # What differs by so many nats is as likely; length of the stretches by which misfits are held against each other [s].
 AS_LIKELY, STRETCH = 2.0, 2.0
 
@@ -297,12 +298,12 @@ def _misfit(motions: Sequence[Motion], known: Sequence[Known], trial: Sliding) -
 
     What falls off from rest turns round with dry friction: turning sharply it would make up for a slow turning.
     """
-    own_columns = 1 + len(SLOW)
+    own_columns = 1 + len(FALLS)
     count = known[0][1].shape[2] + own_columns
     pieces = []
     for motion, (moving, rows, sums) in zip(motions, known, strict=True):
         slip = trial.direction(motion)
-        falling = [slip * np.exp(-np.abs(motion.dq) / speed) for speed in SLOW]
+        falling = [slip * np.exp(-((np.abs(motion.dq) / speed) ** power)) for speed, power in FALLS]
         turning = motion.filtered(np.stack([slip, *falling], axis=-1))
         turning = np.moveaxis(np.where(moving[:, :, None], turning, 0.0), 0, 2)
         grams = np.empty((*sums.shape[:2], count, count))

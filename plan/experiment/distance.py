@@ -184,7 +184,9 @@ class Predictor:
                 continue
             variants = next(points)[2]
             columns, stated = tuple(next(places) for _ in variants), (reported or {}).get(effect.id, {})
-            at = choose_variant(effect, variants, stated)
+            # Of the inner grid the point nearest to what is reported, or to what is typical; else the first.
+            apart = [effect.typical.distance(variant.inner, stated) for variant in variants]
+            at = apart.index(min(apart))
             beta, source = size_effect(effect, session, joint, variants[at], len(columns[at]), stated)
             found.append(TrueModel(effect, source, beta, columns, at))
         return PredictedDesign.of(gram, layout.rank, layout.tuned, self.baseline.prior, found)
@@ -228,22 +230,9 @@ def size_effect(
         width: Number of its columns there.
         reported: Parameters of the diagnosis by name, if it found this effect.
     """
-    typical, scale = effect.typical, effect.prior_scale(session, joint, variant)
-    beta: Array = typical.share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float))
-    beta[[k for k in typical.absent if k < width]] = 0.0
+    typical, beta = effect.typical, effect.typical_coefficients(session, joint, variant, width)
     if typical.figure not in reported:
         return beta, "typical"
-    usual = effect.parameters(session, joint, variant, beta, np.zeros((width, width)))[typical.figure].value
-    ratio = max(abs(reported[typical.figure]) / max(abs(usual), 1e-12), 1e-12) ** (-1 if typical.inverse else 1)
+    usual = max(effect.size_of(session, joint, variant, beta), 1e-12)
+    ratio = max(abs(reported[typical.figure]) / usual, 1e-12) ** (-1 if typical.inverse else 1)
     return beta * float(np.clip(ratio, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE)), "diagnosis"
-
-
-def choose_variant(effect: Effect, variants: Sequence[Variant], reported: Reported) -> int:
-    """Number of the point of the inner grid nearest to what is reported, or to what is typical; else the first."""
-    wanted = {**effect.typical.inner, **reported}
-
-    def apart(k: int) -> float:
-        inner = variants[k].inner
-        return sum(abs(float(np.log(max(wanted[name], 1e-9) / inner[name]))) for name in inner if name in wanted)
-
-    return min(range(len(variants)), key=apart)

@@ -43,7 +43,8 @@ class Genetic(Planner):
             cost = self._cost(problem, genes, ledger)
 
     def _cost(self, problem: PlanningProblem, genes: Int[Array, "P d b"], ledger: Ledger) -> Float[Array, " P"]:
-        x = self._decode(problem, genes)
+        number = genes @ (1 << np.arange(self.bits)[::-1])
+        x = problem.lower + number / (2**self.bits - 1) * (problem.upper - problem.lower)
         found = ledger.penalised(problem, x)
         return np.concatenate([found, np.full(len(x) - len(found), np.inf)])
 
@@ -55,10 +56,6 @@ class Genetic(Planner):
         exchange = (rng.random(len(cost)) < self.crossover)[:, None, None] & (rng.random(genes.shape) < 0.5)
         children = np.where(exchange, second, first)
         return children ^ (rng.random(genes.shape) < self.flip)
-
-    def _decode(self, problem: PlanningProblem, genes: Array) -> Float[Array, "P d"]:
-        number = genes @ (1 << np.arange(self.bits)[::-1])
-        return problem.lower + number / (2**self.bits - 1) * (problem.upper - problem.lower)
 
     def _encode(self, problem: PlanningProblem, x: Array) -> Array:
         span = problem.upper - problem.lower

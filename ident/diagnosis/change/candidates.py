@@ -40,6 +40,11 @@ OF_FRICTION = ids("friction")
 COMMON_GAIN = ids("common_gain")
 (CARRIED,) = ids("taken_off")
 MASS = "mass_kg"
+# What a change has of its effect as it is.
+KEPT = (
+    *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
+    *("as_change", "event", "partner", "remembers"),
+)
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
@@ -60,12 +65,9 @@ class ChangeOf(Effect):
     effect: Effect  # the effect
 
     def __post_init__(self) -> None:
-        kind = self.effect
-        self.id, self.scope, self.rows = kind.id, kind.scope, kind.rows  # type: ignore[misc]
-        self.summary, self.shown_by, self.defining = kind.summary, kind.shown_by, kind.defining  # type: ignore[misc]
-        self.screens, self.as_change = kind.screens, kind.as_change  # type: ignore[misc]
-        self.event, self.partner, self.remembers = kind.event, kind.partner, kind.remembers  # type: ignore[misc]
-        self.doubt = Doubt(share=0.0) if kind.as_change.exact else kind.doubt  # type: ignore[misc]
+        for name in KEPT:
+            setattr(self, name, getattr(self.effect, name))
+        self.doubt = Doubt(share=0.0) if self.effect.as_change.exact else self.effect.doubt  # type: ignore[misc]
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return self.effect.columns(session, joint, variant)

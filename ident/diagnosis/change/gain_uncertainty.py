@@ -21,7 +21,7 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.positive import positive
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.run_spread import block_sums_left
 from ident.diagnosis.selection.name_probability import lifted
 from ident.effects.catalogue import CATALOGUE
 
@@ -62,22 +62,16 @@ def solve_body(
         doubt: How well the gains are known.
     """
     layout, inside = evidence.layout, model.inside
-    weights = residual_weights(evidence, model)
     size, n = len(inside), layout.n
     blocks = len(evidence.fold_of_block)
-    cross, power = np.zeros((size, n)), np.zeros(n)
-    scores = np.zeros((blocks, size + n))
-    place = {int(column): k for k, column in enumerate(inside)}
+    body, sums = np.zeros(layout.size + 1), np.zeros((layout.size + 1, n))
+    body[group.columns] = beta
+    torques = np.zeros((blocks, n))
     for j, (local, total) in enumerate(zip(layout.local, evidence.total, strict=True)):
-        at = [layout.places[j][int(column)] for column in group.columns]
-        used = [k for k, column in enumerate(local) if int(column) in place]
-        into = [place[int(local[k])] for k in used]
-        sums = total.over()
-        cross[into, j] = sums[np.ix_(used, at)] @ beta
-        power[j] = beta @ sums[np.ix_(at, at)] @ beta
-        left = evidence.times(j, weights[local])
-        scores[:, into] += left[:, used]
-        scores[:, size + j] = left[:, at] @ beta
+        sums[local, j] = total.times(body[local])[0]
+        torques[:, j] = evidence.times(j, model.weights[local]) @ body[local]
+    cross, power = sums[inside], body @ sums
+    scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
     information = np.linalg.inv(model.spread)
     gains = doubt.information(n)
     whole = np.block([[information, cross], [cross.T, np.diag(power) + gains]])
@@ -87,5 +81,5 @@ def solve_body(
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
     covariance = lifted(bread @ meat @ bread, bread)
-    own = [place[int(column)] for column in group.columns]
+    own = [int(np.flatnonzero(inside == column)[0]) for column in group.columns]
     return beta + shift[own], covariance[np.ix_(own, own)]

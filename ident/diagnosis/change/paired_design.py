@@ -23,14 +23,14 @@ from ident.diagnosis.change.permuted_sets import PermutedSets
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
-from ident.diagnosis.regression.design import Group, NotTestable, layout_of
+from ident.diagnosis.regression.design import Group, NotTestable, find_grids, layout_of
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import gather
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.regression.run_spread import estimate_held, estimate_run_spread
 from ident.diagnosis.regression.runs import build_session, leftover_torque
-from ident.effects.base import Effect, SessionContext, Variant
+from ident.effects.base import Effect, SessionContext
 from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
@@ -145,8 +145,8 @@ def build_design(
     if asked is None:
         left = leftover_torque(own)
         asked = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
-    silent, grids = _grids(session, asked, own)
-    grids += _grids(session, (HeldFriction(),), own)[1]
+    silent, grids = find_grids(asked, lambda effect: own if effect.id in LATER_ALONE else session, points)
+    grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = partition_sides(session, later)
     whitening = None if known is None else known.whitening
@@ -166,22 +166,6 @@ def build_design(
     loud = known.dispersion if known else measure_block_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
     sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
     return PairedDesign(baseline, session, sides, sums, held, tuple(silent), asked=asked, still=still)
-
-
-def _grids(
-    session: SessionContext, effects: Sequence[Effect], later: SessionContext
-) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
-    """Every effect at every joint with its points, and what can't be seen."""
-    silent: list[NotTestable] = []
-    grids: list[tuple[Effect, int, Sequence[Variant]]] = []
-    for effect in effects:
-        asked = effect.asked(later if effect.id in LATER_ALONE else session)
-        for joint in range(session.n if effect.scope == "joint" else 1):
-            if reason := effect.untestable(asked, joint):
-                silent.append(NotTestable(effect, joint, reason))
-            elif grid := points(effect, asked, joint):
-                grids.append((effect, joint, grid))
-    return silent, grids
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:

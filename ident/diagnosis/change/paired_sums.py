@@ -64,20 +64,8 @@ def partition_sides(
     seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
     totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
     of_block = np.maximum(settings.shortest_block_s, totals / CHANGE.side_blocks)
-    counts = np.maximum(1, np.round(seconds / of_block).astype(int))
-    starts = tuple(
-        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
-    )
-    parts = np.maximum(1, np.round(seconds / settings.stretch_s)).astype(int)
-    stretches = np.concatenate(
-        [
-            first + np.arange(count) * part // count
-            for first, count, part in zip(np.cumsum(parts) - parts, counts, parts, strict=True)
-        ]
-    )
-    run_of_block = np.repeat(np.arange(len(later)), counts)
-    folds = _folds(run_of_block, later)
-    return Sides(later, run_of_block, Partition(starts, np.cumsum(counts) - counts, folds, stretches))
+    partition = Partition.cut(lengths, seconds, of_block, lambda run: _folds(run, later), settings)
+    return Sides(later, partition.run_of_block, partition)
 
 
 def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Array, " B"]:

@@ -8,7 +8,7 @@ column that is zero by construction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -23,6 +23,8 @@ LOSS_PARAMETERS = 3
 
 Key = tuple[str, int, int | None]
 """Effect, joint (−1 for the whole arm) and other joint: what is named, whatever the inner parameters."""
+Grid = tuple[Effect, int, Sequence[Variant]]
+"""An effect at a joint with its points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,23 +132,38 @@ def build_layout(
         catalogue: The effects that are candidates.
         beside: Effects that are part of the baseline, as far as they can be seen.
     """
-    silent: list[NotTestable] = []
-    grids: list[tuple[Effect, int, Sequence[Variant]]] = []
-    for effect in catalogue:
-        asked = effect.asked(session)
-        for joint in range(session.n if effect.scope == "joint" else 1):
-            reason = effect.untestable(asked, joint)
-            if reason is not None:
-                silent.append(NotTestable(effect, joint, reason))
-            else:
-                grids.append((effect, joint, effect.variants(asked, joint)))
+    silent, grids = find_grids(catalogue, lambda _: session, lambda effect, *where: effect.variants(*where))
     return layout_of(session, rank, grids, silent, searched=True, beside=beside)
+
+
+def find_grids(
+    effects: Sequence[Effect],
+    session_of: Callable[[Effect], SessionContext],
+    points: Callable[[Effect, SessionContext, int], Sequence[Variant]],
+) -> tuple[list[NotTestable], list[Grid]]:
+    """Every effect at every joint with its points, and what can't be seen.
+
+    Args:
+        effects: The effects.
+        session_of: The runs that an effect is looked for in.
+        points: An effect's points at a joint.
+    """
+    silent: list[NotTestable] = []
+    grids: list[Grid] = []
+    for effect in effects:
+        asked = effect.asked(session_of(effect))
+        for joint in range(asked.n if effect.scope == "joint" else 1):
+            if reason := effect.untestable(asked, joint):
+                silent.append(NotTestable(effect, joint, reason))
+            elif grid := points(effect, asked, joint):
+                grids.append((effect, joint, grid))
+    return silent, grids
 
 
 def layout_of(
     session: SessionContext,
     rank: int,
-    grids: Sequence[tuple[Effect, int, Sequence[Variant]]],
+    grids: Sequence[Grid],
     silent: Sequence[NotTestable] = (),
     searched: bool = False,
     beside: Sequence[Effect] = (),

@@ -296,7 +296,9 @@ class _Sums:
         counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
         filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
         full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
-        self._keep(j, full)
+        # Columns that are not zero any more stand last, so that older sums are as they were.
+        shown = np.flatnonzero(np.any([table.any(axis=0) for table in full], axis=0))
+        self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
         kept, local = self.kept[j], self.layout.local[j]
         tables = [table[:, kept].astype(float) for table in full]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
@@ -323,11 +325,6 @@ class _Sums:
             for drawn in noise:
                 add_products(sums, drawn, -rows.weight)
             add_half(self.plain[j], fold, sums)
-
-    def _keep(self, j: int, tables: Sequence[Float[Array, "t p"]]) -> None:
-        """Keeps a joint's columns that are not zero any more: they stand last, so that older sums are as they were."""
-        shown = np.flatnonzero(np.any([table.any(axis=0) for table in tables], axis=0))
-        self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.

@@ -89,6 +89,18 @@ class Projection:
         """Sums of some columns after the model, a part of the Schur complement."""
         return np.asarray(self.total[columns[:, None], columns] - self.across[:, columns].T @ self.slopes[:, columns])
 
+    def left_of(self, columns: Int[Array, " k"]) -> Float[Array, "P k"]:
+        """What the model leaves of some columns in a row is the row's product with these."""
+        weights = np.zeros((len(self.total), len(columns)))
+        weights[self.inside] = -self.slopes[:, columns]
+        weights[columns, np.arange(len(columns))] += 1.0
+        return weights
+
+    @cached_property
+    def weights(self) -> Float[Array, " P"]:
+        """What the model leaves of the torque in a row is the row's product with these."""
+        return self.left_of(np.array([len(self.total) - 1]))[:, 0]
+
     @cached_property
     def _target(self) -> Float[Array, " P"]:
         """Sums of every column times the torque, after the model."""

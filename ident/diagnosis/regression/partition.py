@@ -5,6 +5,7 @@ Where many runs share a block, encoder noise is drawn once more for some of them
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,39 @@ class Partition:
     folds: Int[Array, " B"]
     stretches: Int[Array, " B"]  # stretch of some seconds, over which friction keeps its level, that a block lies in
     draws: Float[Array, " R"] | None = None
+
+    @classmethod
+    def cut(
+        cls,
+        lengths: Int[Array, " R"],
+        seconds: Float[Array, " R"],
+        block_s: Float[Array, " R"] | float,
+        deal: Callable[[Int[Array, " B"]], Int[Array, " B"]],
+        settings: RegressionSettings,
+    ) -> Partition:
+        """Cuts each run into blocks, and into stretches over which friction keeps its level.
+
+        Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
+
+        Args:
+            lengths: Filtered samples of each run.
+            seconds: Duration of each run [s].
+            block_s: Duration of a block, or of each run's own [s].
+            deal: Gives each block its fold, by the number of its run.
+            settings: How long a stretch is.
+        """
+        counts, parts = (np.maximum(1, np.round(seconds / part)).astype(int) for part in (block_s, settings.stretch_s))
+        pairs = list(zip(lengths, counts, strict=True))
+        starts = tuple(np.linspace(0, length, count, endpoint=False).astype(int) for length, count in pairs)
+        run, first = np.repeat(np.arange(len(counts)), counts), np.cumsum(counts) - counts
+        within = np.arange(len(run)) - first[run]
+        stretches = (np.cumsum(parts) - parts)[run] + within * parts[run] // counts[run]
+        return cls(starts, first, deal(run), stretches)
+
+    @property
+    def run_of_block(self) -> Int[Array, " B"]:
+        """Run of each block, where runs share none."""
+        return np.repeat(np.arange(len(self.starts)), [len(starts) for starts in self.starts])
 
     def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
         """Block of every filtered sample of a run."""
@@ -61,16 +95,7 @@ def build_partition(session: SessionContext, settings: RegressionSettings = USUA
         draws = choose_draws(block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED))
         return Partition(starts, block, fold, alone, draws)
     target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
-    counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
-    starts = tuple(
-        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
-    )
-    # Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
-    parts = np.maximum(1, np.round(lengths * steps / settings.stretch_s)).astype(int)
-    stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
-    stretches += np.repeat(np.cumsum(parts) - parts, counts)
-    fold = _deal_folds(np.repeat(recorded, counts), folds, few)
-    return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
+    return Partition.cut(lengths, lengths * steps, target, lambda run: _deal_folds(recorded[run], folds, few), settings)
 
 
 def choose_draws(

@@ -29,7 +29,6 @@ from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.positive import factorise
-from ident.diagnosis.regression.run_spread import residual_weights
 from ident.effects.base import SessionContext
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
@@ -113,7 +112,10 @@ class Posterior:
         found = estimate_variances(sums, _sizes(self.blocks[joint]))
         if not found.variances.any():
             return LeftAtJoint(0.0, None, 0.0)
-        return LeftAtJoint(found.evidence, found.kind, self._explained(joint, model, found))
+        before, after = self._squares(joint, model, found, self.evidence.plain[joint].over())
+        free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
+        share = max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
+        return LeftAtJoint(found.evidence, found.kind, share)
 
     def beside(self, slot: int, joints: Sequence[int]) -> Beside:
         """What a name is worth beside a discrepancy at some joints.
@@ -157,12 +159,6 @@ class Posterior:
         _, after = self._squares(joint, model, found, self.evidence.total[joint].over())
         return max(1.0, after / self._free_samples(joint, found))
 
-    def _explained(self, joint: int, model: Projection, found: Variances) -> float:
-        """Share of a model's mean square at a joint that a discrepancy explains, in N² m²."""
-        before, after = self._squares(joint, model, found, self.evidence.plain[joint].over())
-        free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
-        return max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
-
     def _squares(
         self, joint: int, model: Projection, found: Variances, sums: Float[Array, "p p"]
     ) -> tuple[float, float]:
@@ -171,11 +167,8 @@ class Posterior:
         Beside a discrepancy the model itself is another: it no longer makes up for what the discrepancy explains.
         """
         columns, local = np.concatenate(self.blocks[joint]), self.evidence.layout.local[joint]
-        weights = residual_weights(self.evidence, model)
-        beside = weights.copy()
-        beside[columns] -= found.weights
-        beside[model.inside] += model.slopes[:, columns] @ found.weights
-        before, after = (float(one[local] @ sums @ one[local]) for one in (weights, beside))
+        beside = model.weights - model.left_of(columns) @ found.weights
+        before, after = (float(one[local] @ sums @ one[local]) for one in (model.weights, beside))
         return before, after
 
     def _free_samples(self, joint: int, found: Variances) -> float:
@@ -194,7 +187,7 @@ def measure_dispersion(
         evidence: Sums of the first pass.
         prior: The URDF's tolerance.
     """
-    weights = residual_weights(evidence, project(evidence.gram(), evidence, prior))
+    weights = project(evidence.gram(), evidence, prior).weights
     joints = range(evidence.layout.n)
     loud = [j for j in joints if evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD]
     found = np.ones(evidence.layout.n)

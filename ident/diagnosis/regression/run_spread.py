@@ -29,26 +29,17 @@ GUESS = 4.0
 SPREADS = (1e-3, 0.5, 160)
 
 
-def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array, " P"]:
-    """What a model leaves of a row is the row's product with these."""
-    weights = np.zeros(evidence.layout.size + 1)
-    weights[projection.inside] = -projection.estimate
-    weights[-1] = 1.0
-    return weights
-
-
 def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
     """What a model leaves of each joint's rows in each block, in squares of the noise."""
-    weights, local = residual_weights(evidence, projection), evidence.layout.local
-    return np.array([evidence.times(j, weights[own]) @ weights[own] for j, own in enumerate(local)])
+    weights = projection.weights
+    return np.array([evidence.times(j, weights[own]) @ weights[own] for j, own in enumerate(evidence.layout.local)])
 
 
 def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
     """Sums over each block of every column, the torque last, times what a model leaves of the rows."""
-    weights = residual_weights(evidence, projection)
     sums = np.zeros((len(evidence.fold_of_block), evidence.layout.size + 1))
     for j, local in enumerate(evidence.layout.local):
-        sums[:, local] += evidence.times(j, weights[local])
+        sums[:, local] += evidence.times(j, projection.weights[local])
     return sums
 
 
@@ -65,8 +56,7 @@ def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Arr
         evidence: Sums of the session.
         projection: The model that leaves the residual; solved with about this spread or a larger one.
     """
-    weights = residual_weights(evidence, projection)
-    return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
+    return np.array([_spread_of_joint(evidence, j, projection.weights) for j in range(evidence.layout.n)])
 
 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
@@ -101,7 +91,7 @@ def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projec
         dwells: The holds, joint by joint.
         model: A model with all that may act.
     """
-    weights = residual_weights(evidence, model)
+    weights = model.weights
     root = np.linalg.cholesky(model.spread)
     place = {int(column): k for k, column in enumerate(model.inside)}
     found = []

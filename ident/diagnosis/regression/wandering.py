@@ -22,7 +22,6 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.run_spread import residual_weights
 
 # Variance of the first level before anything is known of it: ten times the model's friction.
 UNKNOWN = 100.0
@@ -39,16 +38,10 @@ def log_odds_of_law(evidence: Evidence, model: Projection, variants: Sequence[Gr
         variants: The law, with all its inner parameters.
     """
     joint = variants[0].joint
-    weights, local = residual_weights(evidence, model), evidence.layout.local[joint]
-    seen, noise = evidence.friction.levels(joint, evidence.misfit(joint, weights))
-    columns = []
-    for group in variants:
-        left = np.zeros((evidence.layout.size + 1, len(group.columns)))
-        left[group.columns, np.arange(len(group.columns))] = 1.0
-        left[model.inside] = -model.slopes[:, group.columns]
-        columns.append(seen @ left[local])  # what the model leaves of each column
-    settings = evidence.settings.wandering
-    return log_odds_of_curve(seen @ weights[local], noise, columns, settings.own, settings.steps)
+    local, settings = evidence.layout.local[joint], evidence.settings.wandering
+    seen, noise = evidence.friction.levels(joint, evidence.misfit(joint, model.weights))
+    columns = [seen @ model.left_of(group.columns)[local] for group in variants]
+    return log_odds_of_curve(seen @ model.weights[local], noise, columns, settings.own, settings.steps)
 
 
 def log_odds_of_curve(

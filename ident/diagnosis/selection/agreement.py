@@ -21,7 +21,6 @@ from scipy.special import chdtrc
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.search import Search
 
 # A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
@@ -93,16 +92,12 @@ def _scores(
     """For each block Σ x e and Σ x x of a name."""
     evidence, gram = search.evidence, search.evidence.gram()
     whole = project(gram, evidence, prior, groups)
-    left = residual_weights(evidence, whole)
     beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
-    torque = np.zeros_like(left)
-    for column in groups[slot].columns:
-        size = float(whole.estimate[np.flatnonzero(whole.inside == column)[0]])
-        torque[column] += size
-        torque[beside.inside] -= size * beside.slopes[:, column]
+    columns = groups[slot].columns
+    torque = beside.left_of(columns) @ whole.estimate[[int(np.flatnonzero(whole.inside == one)[0]) for one in columns]]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
     for j, local in enumerate(evidence.layout.local):
         seen = evidence.times(j, torque[local])
-        along += seen @ left[local]
+        along += seen @ whole.weights[local]
         power += seen @ torque[local]
     return along, np.maximum(power, 0.0)

@@ -39,7 +39,11 @@ class Search(Candidates):
                 refused = step
                 break
             groups = self._polish(gram, [*chosen, step.group], self._joints(step.group))
-            named = [self._renamed(gram, item, k, groups) for k, item in enumerate([*named, step])]
+            named = [
+                # One that took another's place is judged itself.
+                replace(item, group=group) if group.key == item.group.key else self.judged_beside(gram, groups, k)
+                for k, (item, group) in enumerate(zip([*named, step], groups, strict=True))
+            ]
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
@@ -95,11 +99,6 @@ class Search(Candidates):
     def _joints(self, *groups: Group) -> set[int]:
         """Where some effects act."""
         return {j for group in groups for j in group.acts_on(self.evidence.layout.n)}
-
-    def _renamed(self, gram: Array, item: Named, slot: int, groups: Sequence[Group]) -> Named:
-        """A name at its new inner parameters; one that took another's place is judged itself."""
-        group = groups[slot]
-        return replace(item, group=group) if group.key == item.group.key else self.judged_beside(gram, groups, slot)
 
     def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
         """The results with some of the names at the same inner parameters; the best of the others is refused."""
