@@ -87,11 +87,9 @@ class TorqueOffset(Effect):
     def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         most = LIMIT.largest_offset * rated_torque(session, joint)
         lasts = float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
+        limits = {"offset_Nm": most, "drift_Nm_s": most / max(lasts, 1.0)}
         reason = "a sensor so far off is broken"
-        return {
-            "offset_Nm": Range(-most, most, reason),
-            "drift_Nm_s": Range(-most / max(lasts, 1.0), most / max(lasts, 1.0), reason),
-        }
+        return {name: Range(-limit, limit, reason) for name, limit in limits.items() if name in estimates}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
