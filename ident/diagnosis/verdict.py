@@ -143,14 +143,14 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
     """How much speaks for a cause that the catalogue lacks, from 0 to 1: to rank sessions by, no probability.
 
     Args:
-        verdict, estimates: The verdict, and the names as far as they are believed.
+        verdict, estimates: The verdict, and the names as far as they are believed, each with its class.
         closed: Share of the gap that they close.
         leftover: How far what is left stands out at each joint.
     """
     most = float(leftover.max(initial=0.0))
     if estimates:
         explained = 1.0 if verdict == "named" else float(np.clip(closed, 0.0, 1.0))
-        return 1.0 - explained * max(one.probability for one in estimates) / max(most, 1.0)
+        return 1.0 - explained * max(one.class_probability for one in estimates) / max(most, 1.0)
     open_share = most / (1.0 + most)
     return max(open_share, 0.5) if verdict == "none_of_catalogue" else min(open_share, 0.5)
 

@@ -8,7 +8,7 @@ import pytest
 
 from ident.diagnosis.gap.ceiling import Ceiling
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.verdict import find_unexplained
+from ident.diagnosis.verdict import find_unexplained, score_outside
 
 NOISE = 1.0
 
@@ -45,3 +45,11 @@ def test_what_a_law_that_is_off_by_a_third_leaves_is_reported(size: float) -> No
 def test_the_same_error_is_unexplained_where_no_name_closed_anything() -> None:
     error = float(np.hypot(1.0, NOISE))
     assert leftover(error, error) > 1.0 >= leftover(10.0, error)
+
+
+def test_names_that_cannot_be_distinguished_are_in_the_catalogue_together() -> None:
+    nothing = np.zeros(3)
+    alone, tied = (cast(Any, SimpleNamespace(probability=p, class_probability=0.9)) for p in (0.9, 0.3))
+    unsure = cast(Any, SimpleNamespace(probability=0.3, class_probability=0.3))
+    assert score_outside("named", [alone], 1.0, nothing) == score_outside("named", [tied], 1.0, nothing)
+    assert score_outside("named", [unsure], 1.0, nothing) > score_outside("named", [tied], 1.0, nothing)
