@@ -233,7 +233,9 @@ class _Look:
     def _closed(self, view: Projection, columns: Array, beta: Array, joint: int) -> float:
         """Mean square of the torque at a joint that coefficients explain beyond a model [N² m²]."""
         weights = (view.left_of(columns) @ beta)[self.search.evidence.layout.local[joint]]
-        return max(float(weights @ self.plain[joint] @ weights) / float(self.counts[joint]), 0.0)
+        used = np.flatnonzero(weights)
+        squares = weights[used] @ self.plain[joint][np.ix_(used, used)] @ weights[used]
+        return max(float(squares) / float(self.counts[joint]), 0.0)
 
     def _that_matters(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""

@@ -57,8 +57,8 @@ def find_unexplained(
 
     Unexplained is what a discrepancy sees; and, whether it does or not, an error over innovation (what can't be
     foretold from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a
-    run's own level of friction doesn't count: that varies. Neither does `law_share` of the mean square that was there
-    before anything was named: no arm obeys a law to the letter, and for what is smaller no second name is given either.
+    run's own level of friction doesn't count: that varies. Neither does `law_share` of the mean square that the names
+    closed: no arm obeys a law to the letter, and for what is smaller no second name is given either.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     last, steady = found.ladder[-1], np.array([ceiling.before for ceiling in ceilings])

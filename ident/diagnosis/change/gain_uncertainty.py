@@ -81,5 +81,5 @@ def solve_body(
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
     covariance = lifted(bread @ meat @ bread, bread)
-    own = [int(np.flatnonzero(inside == column)[0]) for column in group.columns]
+    own = model.places(group.columns)
     return beta + shift[own], covariance[np.ix_(own, own)]

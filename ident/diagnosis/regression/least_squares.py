@@ -89,8 +89,12 @@ class Projection:
         """Sums of some columns after the model, a part of the Schur complement."""
         return np.asarray(self.total[columns[:, None], columns] - self.across[:, columns].T @ self.slopes[:, columns])
 
+    def places(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
+        """Where some of the model's columns stand in it."""
+        return np.argmax(self.inside == columns[:, None], axis=1)
+
     def left_of(self, columns: Int[Array, " k"]) -> Float[Array, "P k"]:
-        """What the model leaves of some columns in a row is the row's product with these."""
+        """What the model leaves of some columns in a row is the row's product with these; where all are seen."""
         weights = np.zeros((len(self.total), len(columns)))
         weights[self.inside] = -self.slopes[:, columns]
         weights[columns, np.arange(len(columns))] += 1.0

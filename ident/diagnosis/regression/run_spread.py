@@ -91,15 +91,13 @@ def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projec
         dwells: The holds, joint by joint.
         model: A model with all that may act.
     """
-    weights = model.weights
     root = np.linalg.cholesky(model.spread)
-    place = {int(column): k for k, column in enumerate(model.inside)}
     found = []
     for held, local in zip(dwells, evidence.layout.local, strict=True):
         rows = held.weighted
-        used = [k for k, column in enumerate(local) if int(column) in place]
-        taken = float(np.sum((rows[:, used] @ root[[place[int(local[k])] for k in used]]) ** 2))
+        used = np.flatnonzero(np.isin(local, model.inside))
+        taken = float(np.sum((rows[:, used] @ root[model.places(local[used])]) ** 2))
         holds = len(np.unique(held.hold))
-        factor = (GUESS + float(np.sum((rows @ weights[local]) ** 2))) / (GUESS + max(holds - taken, 0.0))
+        factor = (GUESS + float(np.sum((rows @ model.weights[local]) ** 2))) / (GUESS + max(holds - taken, 0.0))
         found.append(held.friction * float(np.sqrt(factor)))
     return tuple(found)

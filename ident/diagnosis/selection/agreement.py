@@ -94,7 +94,7 @@ def _scores(
     whole = project(gram, evidence, prior, groups)
     beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
     columns = groups[slot].columns
-    torque = beside.left_of(columns) @ whole.estimate[[int(np.flatnonzero(whole.inside == one)[0]) for one in columns]]
+    torque = beside.left_of(columns) @ whole.estimate[whole.places(columns)]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
     for j, local in enumerate(evidence.layout.local):
         seen = evidence.times(j, torque[local])

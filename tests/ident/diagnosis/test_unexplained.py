@@ -13,7 +13,7 @@ from ident.diagnosis.verdict import find_unexplained, score_outside
 NOISE = 1.0
 
 
-def leftover(first: float, last: float, floor: float = NOISE) -> float:
+def leftover(first: float, last: float) -> float:
     """How far an error stands out at the first of three joints, of which a flexible function sees all above the noise;
 
     `first` and `last` are its errors before anything was named and beside the names [N m].
@@ -27,7 +27,7 @@ def leftover(first: float, last: float, floor: float = NOISE) -> float:
         weights=np.ones((1, 3)),
         floor=np.full(3, NOISE),
     )
-    ceilings = [Ceiling(floor, last, "state", True)] + [Ceiling(NOISE, NOISE, None, False)] * 2
+    ceilings = [Ceiling(NOISE, last, "state", True)] + [Ceiling(NOISE, NOISE, None, False)] * 2
     found = cast(SearchResults, SimpleNamespace(ladder=(score(first), score(last))))
     return float(find_unexplained(found, ceilings, cast(Any, evidence)).leftover[0])
 
