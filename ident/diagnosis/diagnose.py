@@ -163,11 +163,7 @@ def diagnose(
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
         joints=arm.joint_names,
         verdict=verdict,
-        session={
-            "runs": runs_recorded(motions),
-            "samples": int(sum(len(motion.time) for motion in motions)),
-            "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
-        },
+        session=describe_session(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm, (found.ladder[0].rms, given.score().rms), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
@@ -194,6 +190,15 @@ def diagnose(
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), diagnosis)
+
+
+def describe_session(motions: Sequence[Motion]) -> dict[str, float]:
+    """Number of recorded runs, samples and duration [s] of a session."""
+    return {
+        "runs": runs_recorded(motions),
+        "samples": int(sum(len(motion.time) for motion in motions)),
+        "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
+    }
 
 
 @dataclass(frozen=True, eq=False)

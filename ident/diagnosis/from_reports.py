@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.checks.report import MISREAD, TOO_LITTLE, TelemetryReport
-from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.diagnose import Analysis, describe_session, diagnose
 from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -18,7 +18,7 @@ from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
-from ident.motion.out_of_core import hold, within_band
+from ident.motion.out_of_core import choose_stretches, hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -65,6 +65,10 @@ def diagnose_reports(
     arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm, motions))
+    session, some = describe_session(motions), choose_stretches(motions)
+    if some is not motions:
+        heard.issues.append(_used_in_part(some, session))
+    motions = some
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share
@@ -74,8 +78,16 @@ def diagnose_reports(
 
         analysis = with_own_model(analysis, model)
     findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
-    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))
+    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings, session=session))
     return analysis.diagnosis, analysis, motions
+
+
+def _used_in_part(stretches: Sequence[Motion], session: Mapping[str, float]) -> TelemetryIssue:
+    """That a long session is not looked at as a whole."""
+    used = sum(len(motion.time) for motion in stretches)
+    evidence = f"{used} of {session['samples']:.0f} samples are used: {len(stretches)} stretches from all over them"
+    remedy = "none needed; of what happens once (a push) give the hour in question alone"
+    return TelemetryIssue("used_in_part", (), "note", evidence, remedy)
 
 
 def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import chain, pairwise
+from itertools import chain, compress, pairwise
 from tempfile import TemporaryFile, gettempdir
 from typing import IO, Any, Generic, TypeVar
 
@@ -28,6 +28,8 @@ from ident.motion.motion import Motion, torque_band
 HELD_SAMPLES = 200_000
 # A run of a spooled session that is longer than this is gone through in pieces that share its clock.
 PIECE_SAMPLES = 40_000
+# Length of the stretches of a spooled session that a diagnosis looks at.
+STRETCH_SAMPLES = 4_000
 # Of the choice of runs where a few are enough.
 CHOICE_SEED = 0
 CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command", "state_noise")
@@ -170,6 +172,29 @@ def few(motions: Sequence[Motion]) -> Sequence[Motion]:
     if not isinstance(motions, SpooledMotions):
         return motions
     return tuple(motions[k] for k in choose_runs(len(motions), motions.every))
+
+
+def choose_stretches(motions: Sequence[Motion]) -> tuple[Motion, ...]:
+    """All motions of a session that is held in memory, or stretches from all over a spooled one.
+
+    A standard error falls with the root of the number of samples, work grows with the number itself: so many samples
+    as are held in memory are enough. Stretches of one recorded run count as pieces of it.
+    """
+    if not isinstance(motions, SpooledMotions):
+        return tuple(motions)
+    counts = [-(-len(motion.time) // STRETCH_SAMPLES) for motion in motions]
+    chosen = np.zeros(sum(counts), dtype=bool)
+    wanted = max(1, len(chosen) * motions.most // max(motions.samples, motions.most))
+    edges = np.linspace(0, len(chosen), wanted + 1).astype(int)
+    chosen[np.random.default_rng(CHOICE_SEED).integers(edges[:-1], edges[1:])] = True  # see `choose_runs`
+    found, run, last = [], -1, -1
+    for k, of_piece in enumerate(np.split(chosen, np.cumsum(counts)[:-1])):
+        run += not motions.bare[k].continues
+        for stretch in compress(cut(motions[k], STRETCH_SAMPLES), of_piece) if of_piece.any() else ():
+            held = {name: np.array(values) for name in CHANNELS if (values := getattr(stretch, name)) is not None}
+            found.append(replace(_with_channels(stretch, held), continues=run == last))
+            last = run
+    return tuple(found)
 
 
 def choose_runs(count: int, every: int) -> list[int]:

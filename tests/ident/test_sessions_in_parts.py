@@ -125,6 +125,26 @@ def test_diagnosis_in_parts_names_the_same(folder: Path) -> None:
     assert names[0] == names[1] == [("spring_torque", ("joint_3",))]
 
 
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_a_long_session_is_diagnosed_by_stretches(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: of more samples than are held, stretches from all over give the same name; the record has the whole session,
+
+    and says how much of it was used.
+    """
+    monkeypatch.setattr(out_of_core, "HELD_SAMPLES", 3 * RUN)
+    monkeypatch.setattr(out_of_core, "STRETCH_SAMPLES", RUN // 2)
+    arm, parts = in_parts([folder])
+    found, analysis, motions = diagnose_reports(parts, arm, (find_effect("spring_torque"),))
+    assert [(one.estimate.group.effect.id, one.joints) for one in found.findings] == [("spring_torque", ("joint_3",))]
+    assert (found.session["runs"], found.session["samples"]) == (6, 6 * RUN)
+    assert sum(len(motion.time) for motion in motions) == 3 * RUN
+    assert len({motion.name.split(" (")[0] for motion in motions}) >= 4
+    (note,) = [one for one in found.telemetry if one.issue == "used_in_part"]
+    assert note.evidence.startswith(f"{3 * RUN} of {6 * RUN} samples")
+    assert note.severity == "note"
+    assert analysis is not None
+
+
 def written(session: Session, change: Callable[[int, Recording], Recording], folder: Path) -> Path:
     """A folder of the session with some runs changed, by their number."""
     write_session(session.replace(runs=[change(k, run) for k, run in enumerate(session.runs)]), folder)

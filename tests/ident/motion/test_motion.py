@@ -10,7 +10,17 @@ from ident.model.linearisation import loss_columns
 from ident.motion import out_of_core as spooling
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, prepare
-from ident.motion.out_of_core import CHANNELS, SpooledArrays, SpooledMotions, choose_runs, cut, few, hold, runs_recorded
+from ident.motion.out_of_core import (
+    CHANNELS,
+    SpooledArrays,
+    SpooledMotions,
+    choose_runs,
+    choose_stretches,
+    cut,
+    few,
+    hold,
+    runs_recorded,
+)
 from ident.recordings.recording import Recording, Session
 from ident.sessions import load_robot
 from tests.ident.diagnosis.planted import load_arm
@@ -151,6 +161,33 @@ def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatc
     assert (len(spooled), runs_recorded(spooled)) == (18, 6)
     assert sum(not piece.continues for piece in spooled) == 6
     assert runs_recorded(motions) == 6
+
+
+def test_stretches_come_from_all_over_a_long_session(
+    motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: about as many samples as are held, in order, from every part; stretches of one run count as pieces of it.
+
+    What is held in memory is handed back whole.
+    """
+    assert choose_stretches(motions) == motions
+    monkeypatch.setattr(spooling, "STRETCH_SAMPLES", 30)
+    length = len(motions[0].time)
+    for most, runs in ((2 * length, 6), (length // 2, 3)):
+        chosen = choose_stretches(SpooledMotions(motions, most))
+        assert sum(len(one.time) for one in chosen) == pytest.approx(most, rel=0.15)
+        starts = [(one.name.split(" (")[0], one.time[0]) for one in chosen]
+        assert starts == sorted(starts)
+        names = [name for name, _ in starts]
+        assert len(set(names)) >= runs
+        assert [one.continues for one in chosen] == [
+            name == last for name, last in zip(names, ["", *names], strict=False)
+        ]
+        for one in chosen:
+            of = next(motion for motion in motions if one.name.startswith(motion.name))
+            at = np.searchsorted(of.time, one.time)
+            assert np.array_equal(one.tau, of.tau[at])
+            assert (one.temperature is None) == (of.temperature is None)
 
 
 @pytest.mark.parametrize("every", [2, 3, 4, 8, 9, 27, 54])
