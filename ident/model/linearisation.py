@@ -1,7 +1,7 @@
 """The arm about which a diagnosis linearises: its links near the URDF's, and losses joint by joint.
 
 Wherever a joint moves, reversals included: effects are looked for there too. A hybrid model's estimates come from
-`ident.model.identification`, which leaves reversals out and knows friction that changes from run to run; the
+`ident.fitting.identification`, which leaves reversals out and knows friction that changes from run to run; the
 diagnosis' acceptance criteria were calibrated on this one.
 
 Direction of sliding: how dry friction turns round when a joint does.

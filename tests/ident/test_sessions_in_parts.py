@@ -16,7 +16,7 @@ from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.motion import out_of_core
 from ident.motion.filter import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session

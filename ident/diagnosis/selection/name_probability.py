@@ -9,16 +9,16 @@ import numpy as np
 from scipy.special import chdtri
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import block_sums_left
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext, undefined
 from ident.effects.intervals import NORMAL_95
+from ident.regression.design import Group, Key
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.run_spread import block_sums_left
 
 # Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9

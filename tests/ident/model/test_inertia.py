@@ -11,7 +11,7 @@ import pytest
 
 from ident.arrays import Array, Float
 from ident.command_options import FitOptions, Inertia
-from ident.model.identification import Identified, identify
+from ident.fitting.identification import Identified, identify
 from ident.model.inertia import (
     base_parameters,
     is_consistent,

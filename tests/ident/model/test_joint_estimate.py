@@ -16,11 +16,11 @@ from scipy.special import stdtrit
 from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
-from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
-from ident.model.identification import Identified, describe, identify
+from ident.fitting.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
+from ident.fitting.identification import Identified, describe, identify
+from ident.fitting.run_effects import USUAL_SPREAD, RunEffect, moderate, share_variance, wandering
 from ident.model.inertia import base_parameters, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
-from ident.model.run_effects import USUAL_SPREAD, RunEffect, moderate, share_variance, wandering
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
@@ -260,7 +260,7 @@ def test_torque_at_the_link_has_no_losses(nominal: ArmModel, monkeypatch: pytest
         assert "torque at the link" in "\n".join(describe(found))
         with monkeypatch.context() as patch:
             patch.setattr(
-                "ident.model.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
+                "ident.fitting.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
             )
             better.append(error(found, nominal, test) / error(identify(train, nominal, FitOptions()), nominal, test))
     assert np.mean(better) < 0.8

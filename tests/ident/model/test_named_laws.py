@@ -10,8 +10,8 @@ import pytest
 
 from ident.command_options import FitOptions
 from ident.errors import InputError, RecordingError
+from ident.fitting.fit import FitResults, NamedLaws, fit_hybrid, read_named_laws
 from ident.laws.carried import KINDS, JointStates, NamedLaw
-from ident.model.fit import FitResults, NamedLaws, fit_hybrid, read_named_laws
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.schemas.publish import make_schema

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
-from ident.diagnosis.regression.partition import Partition
-from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.out_of_core import SpooledArrays
+from ident.regression.baseline import Baseline
+from ident.regression.design import LOSS_PARAMETERS, Group, Layout
+from ident.regression.partition import Partition
+from ident.regression.runs import noisier_run
 from ident.robot.chain import PER_LINK
 
 # Samples (after decimation) times squared joints that are in memory at once, unless a run has more: their regressors

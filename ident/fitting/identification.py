@@ -16,9 +16,19 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.command_options import FitOptions, Inertia
+from ident.fitting.block_sums import FitColumns, sum_blocks
+from ident.fitting.joint_estimate import (
+    JointEstimate,
+    estimate,
+    find_frictionless,
+    lossless_parameters,
+    quantile,
+    require_motion,
+    require_parted,
+)
+from ident.fitting.run_effects import USUAL_SPREAD
 from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
-from ident.model.block_sums import FitColumns, sum_blocks
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -29,17 +39,7 @@ from ident.model.inertia import (
     parameter_scale,
     solve_bounded,
 )
-from ident.model.joint_estimate import (
-    JointEstimate,
-    estimate,
-    find_frictionless,
-    lossless_parameters,
-    quantile,
-    require_motion,
-    require_parted,
-)
 from ident.model.loss import NAMES, TRANSITION_GRID, InertiaFigure, LossParameters, LossResults
-from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel

@@ -33,19 +33,19 @@ from itertools import pairwise
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
-from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
-from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
-from ident.diagnosis.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
-from ident.diagnosis.regression.partition import Partition, build_partition
-from ident.diagnosis.regression.rows import Rows, column_scale, compute_rows, rescale, waiting
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.out_of_core import SpooledArrays, emptied
 from ident.progress import step
+from ident.regression.baseline import Baseline
+from ident.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
+from ident.regression.design import LOSS_PARAMETERS, Layout
+from ident.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
+from ident.regression.friction_sums import FRICTION, FrictionSums
+from ident.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
+from ident.regression.partition import Partition, build_partition
+from ident.regression.rows import Rows, column_scale, compute_rows, rescale, waiting
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 @dataclass(frozen=True, eq=False)

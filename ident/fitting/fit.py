@@ -15,11 +15,11 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError
+from ident.fitting.identification import Identified, identify
+from ident.fitting.joint_estimate import quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
 from ident.model.hybrid import HybridModel, TrainingRange
-from ident.model.identification import Identified, identify
 from ident.model.inertia import InertiaResults
-from ident.model.joint_estimate import quantile
 from ident.model.loss import LossResults, loss_figures
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.model.inertia import BaseParameters, base_prior, parameter_scale
 from ident.model.linearisation import Sliding, fit_losses, fit_sliding, rigid_torque, tune_links
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.robot.arm import ArmModel
 
 

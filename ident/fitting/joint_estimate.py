@@ -28,9 +28,9 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.errors import RecordingError
+from ident.fitting.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
+from ident.fitting.run_effects import USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 from ident.laws.carried import NamedLaw
-from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
-from ident.model.run_effects import USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 
 # Weights are repeated until no parameter moves by more than this share of its uncertainty, or so many times.
 SETTLED_SHARE, MOST_PASSES = 0.01, 20

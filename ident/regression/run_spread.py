@@ -18,10 +18,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.dwells import DwellRows
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.settings import RegressionSettings
+from ident.regression.dwells import DwellRows
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Projection
+from ident.regression.settings import RegressionSettings
 
 # Holds that a joint's level of static friction, guessed by its Coulomb friction, counts as.
 GUESS = 4.0
