@@ -9,13 +9,14 @@ import numpy as np
 
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence

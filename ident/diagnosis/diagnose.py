@@ -22,7 +22,7 @@ from ident.diagnosis.named_links import name_wrong_links
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
@@ -44,6 +44,7 @@ from ident.motion.out_of_core import few, runs_recorded
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.baseline import Baseline, UrdfError, fit_baseline
+from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import build_layout
 from ident.regression.dwells import HeldFriction

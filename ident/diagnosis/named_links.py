@@ -15,7 +15,7 @@ from dataclasses import replace
 from ident.diagnosis.alternate import Settled
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation, weigh_rivals
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -24,6 +24,7 @@ from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.baseline import Baseline
+from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project

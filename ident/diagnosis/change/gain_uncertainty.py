@@ -17,8 +17,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
-from ident.diagnosis.selection.name_probability import lifted
 from ident.effects.catalogue import CATALOGUE
+from ident.regression.covariance import lifted
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
