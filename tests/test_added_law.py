@@ -41,9 +41,9 @@ from ident.export.identified import Diagnosed
 from ident.export.loaded import load_module
 from ident.export.write import write_patch
 from ident.command_options import FitOptions
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
-from ident.model.fit import read_named_laws
+from ident.fitting.fit import read_named_laws
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from plan.dynamics.power import differentiate_torque
 from plan.dynamics.power import torque_of_model

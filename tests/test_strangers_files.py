@@ -19,7 +19,7 @@ from ident.command_options import FitOptions
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import write_export, write_patch
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.process import USER
 from ident.robot.arm import ArmModel

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.command_options import FilterOptions, FitOptions
-from ident.model import fit as fitting
-from ident.model.fit import FitResults, read_named_laws
+from ident.fitting import fit as fitting
+from ident.fitting.fit import FitResults, read_named_laws
 from ident.model.hybrid import HybridModel
 from ident.progress import step
 from ident.results import Provenance, Result

@@ -17,9 +17,6 @@ from ident.closed_loop.loop import close_gap
 from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.result import Closing, close_simulated, keep
 from ident.command_options import CloseOptions, SimulateOptions
-from ident.diagnosis.regression.baseline import fit_baseline
-from ident.diagnosis.regression.decimation import prepare_slower
-from ident.diagnosis.regression.runs import build_session
 from ident.diagnosis.result import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
@@ -28,6 +25,9 @@ from ident.outputs import begin_folder
 from ident.progress import stage, step
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
+from ident.regression.baseline import fit_baseline
+from ident.regression.decimation import prepare_slower
+from ident.regression.runs import build_session
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.sessions import Given, Robot, Sources, inspect_sources, load_robot

@@ -19,13 +19,13 @@ import numpy as np
 
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, project
 from ident.sessions import Given, inspect_sources
 
 # Names of greatest evidence that are measured alone in each view (the others close nothing), and names by BIC.

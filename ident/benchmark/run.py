@@ -31,7 +31,6 @@ from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
 from ident.command_options import CheckOptions
 from ident.diagnosis.from_reports import diagnose_reports
-from ident.diagnosis.regression.decimation import moved_inertia
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, log_error
@@ -40,6 +39,7 @@ from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band
 from ident.recordings.recording import Session
+from ident.regression.decimation import moved_inertia
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json

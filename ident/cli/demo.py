@@ -10,8 +10,8 @@ from rich.console import Console
 from ident.api.diagnosing import diagnose
 from ident.command_options import FitOptions
 from ident.files import write_record
+from ident.fitting.fit import fit_hybrid
 from ident.model.evaluation import evaluate
-from ident.model.fit import fit_hybrid
 from ident.model.hybrid import MODEL_KIND, HybridModel
 from ident.outputs import check_outputs
 from ident.progress import step

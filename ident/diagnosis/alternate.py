@@ -7,21 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnosis.regression.baseline import Baseline, UrdfError
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import estimate_run_spread
-from ident.diagnosis.regression.wandering import log_odds_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
+from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.covariance import measure_inflation
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group, Key
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.run_spread import estimate_run_spread
+from ident.regression.wandering import log_odds_of_law
 
 # Why a law of warmth does not stand that is hardly likelier than a random walk.
 WANDERS = "friction that wanders from run to run explains it about as well: it may be warmth, or any slow change"

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import LOSS_PARAMETERS
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection, project, solve_signed
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.refine import Refined
 from ident.model.inertia import lift_base, parameter_scale
+from ident.regression.baseline import Baseline
+from ident.regression.design import LOSS_PARAMETERS
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Projection, project, solve_signed
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
 # Order of a link's ten inertial numbers, about its joint's frame.

@@ -22,13 +22,13 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
-from ident.diagnosis.regression.design import Group, NotTestable
-from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import SearchResults
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.records import read_group
+from ident.regression.design import Group, NotTestable
+from ident.regression.least_squares import Projection
+from ident.regression.noise import Whitening
 
 LIMIT = read_group(__file__, "detection_limits")
 

@@ -19,18 +19,10 @@ from ident.diagnosis.gap.place_ranking import NamedPlace, measure_harm, rank_pla
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
-from ident.diagnosis.regression.baseline import Baseline, UrdfError, fit_baseline
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import build_layout
-from ident.diagnosis.regression.dwells import HeldFriction
-from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
-from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
@@ -51,6 +43,15 @@ from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
+from ident.regression.baseline import Baseline, UrdfError, fit_baseline
+from ident.regression.covariance import measure_inflation
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import build_layout
+from ident.regression.dwells import HeldFriction
+from ident.regression.gram import Evidence, gather
+from ident.regression.least_squares import Prior, project
+from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
+from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 

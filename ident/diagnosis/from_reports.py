@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.checks.report import MISREAD, TOO_LITTLE, TelemetryReport
 from ident.diagnosis.diagnose import Analysis, describe_session, diagnose
-from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
@@ -21,6 +20,7 @@ from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_stretches, hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
+from ident.regression.decimation import moved_inertia, prepare_slower
 from ident.robot.arm import ArmModel
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array
-from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.name_probability import Estimate
+from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 
 # Units of a joint that turns, longest first, and those of one that slides.

@@ -13,13 +13,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ident.diagnosis.alternate import Settled
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation, weigh_rivals
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -27,6 +23,11 @@ from ident.diagnosis.settings import VerdictSettings
 from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
+from ident.regression.baseline import Baseline
+from ident.regression.covariance import measure_inflation
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
+from ident.regression.least_squares import Prior, project
 
 
 def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline, verdict: VerdictSettings) -> Settled:

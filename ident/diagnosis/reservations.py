@@ -11,7 +11,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.agreement import measure_agreement
 from ident.diagnosis.selection.gates import Named, first_of_each_joint
 from ident.diagnosis.selection.name_probability import Estimate
@@ -19,6 +18,7 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval, SessionContext, impossible
+from ident.regression.design import Group
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Reach, spreads
 from ident.diagnosis.heldout_gain import Explained
 from ident.diagnosis.next_experiment import next_experiment
-from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -25,6 +24,7 @@ from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.recordings.recording import TelemetryIssue
+from ident.regression.design import NotTestable
 from ident.results import ONE_RUN, Result
 from ident.safe_read import read_record
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
-from ident.diagnosis.regression.posterior import Beside
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.records import Settings
+from ident.regression.posterior import Beside
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 class VerdictSettings(Settings, table="verdict"):

@@ -29,12 +29,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection
 from ident.effects.intervals import NORMAL_95, Interval
 from ident.model.inertia import base_prior
 from ident.records import read_group
+from ident.regression.baseline import Baseline
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, Projection
 from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "tuned_links")

@@ -10,14 +10,14 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.ceiling import Ceiling
-from ident.diagnosis.regression.cross_validation import HeldOutScore
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
+from ident.regression.cross_validation import HeldOutScore
+from ident.regression.gram import Evidence
+from ident.regression.posterior import Beside
 
 
 def find_floors(

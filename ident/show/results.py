@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.checks.report import Inspection
+    from ident.fitting.fit import FitResults
     from ident.infer.new_session import NewSession
     from ident.model.evaluation import Evaluation
-    from ident.model.fit import FitResults
 
 
 def write(console: Console, result: Result) -> None:
@@ -111,7 +111,7 @@ def draw_evaluation(result: Evaluation) -> Figure:
 
 def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
-    from ident.model.identification import describe
+    from ident.fitting.identification import describe
 
     lines = [result.loss.summary(), *describe(result.identified)]
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]

@@ -16,14 +16,14 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int, freeze
-from ident.diagnosis.regression.baseline import Baseline, fit_baseline
-from ident.diagnosis.regression.design import layout_of
-from ident.diagnosis.regression.gram import build_partition
-from ident.diagnosis.regression.rows import compute_rows
-from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion
+from ident.regression.baseline import Baseline, fit_baseline
+from ident.regression.design import layout_of
+from ident.regression.gram import build_partition
+from ident.regression.rows import compute_rows
+from ident.regression.runs import build_session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion

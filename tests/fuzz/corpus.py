@@ -17,7 +17,7 @@ from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
 
 from ident.command_options import FitOptions
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
 from ident.monitor.store import Store, write_rows
 from ident.outputs import write_marker

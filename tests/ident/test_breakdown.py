@@ -11,7 +11,7 @@ from ident.command_options import FitOptions
 from ident.diagnosis.diagnose import Diagnosis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Recording, Session
 from ident.sessions import open_sessions

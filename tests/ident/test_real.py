@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ident.command_options import FitOptions
+from ident.fitting.fit import fit_hybrid
 from ident.model.evaluation import SessionScore, evaluate
-from ident.model.fit import fit_hybrid
 from ident.motion.motion import prepare
 from ident.recordings.columns import match_joints
 from ident.recordings.load import load_session

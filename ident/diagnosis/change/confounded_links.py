@@ -22,13 +22,13 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import centre_of
 from ident.effects.base import Effect, SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
+from ident.regression.design import Group
+from ident.regression.least_squares import project
+from ident.regression.run_spread import squares_left
 
 
 def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:

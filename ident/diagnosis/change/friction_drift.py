@@ -20,10 +20,10 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import COMMON_GAIN, OF_FRICTION
 from ident.diagnosis.change.laws import FrictionChange
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Projection
 from ident.effects.base import SessionContext
 from ident.effects.session_context import friction_level
+from ident.regression.design import Group
+from ident.regression.least_squares import Projection
 
 FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, COMMON_GAIN - OF_FRICTION
 

@@ -10,13 +10,13 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.regression.decimation import moved_inertia, prepare_slower
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
+from ident.regression.decimation import moved_inertia, prepare_slower
 from ident.robot.arm import ArmModel
 
 

@@ -22,9 +22,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import RIDGE, Prior
-from ident.diagnosis.regression.positive import factorise
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import RIDGE, Prior
+from ident.regression.positive import factorise
 
 
 def learn_prior(

@@ -22,18 +22,18 @@ from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, par
 from ident.diagnosis.change.permuted_sets import PermutedSets
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import StaticJoint
-from ident.diagnosis.regression.baseline import Baseline, fit_baseline
-from ident.diagnosis.regression.design import Group, NotTestable, find_grids, layout_of
-from ident.diagnosis.regression.dwells import HeldFriction
-from ident.diagnosis.regression.gram import gather
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.noise import Whitening
-from ident.diagnosis.regression.run_spread import estimate_held, estimate_run_spread
-from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.effects.base import Effect, SessionContext
 from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
+from ident.regression.baseline import Baseline, fit_baseline
+from ident.regression.design import Group, NotTestable, find_grids, layout_of
+from ident.regression.dwells import HeldFriction
+from ident.regression.gram import gather
+from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.noise import Whitening
+from ident.regression.run_spread import estimate_held, estimate_run_spread
+from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 
 

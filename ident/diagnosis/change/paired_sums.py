@@ -14,13 +14,13 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Group, Layout
-from ident.diagnosis.regression.dwells import DwellRows, HeldFriction
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.partition import Partition
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
+from ident.regression.block_sums import SymmetricSums
+from ident.regression.design import LOSS_PARAMETERS, Group, Layout
+from ident.regression.dwells import DwellRows, HeldFriction
+from ident.regression.gram import Evidence
+from ident.regression.partition import Partition
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 @dataclass(frozen=True, eq=False)

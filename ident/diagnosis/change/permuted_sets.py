@@ -29,9 +29,9 @@ from scipy.special import digamma, polygamma
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.change.settings import PERMUTED
-from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
-from ident.diagnosis.regression.positive import factorise
+from ident.regression.design import Group, Key
+from ident.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
+from ident.regression.positive import factorise
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import Explained
-from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
+from ident.regression.design import NotTestable
 from ident.results import Result
 
 

@@ -33,14 +33,14 @@ from ident.diagnosis.change.friction_drift import GAIN, DayToDay, day_to_day, is
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
-from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.regression.run_spread import block_scores, squares_left
 from ident.diagnosis.selection.name_probability import Estimate, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.intervals import NORMAL_95
+from ident.regression.cross_validation import HeldOut, HeldOutScore
+from ident.regression.design import Group, Key
+from ident.regression.least_squares import Projection, project
+from ident.regression.run_spread import block_scores, squares_left
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.regression.dwells import find_holds, find_turns
 from ident.effects.session_context import LEAST_TRAVEL
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
+from ident.regression.dwells import find_holds, find_turns
 
 LEFT_OUT = "ends of runs and of holds, which filters blur"
 WHEN = {(True, False): "before", (False, True): "after", (True, True): "before and after"}

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_CEILING, CeilingSettings
-from ident.diagnosis.regression.posterior import LeftAtJoint
+from ident.regression.posterior import LeftAtJoint
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
-from ident.diagnosis.regression.noise import Whitening
+from ident.regression.noise import Whitening
 
 View = Literal["before", "fixed"]
 VIEWS: tuple[View, ...] = ("before", "fixed")

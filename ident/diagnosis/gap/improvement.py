@@ -13,10 +13,10 @@ from ident.diagnosis.gap.replay import Replay, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.gap.shapley import shapley_shares
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.search import Search
+from ident.regression.baseline import Baseline
+from ident.regression.cross_validation import HeldOut
 from ident.results import ONE_RUN
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_REPLAY, ReplaySettings
-from ident.diagnosis.regression.baseline import Baseline
+from ident.regression.baseline import Baseline
 
 
 @dataclass(frozen=True, eq=False)

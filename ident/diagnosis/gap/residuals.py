@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, Layout
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.partition import build_partition
-from ident.diagnosis.regression.rows import compute_tables
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.out_of_core import choose_runs
+from ident.regression.baseline import Baseline
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group, Layout
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Projection
+from ident.regression.partition import build_partition
+from ident.regression.rows import compute_tables
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from itertools import permutations
 import numpy as np
 
 from ident.arrays import Float
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
 
 # Effects of which all orders are taken, and orders that are drawn of more (chosen: work).
 ALL_ORDERS, DRAWN_ORDERS = 4, 24

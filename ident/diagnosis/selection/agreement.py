@@ -19,9 +19,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
+from ident.regression.design import Group
+from ident.regression.least_squares import Prior, project
 
 # A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
 LEAST_SEEN = 1e-6

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array
-from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
-from ident.diagnosis.regression.design import Group, Key
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import squares_left
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.effects.intervals import SizePrior
+from ident.regression.cross_validation import HeldOut, HeldOutScore
+from ident.regression.design import Group, Key
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.run_spread import squares_left
 
 # Share of an event's power in the block that has most of it, from which on it is in a block: filters' tails are not.
 THERE = 1e-3

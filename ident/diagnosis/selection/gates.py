@@ -22,9 +22,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ident.diagnosis.regression.cross_validation import HeldOutScore
-from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.regression.cross_validation import HeldOutScore
+from ident.regression.design import Group
 
 T = TypeVar("T")
 

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import LEAST_POWER, Projection
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext
+from ident.regression.design import Group
+from ident.regression.least_squares import LEAST_POWER, Projection
 
 TURN = 2.0 * np.pi
 

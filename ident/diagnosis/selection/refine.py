@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, Key, layout_of
-from ident.diagnosis.regression.dwells import HeldFriction
-from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import SessionContext
+from ident.regression.baseline import Baseline
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group, Key, layout_of
+from ident.regression.dwells import HeldFriction
+from ident.regression.gram import Evidence, gather
+from ident.regression.least_squares import Prior, project
 
 
 @dataclass(frozen=True, eq=False)

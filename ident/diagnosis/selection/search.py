@@ -6,11 +6,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ident.arrays import Array
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import Named, SearchResults, first_of_each_joint
 from ident.effects.sensing import TorqueGainError
+from ident.regression.design import Group
+from ident.regression.least_squares import Projection, project
 
 
 @dataclass(frozen=True, eq=False)

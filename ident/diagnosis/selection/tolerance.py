@@ -20,9 +20,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, Projection
 
 
 @dataclass(frozen=True, eq=False)

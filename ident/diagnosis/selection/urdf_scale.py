@@ -23,14 +23,14 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.regression.baseline import Baseline, UrdfError
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.regression.positive import factorise
-from ident.diagnosis.selection.name_probability import measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
+from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.covariance import measure_inflation
+from ident.regression.design import Group
+from ident.regression.least_squares import Prior, project
+from ident.regression.positive import factorise
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ident.checks.inspection import inspect_sessions
 from ident.checks.report import REPORTED_BY_A_FIT, TelemetryReport, overrule
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
-from ident.model.fit import fit_hybrid
+from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session

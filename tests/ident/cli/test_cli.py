@@ -119,7 +119,7 @@ def stop(*_: object, **__: object) -> None:
 
 def test_interrupted_while_fitting(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: Ctrl-C ends with 130 and one line; no model, no JSON."""
-    monkeypatch.setattr("ident.model.fit.fit_hybrid", stop)
+    monkeypatch.setattr("ident.fitting.fit.fit_hybrid", stop)
     ended = run("fit", E1, *ROBOT, "--out", tmp_path / "m", "--json", tmp_path / "f.json")
     assert (ended.status, ended.err.strip()) == (130, "ident: stopped")
     assert_untouched(tmp_path)

@@ -7,14 +7,14 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Prior
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
+from ident.regression.least_squares import Prior
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session
 

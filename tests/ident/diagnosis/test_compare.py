@@ -17,8 +17,6 @@ from ident.diagnosis.change.permuted_sets import NullVariance, _parts
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.search import ChangeSearch, measure_standing
 from ident.diagnosis.change.settings import CHANGE, PRIOR
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.name_probability import estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
@@ -28,6 +26,8 @@ from ident.effects.session_context import friction_level, rated_torque
 from ident.laws.acting import point_mass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
+from ident.regression.cross_validation import HeldOut
+from ident.regression.least_squares import project
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report

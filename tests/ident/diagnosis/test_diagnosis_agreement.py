@@ -8,14 +8,14 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.detection_limits import SizeLimit, encoder_share, find_limits
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import project
-from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.reservations import find_uneven
 from ident.diagnosis.selection.agreement import compare_sizes, measure_agreement
 from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import find_effect
+from ident.regression.block_sums import SymmetricSums
+from ident.regression.design import Group
+from ident.regression.least_squares import project
+from ident.regression.noise import Whitening
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe_limits, limit_rows
 from tests.ident.diagnosis.planted import (

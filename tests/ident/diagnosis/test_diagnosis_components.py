@@ -10,14 +10,14 @@ from scipy.stats import multivariate_normal
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression.baseline import UrdfError
-from ident.diagnosis.regression.friction_sums import FrictionSums
-from ident.diagnosis.regression.positive import factorise, positive
-from ident.diagnosis.regression.run_spread import _likelihood
-from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.regression.baseline import UrdfError
+from ident.regression.friction_sums import FrictionSums
+from ident.regression.positive import factorise, positive
+from ident.regression.run_spread import _likelihood
+from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record, search_of
 

@@ -8,13 +8,13 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import NO_LAW, diagnose
-from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, find_holds, join_runs, resting
-from ident.diagnosis.regression.least_squares import Prior
-from ident.diagnosis.regression.noise import shorter_filters, whiten_after_gaps
-from ident.diagnosis.regression.posterior import Posterior, estimate_variances
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.motion.motion import Motion
+from ident.regression.dwells import DwellRows, dwell_rows, find_holds, join_runs, resting
+from ident.regression.least_squares import Prior
+from ident.regression.noise import shorter_filters, whiten_after_gaps
+from ident.regression.posterior import Posterior, estimate_variances
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, loaded, record, spring_on_3
 from tests.ident.made_up import exact_motion

@@ -8,21 +8,21 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression import block_sums
-from ident.diagnosis.regression import rows as rows_module
-from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
-from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
-from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
-from ident.diagnosis.regression.partition import build_partition
-from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.diagnosis.selection.name_probability import solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import SpooledArrays
+from ident.regression import block_sums
+from ident.regression import rows as rows_module
+from ident.regression.block_sums import SymmetricSums
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import LOSS_PARAMETERS, Layout
+from ident.regression.gram import Evidence, gather
+from ident.regression.least_squares import RIDGE, Prior, project
+from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
+from ident.regression.partition import build_partition
+from ident.regression.rows import Rows, compute_rows
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, gain_on_2, search_of
 

@@ -9,14 +9,14 @@ from ident import diagnose as diagnose_files
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.from_reports import caveat_of
-from ident.diagnosis.regression.posterior import Beside
-from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.verdict import believed
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.recordings.recording import Payload, TelemetryIssue
+from ident.regression.posterior import Beside
+from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.contract import check_places
 from tests.ident.diagnosis.planted import (

@@ -7,10 +7,6 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.name_probability import is_certain, solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.profile import Profile
 from ident.diagnosis.selection.refine import find_needless, refine
@@ -18,6 +14,10 @@ from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import LAW_SHARE, TABLE
+from ident.regression.block_sums import SymmetricSums
+from ident.regression.cross_validation import HeldOut
+from ident.regression.design import Group
+from ident.regression.least_squares import project
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, named_groups, search_of, stribeck_on_1
 

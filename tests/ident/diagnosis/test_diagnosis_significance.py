@@ -6,11 +6,11 @@ from scipy.linalg import block_diag
 
 from ident.arrays import Array, Bool
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression.least_squares import solve_signed
-from ident.diagnosis.regression.settings import USUAL_REGRESSION
-from ident.diagnosis.regression.wandering import UNKNOWN, _innovations, log_odds_of_curve
 from ident.diagnosis.selection.profile import _interval
 from ident.diagnosis.selection.settings import USUAL_SELECTION
+from ident.regression.least_squares import solve_signed
+from ident.regression.settings import USUAL_REGRESSION
+from ident.regression.wandering import UNKNOWN, _innovations, log_odds_of_curve
 from tests.ident.diagnosis.planted import search_of
 
 RUNS, NOISE = 12, 0.004

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression import rows as rows_module
-from ident.diagnosis.regression.baseline import fit_baseline
-from ident.diagnosis.regression.decimation import prepare_slower
-from ident.diagnosis.regression.design import build_layout
-from ident.diagnosis.regression.gram import gather
-from ident.diagnosis.regression.partition import build_partition
-from ident.diagnosis.regression.runs import build_session, leftover_torque
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, prepare
 from ident.motion.out_of_core import SpooledMotions, choose_runs
+from ident.regression import rows as rows_module
+from ident.regression.baseline import fit_baseline
+from ident.regression.decimation import prepare_slower
+from ident.regression.design import build_layout
+from ident.regression.gram import gather
+from ident.regression.partition import build_partition
+from ident.regression.runs import build_session, leftover_torque
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, healthy_torque, record, stribeck_on_1
 from tests.ident.made_up import made_session

@@ -9,9 +9,6 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression.baseline import UrdfError
-from ident.diagnosis.regression.block_sums import SymmetricSums
-from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import Belief
@@ -19,6 +16,9 @@ from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
+from ident.regression.baseline import UrdfError
+from ident.regression.block_sums import SymmetricSums
+from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
 from tests.ident.made_up import made_motions

@@ -17,8 +17,8 @@ from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP, USUAL_REPLAY
 from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.heldout_gain import OF_A_SLIDE, of_a_slide
-from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.effects.catalogue import find_effect
+from ident.regression.cross_validation import HeldOut
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     analyse,

@@ -8,8 +8,8 @@ import pytest
 
 from ident.arrays import Array
 from ident.command_options import FitOptions
+from ident.fitting.fit import fit_hybrid
 from ident.model.evaluation import RunTrace, evaluate, score_runs
-from ident.model.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion

@@ -14,7 +14,7 @@ from ident import fit
 from ident.arrays import Array
 from ident.command_options import FitOptions
 from ident.errors import InputError, ModelError
-from ident.model.fit import FitResults, find_training_range, fit_hybrid
+from ident.fitting.fit import FitResults, find_training_range, fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
@@ -64,8 +64,8 @@ def test_a_model_knows_where_it_was_fitted(fitted: FitResults, motions: list[Mot
         estimate=replace(
             fitted.identified.estimate,
             covariance=4.0 * fitted.identified.estimate.covariance,
+            spread=2.0 * fitted.identified.estimate.spread,
         ),
-        spread=2.0 * fitted.identified.spread,
     )
     assert find_training_range(motions, fitted.model.nominal, twice).torque_half_width == pytest.approx(2.0 * half)
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from ident.diagnosis.regression.discrepancy import BLOCKS
+from ident.regression.discrepancy import BLOCKS
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,

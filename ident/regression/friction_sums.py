@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.design import LOSS_PARAMETERS
+from ident.regression.design import LOSS_PARAMETERS
 
 # Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
 FRICTION = slice(1, LOSS_PARAMETERS)

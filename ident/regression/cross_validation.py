@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, factorise_signed, signs_of
+from ident.regression.design import Group
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior, factorise_signed, signs_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection
+from ident.regression.design import Group
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Projection
 
 # Variance of the first level before anything is known of it: ten times the model's friction.
 UNKNOWN = 100.0

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.baseline import Baseline, UrdfError
-from ident.diagnosis.regression.design import Group, Layout
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.positive import Factor, factorise
-from ident.diagnosis.regression.settings import RegressionSettings
+from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.design import Group, Layout
+from ident.regression.gram import Evidence
+from ident.regression.positive import Factor, factorise
+from ident.regression.settings import RegressionSettings
 
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.motion.out_of_core import CHOICE_SEED
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 @dataclass(frozen=True, eq=False)

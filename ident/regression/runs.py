@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.dwells import rested, resting, static_level
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import OnDemand, SpooledArrays, SpooledMotions
 from ident.recordings.recording import Payload
+from ident.regression.baseline import Baseline
+from ident.regression.dwells import rested, resting, static_level
 from ident.robot.arm import ArmModel
 
 

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.dwells import DwellRows
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.settings import RegressionSettings
+from ident.regression.dwells import DwellRows
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Projection
+from ident.regression.settings import RegressionSettings
 
 # Holds that a joint's level of static friction, guessed by its Coulomb friction, counts as.
 GUESS = 4.0
@@ -65,19 +65,22 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
     levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
-    return float(max(np.geomspace(*SPREADS), key=lambda spread: _likelihood(levels, noise, spread, settings)))
+    tried = np.geomspace(*SPREADS)
+    return float(tried[np.argmax(_likelihood(levels, noise, tried, settings))])
 
 
 def _likelihood(
-    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spread: float, settings: RegressionSettings
-) -> float:
-    """Restricted log likelihood of friction levels that vary by so much, times what is known of it beforehand."""
-    each = np.linalg.inv(noise + spread**2 * np.eye(2))
-    mean = np.linalg.solve(each.sum(axis=0), np.einsum("rab,rb->a", each, levels))
-    left = float(np.einsum("ra,rab,rb->", levels - mean, each, levels - mean))
-    weight = float(np.linalg.slogdet(each)[1].sum() - np.linalg.slogdet(each.sum(axis=0))[1])
-    usual = settings.usual_runs * (2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2)
-    return 0.5 * (weight - left - usual)
+    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spreads: Float[Array, " k"], settings: RegressionSettings
+) -> Float[Array, " k"]:
+    """Restricted log likelihoods of friction levels that vary by so much, times what is known of it beforehand."""
+    each = np.linalg.inv(noise + spreads[:, None, None, None] ** 2 * np.eye(2))
+    total = each.sum(axis=1)
+    mean = np.linalg.solve(total, np.einsum("krab,rb->ka", each, levels)[..., None])[..., 0]
+    off = levels - mean[:, None]
+    left = np.einsum("kra,krab,krb->k", off, each, off)
+    weight = np.linalg.slogdet(each)[1].sum(axis=1) - np.linalg.slogdet(total)[1]
+    usual = settings.usual_runs * (2.0 * np.log(spreads) + (settings.usual_spread / spreads) ** 2)
+    return np.asarray(0.5 * (weight - left - usual))
 
 
 def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projection) -> tuple[float, ...]:

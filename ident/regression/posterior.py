@@ -22,14 +22,14 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.design import Group, layout_of
-from ident.diagnosis.regression.discrepancy import BLOCKS, Discrepancy
-from ident.diagnosis.regression.dwells import HeldFriction
-from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.positive import factorise
 from ident.effects.base import SessionContext
+from ident.regression.baseline import Baseline
+from ident.regression.design import Group, layout_of
+from ident.regression.discrepancy import BLOCKS, Discrepancy
+from ident.regression.dwells import HeldFriction
+from ident.regression.gram import Evidence, gather
+from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.positive import factorise
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
 # deviation, then half a decade about the best.

@@ -12,10 +12,10 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
-from ident.diagnosis.regression.design import LOSS_PARAMETERS, Layout
-from ident.diagnosis.regression.friction_sums import FRICTION
-from ident.diagnosis.regression.rows import Rows
-from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
+from ident.regression.design import LOSS_PARAMETERS, Layout
+from ident.regression.friction_sums import FRICTION
+from ident.regression.rows import Rows
+from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 # Ridge of the noise regression, as a share of each column's power: it only keeps the solve well-posed.
 NOISE_RIDGE = 1e-4
