@@ -7,6 +7,7 @@ What is too long to be held is let go part by part, and its motions wait on disk
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -22,7 +23,7 @@ from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import USUAL_MOTION, MotionSettings
 from ident.motion.motion import Motion, no_motion, prepare_each
-from ident.motion.out_of_core import emptied, hold, pieces_of
+from ident.motion.stretches import hold
 from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file, settings_of
@@ -130,9 +131,15 @@ def inspect_sources(
         parts.append(part)
         if sum(each.samples for each in parts) >= most:
             arm = load_robot(given.find_robot(), parts)
-            return Inspected(arm, map(weaken, inspect_parts(chain(emptied(parts), coming), arm, settings)), ledger)
+            return Inspected(arm, map(weaken, inspect_parts(chain(_emptied(parts), coming), arm, settings)), ledger)
     arm = load_robot(given.find_robot(), parts)
     return Inspected(arm, tuple(map(weaken, inspect_sessions(parts, arm, settings))), ledger)
+
+
+def _emptied(parts: list[Session]) -> Iterator[Session]:
+    """Hands out what a list holds and lets it go."""
+    while parts:
+        yield parts.pop(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,38 +216,44 @@ def open_sessions(
     found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT)
     reports: list[TelemetryReport] = []
     groups: list[_Group] = []
-    coming = _prepare(found.reports, reports, groups, learning, partial(prepare_each, cutoff=cutoff, settings=motion))
-    motions = tuple(coming) if isinstance(found.reports, tuple) else hold(coming)
-    short = next((one.where for one in groups if not one.lengths), None)
+    groups_of: list[int] = []
+    coming = _prepare(
+        found.reports, reports, groups, groups_of, learning, partial(prepare_each, cutoff=cutoff, settings=motion)
+    )
+    held = hold(coming, None if model is None else sys.maxsize)
+    short = next((one.where for k, one in enumerate(groups) if k not in groups_of), None)
     if short is not None or not groups:
         raise no_motion(short or reports[-1].session.name, motion)
-    sizes = tuple((one.name, sum(pieces_of(motions, length) for length in one.lengths)) for one in groups)
+    count = Counter(groups_of[k] for k in held.source)
+    sizes = tuple((one.name, count[k]) for k, one in enumerate(groups))
     first = reports[0].session
     arm = as_mounted(found.arm, first).keeping(groups[0].joints)
     missing = [] if model is None else [name for name in model.joint_names if name not in arm.joint_names]
     if missing:
         what = f"{', '.join(missing)} not recorded, but in the model"
         raise RecordingError(first.path or first.name, what, "fit a model for these joints")
-    return Opened(arm, tuple(reports), motions, sizes, found.ledger)
+    return Opened(arm, tuple(reports), held.motions, sizes, found.ledger)
 
 
 class _Group(NamedTuple):
-    """A session on its way to motions: its path and name, its joints, samples of each run that became a motion."""
+    """A session on its way to motions: its path and name, its joints."""
 
     where: str | Path
     name: str
     joints: tuple[str, ...]
-    lengths: list[int]
 
 
 def _prepare(
     found: Iterable[TelemetryReport],
     reports: list[TelemetryReport],
     groups: list[_Group],
+    groups_of: list[int],
     learning: bool,
     smooth: Callable[[Session], Iterator[Motion]],
 ) -> Iterator[Motion]:
-    """Motions of sessions, or of parts of them, that are fit for use; keeps their reports without runs, and groups.
+    """Motions of sessions, or of parts of them, that are fit for use.
+
+    Reports without runs, groups, and the number of each motion's group are added to the lists.
 
     Raises:
         RecordingError: One is not, or has other joints than the first.
@@ -253,10 +266,10 @@ def _prepare(
                 what = f"its joints are {', '.join(session.joints)}, those of {groups[0].name} are not"
                 raise RecordingError(where, what, "give sessions with the same joints together")
             if session.path is None or not groups or groups[-1].where != where:
-                groups.append(_Group(where, session.name, session.joints, []))
+                groups.append(_Group(where, session.name, session.joints))
         reports.append(replace(report, session=session.replace(runs=())))
         del report
         for motion in smooth(session):
-            groups[-1].lengths.append(len(motion.time))
+            groups_of.append(len(groups) - 1)
             yield motion
         del session  # a part is let go before the next is read

@@ -37,7 +37,7 @@ from ident.export.loaded import LawModel, log_error
 from ident.files import atomic_write, write_record
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import within_band
+from ident.motion.stretches import within_band
 from ident.recordings.recording import Session
 from ident.regression.decimation import moved_inertia
 from ident.results import Provenance

@@ -177,9 +177,9 @@ class _Look:
 
     def is_impossible(self, one: _Typical) -> bool:
         """Whether no arm has it as large as it must be."""
-        effect, asked, beta = one.group.effect, self._asked(one.group), one.multiple * one.beta
-        estimates = effect.parameters(asked, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta))))
-        return impossible(effect, asked, one.group.joint, estimates) is not None
+        effect, joint, beta = one.group.effect, one.group.joint, one.multiple * one.beta
+        estimates = effect.parameters(self.session, joint, one.group.variant, beta, np.zeros((len(beta), len(beta))))
+        return impossible(effect, self.session, joint, estimates) is not None
 
     def bound_by(self, group: Group) -> str:
         """What hides an effect most."""
@@ -193,7 +193,7 @@ class _Look:
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
         """Those of a typical effect that make up its parameter."""
         width = len(group.columns)
-        beta = group.effect.typical_coefficients(self._asked(group), group.joint, group.variant, width)
+        beta = group.effect.typical_coefficients(self.session, group.joint, group.variant, width)
         key = group.effect.id, width, group.variant.shape.get("law")
         if key not in self._parts:  # the same at every joint
             self._parts[key] = self._parts_of(group, beta)
@@ -213,10 +213,7 @@ class _Look:
 
     def _figure(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Size of the parameter that is an effect's size."""
-        return group.effect.size_of(self._asked(group), group.joint, group.variant, beta)
-
-    def _asked(self, group: Group) -> SessionContext:
-        return group.effect.asked(self.session)
+        return group.effect.size_of(self.session, group.joint, group.variant, beta)
 
     def _is_absorbed(self, group: Group) -> bool:
         return self.search.is_absorbed(*self.views, group)

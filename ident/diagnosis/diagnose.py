@@ -40,7 +40,7 @@ from ident.diagnosis.verdict import (
 from ident.effects.base import Effect, SessionContext
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import few, runs_recorded
+from ident.motion.stretches import runs_recorded
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.baseline import Baseline, UrdfError, fit_baseline
@@ -95,7 +95,7 @@ def diagnose(
         inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
         settings: The numbers by which it decides.
     """
-    still = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in few(motions)) < LEAST_MOVING]
+    still = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
     stage("tuning the arm", 0.2, 0.35)
     baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still)
     session = build_session(baseline, motions, common_clock)
@@ -164,7 +164,11 @@ def diagnose(
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
         joints=arm.joint_names,
         verdict=verdict,
-        session=describe_session(motions),
+        session={
+            "runs": runs_recorded(motions),
+            "samples": int(sum(len(motion.time) for motion in motions)),
+            "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
+        },
         telemetry=tuple(telemetry),
         gap=_gap(arm, (found.ladder[0].rms, given.score().rms), judged, ceilings, series, tolerance),
         where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
@@ -191,15 +195,6 @@ def diagnose(
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), diagnosis)
-
-
-def describe_session(motions: Sequence[Motion]) -> dict[str, float]:
-    """Number of recorded runs, samples and duration [s] of a session."""
-    return {
-        "runs": runs_recorded(motions),
-        "samples": int(sum(len(motion.time) for motion in motions)),
-        "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
-    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.checks.report import MISREAD, TOO_LITTLE, TelemetryReport
-from ident.diagnosis.diagnose import Analysis, describe_session, diagnose
+from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
@@ -17,7 +17,7 @@ from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import MotionSettings
 from ident.motion.motion import Motion, no_motion
-from ident.motion.out_of_core import choose_stretches, hold, within_band
+from ident.motion.stretches import Held, hold, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.decimation import moved_inertia, prepare_slower
@@ -53,22 +53,19 @@ def diagnose_reports(
     """
     heard = _Heard()
     stage("reading, checking, smoothing", 0.0, 0.2)
-    motions = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
+    held = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
     fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
         refused = Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues), settings=settings)
         return refused, None, ()
-    if not motions:
+    if not held.motions:
         raise no_motion(heard.session, settings.motion)
     arm = arm.keeping(heard.joints)
     arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
-    if cutoff is None:
-        motions = within_band(motions, moved_inertia(arm, motions))
-    session, some = describe_session(motions), choose_stretches(motions)
-    if some is not motions:
-        heard.issues.append(_used_in_part(some, session))
-    motions = some
+    motions = held.motions if cutoff is not None else within_band(held.motions, moved_inertia(arm, held.motions))
+    if held.in_part:
+        heard.issues.append(_used_in_part(held))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share
@@ -78,14 +75,14 @@ def diagnose_reports(
 
         analysis = with_own_model(analysis, model)
     findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
-    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings, session=session))
+    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings, session=heard.facts))
     return analysis.diagnosis, analysis, motions
 
 
-def _used_in_part(stretches: Sequence[Motion], session: Mapping[str, float]) -> TelemetryIssue:
+def _used_in_part(held: Held) -> TelemetryIssue:
     """That a long session is not looked at as a whole."""
-    used = sum(len(motion.time) for motion in stretches)
-    evidence = f"{used} of {session['samples']:.0f} samples are used: {len(stretches)} stretches from all over them"
+    used = sum(len(motion.time) for motion in held.motions)
+    evidence = f"{used} of {held.samples} samples are used: {len(held.motions)} stretches from all over the session"
     remedy = "none needed; of what happens once (a push) give the hour in question alone"
     return TelemetryIssue("used_in_part", (), "note", evidence, remedy)
 

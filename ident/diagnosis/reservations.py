@@ -67,8 +67,7 @@ def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: 
     outside, open_ones = {}, {}
     for k, (_, estimate) in candidates.items():
         effect = estimate.refined.effect
-        asked = effect.asked(session)
-        if reason := impossible(effect, asked, estimate.refined.joint, estimate.parameters):
+        if reason := impossible(effect, session, estimate.refined.joint, estimate.parameters):
             outside[k] = reason
         elif reason := estimate.undefined:
             open_ones[k] = reason

@@ -115,10 +115,6 @@ class Effect(ABC):
         """
         return self
 
-    def asked(self, session: SessionContext) -> SessionContext:
-        """The runs that its parameters are taken from: all of them, or enough of very many."""
-        return session if self.remembers else session.survey
-
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         """Why these recordings can't show the effect at a joint at all, or None. Must be cheap."""
         return lacking(self.needs, session, joint)

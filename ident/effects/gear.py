@@ -142,10 +142,8 @@ class Backlash(Effect):
     id = "backlash"
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
-        some = session.surveyed(leftover)
         found = tuple(
-            () if self.untestable(session, joint) else _widths(session.survey, some, joint)
-            for joint in range(session.n)
+            () if self.untestable(session, joint) else _widths(session, leftover, joint) for joint in range(session.n)
         )
         return replace(self, widths=found, screens=len(LIMIT.wide_gaps) // LIMIT.wide_kept)
 

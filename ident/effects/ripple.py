@@ -46,9 +46,8 @@ class TorqueRipple(Effect):
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
         # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
-        some = session.surveyed(leftover)
         lines, looked = zip(
-            *(find_lines(session.survey, some, joint, chance=self.chance) for joint in range(session.n)), strict=True
+            *(find_lines(session, leftover, joint, chance=self.chance) for joint in range(session.n)), strict=True
         )
         return replace(self, lines=lines, screens=max(1, round(float(np.mean(looked)))))
 

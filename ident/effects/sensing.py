@@ -236,7 +236,7 @@ def share_of_steps(session: SessionContext) -> float:
     """
     steps = change = 0.0
     rated = np.array([rated_torque(session, j) for j in range(session.n)])
-    for run in session.survey.runs:
+    for run in session.runs:
         corner, rate = run.motion.lowpass.cutoff, np.diff(run.total, axis=0) / run.interval / rated
         frequency, density = mean_spectrum(rate, run.motion.lowpass.rate, min(LIMIT.spectrum_samples, len(rate)))
         below = density[frequency <= corner].sum(axis=1)

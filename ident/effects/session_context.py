@@ -12,7 +12,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import choose_runs
 from ident.records import read_group
 from ident.robot.arm import ArmModel
 
@@ -110,20 +109,10 @@ class SessionContext:
     rated_torque: Float[Array, " n"]  # effort limits [N m]
     # Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
     tuned: Float[Array, " 10n"] | None = None
-    every: int = 1  # one of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk
 
     @property
     def n(self) -> int:
         return len(self.joint_names)
-
-    @cached_property
-    def survey(self) -> SessionContext:
-        """The session itself, or an even choice of its runs, held in memory, where there are very many."""
-        return self if self.every == 1 else replace(self, runs=tuple(self.surveyed(self.runs)), every=1)
-
-    def surveyed(self, of_runs: Sequence[T]) -> Sequence[T]:
-        """Of what there is one of for each run, those of the survey's runs."""
-        return [of_runs[k] for k in choose_runs(len(of_runs), self.every)]
 
 
 @dataclass(frozen=True)

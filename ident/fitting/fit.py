@@ -22,7 +22,7 @@ from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.inertia import InertiaResults
 from ident.model.loss import LossResults, loss_figures
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import few, runs_recorded, select_joints
+from ident.motion.stretches import runs_recorded
 from ident.progress import stage
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -207,7 +207,7 @@ def fit_hybrid(
         from ident.robot.lumped import build_lumped_arm
 
         nominal = build_lumped_arm(robot)
-        motions = select_joints(motions, nominal.joint_names)
+        motions = [motion.select(nominal.joint_names) for motion in motions]
     stage("inertias and losses", 0.0, 0.5)
     named = (named or NamedLaws()).within(nominal.n)
     sums = FitSums.gather(motions, nominal, options, named.laws)
@@ -225,7 +225,7 @@ def fit_hybrid(
         from ident.model.residual_net import PRESETS, fit_net_of_arm
 
         built = replace(PRESETS[options.net], seed=options.seed)
-        net = fit_net_of_arm(few(motions), arm, known, built, progress, checkpoint)
+        net = fit_net_of_arm(motions, arm, known, built, progress, checkpoint)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
@@ -238,7 +238,7 @@ def fit_hybrid(
         named=found.named,
         alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,
-        trained=find_training_range(few(motions), nominal, found),
+        trained=find_training_range(motions, nominal, found),
         provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
     )
     return FitResults(model, found)

@@ -16,7 +16,6 @@ from ident.model.inertia import BaseParameters, base_prior, parameter_scale
 from ident.model.linearisation import Sliding, fit_losses, fit_sliding, rigid_torque, tune_links
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import few
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.robot.arm import ArmModel
 
@@ -80,7 +79,7 @@ def fit_baseline(
     """Tunes the arm on all runs.
 
     Args:
-        motions: All runs; of a spooled session an even choice is enough to linearise about.
+        motions: All runs.
         arm: The arm as its user has it.
         share: Standard deviation of its inertial numbers, as a share of each link's own; that of a URDF if None.
         settings: What the regression counts with.
@@ -88,7 +87,6 @@ def fit_baseline(
         sliding: How dry friction turns round, where that is not to be estimated.
     """
     share = settings.inertia_share if share is None else share
-    motions = few(motions)
     tuned, base = tune_links(motions, arm, share)
     rigid = [rigid_torque(tuned, motion) for motion in motions]
     loss = fit_losses(motions, rigid, still)

@@ -18,7 +18,7 @@ from scipy.linalg.blas import dspmv, dsyrk
 from scipy.linalg.lapack import dtpttr, dtrttp
 
 from ident.arrays import Array, Float, Int
-from ident.motion.out_of_core import SpooledArrays
+from ident.regression.spooled import SpooledArrays
 
 # Sums of one joint that are more numbers than this wait on disk: 40 MB.
 HELD_NUMBERS = 5_000_000

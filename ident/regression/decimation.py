@@ -16,7 +16,6 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass, MotionSettings
 from ident.motion.motion import Motion, prepare_each
-from ident.motion.out_of_core import few
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -68,6 +67,5 @@ def prepare_slower(
 
 def moved_inertia(arm: ArmModel, motions: Sequence[Motion]) -> Float[Array, " n"]:
     """What each joint moves of the arm's links, on average over the poses of a session [kg m²]."""
-    some = few(motions)
-    every = max(1, sum(len(motion.time) for motion in some) // SAMPLED_POSES)
-    return arm.mean_inertia(np.concatenate([np.asarray(motion.q[::every]) for motion in some]))
+    every = max(1, sum(len(motion.time) for motion in motions) // SAMPLED_POSES)
+    return arm.mean_inertia(np.concatenate([motion.q[::every] for motion in motions]))

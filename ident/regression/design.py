@@ -151,11 +151,11 @@ def find_grids(
     silent: list[NotTestable] = []
     grids: list[Grid] = []
     for effect in effects:
-        asked = effect.asked(session_of(effect))
-        for joint in range(asked.n if effect.scope == "joint" else 1):
-            if reason := effect.untestable(asked, joint):
+        session = session_of(effect)
+        for joint in range(session.n if effect.scope == "joint" else 1):
+            if reason := effect.untestable(session, joint):
                 silent.append(NotTestable(effect, joint, reason))
-            elif grid := points(effect, asked, joint):
+            elif grid := points(effect, session, joint):
                 grids.append((effect, joint, grid))
     return silent, grids
 
@@ -181,18 +181,17 @@ def layout_of(
     own_joints = [(effect, j) for effect in beside for j in range(session.n) if effect.untestable(session, j) is None]
     nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
     std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
-    sample = replace(session, runs=(session.runs[0].copied(),), every=1)  # what it computes goes with it
+    sample = replace(session, runs=(session.runs[0].copied(),))  # what it computes goes with it
     start = rank + LOSS_PARAMETERS * session.n
     groups: list[Group] = []
     own: list[list[int]] = [[] for _ in range(session.n)]
     shared: list[int] = []
     for effect, joint, variants in [*nuisances, *grids]:
-        asked = effect.asked(session)
         for variant in variants:
             width = effect.columns(sample, joint, variant)[0].shape[-1]
             columns = np.arange(start, start + width)
             start += width
-            prior = effect.size_prior(asked, joint, variant)
+            prior = effect.size_prior(session, joint, variant)
             groups.append(Group(effect, joint, variant, columns, prior))
             for part, some in effect.parts(variant) if searched else ():
                 groups.append(Group(effect, joint, part, columns[list(some)], prior, borrows=True))

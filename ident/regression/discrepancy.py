@@ -38,8 +38,8 @@ class Discrepancy(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         """The one variant, which holds centres and scales of the whole session's inputs."""
-        inputs = np.concatenate([_inputs(run, joint)[:: run.motion.lowpass.factor] for run in session.survey.runs])
-        shape = {"start": session.survey.runs[0].motion.time[0], "end": session.survey.runs[-1].motion.time[-1]}
+        inputs = np.concatenate([_inputs(run, joint)[:: run.motion.lowpass.factor] for run in session.runs])
+        shape = {"start": session.runs[0].motion.time[0], "end": session.runs[-1].motion.time[-1]}
         for k in range(inputs.shape[1]):
             shape[f"centre_{k}"], shape[f"scale_{k}"] = float(inputs[:, k].mean()), float(inputs[:, k].std() + 1e-9)
         return (Variant({}, None, shape),)

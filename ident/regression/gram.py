@@ -35,7 +35,6 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
-from ident.motion.out_of_core import SpooledArrays, emptied
 from ident.progress import step
 from ident.regression.baseline import Baseline
 from ident.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
@@ -46,6 +45,7 @@ from ident.regression.noise import Whitening, estimate_noise, shorter_filters, w
 from ident.regression.partition import Partition, build_partition
 from ident.regression.rows import Rows, column_scale, compute_rows, rescale, waiting
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
+from ident.regression.spooled import SpooledArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ def gather(
     of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
     first = layout.rank + LOSS_PARAMETERS * np.arange(layout.n)
     evidence = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
-    return replace(evidence, dwells=tuple(join_runs(own, alike) for own in emptied(held_rows) if own))
+    return replace(evidence, dwells=tuple(join_runs(own, alike) for own in held_rows if own))
 
 
 def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:

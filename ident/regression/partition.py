@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.effects.base import SessionContext
-from ident.motion.out_of_core import CHOICE_SEED
+from ident.motion.stretches import CHOICE_SEED
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import RunContext, SessionContext
-from ident.motion.out_of_core import SpooledArrays
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.regression.partition import Partition
 from ident.regression.runs import noisier_run
+from ident.regression.spooled import SpooledArrays
 from ident.robot.chain import PER_LINK
 
 # Samples (after decimation) times squared joints that are in memory at once, unless a run has more: their regressors
@@ -88,7 +88,7 @@ def compute_tables(
     def of_chunk(chunk: Sequence[int]) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
         # Copies, so that what the effects cache with a run goes when its chunk goes.
         fresh = (session.runs[i].copied() for i in chunk)
-        part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh), every=1)
+        part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh))
         known = _kept_columns(session, baseline, chunk, part.runs, noisier)
         batches = [_Batch(layout, run, baseline_tables(layout, k)) for run, k in zip(part.runs, known, strict=True)]
         for group in groups:

@@ -1,4 +1,4 @@
-"""The runs of a session as the effects see them: held in memory, or made anew from what was spooled."""
+"""The runs of a session as the effects see them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import OnDemand, SpooledArrays, SpooledMotions
-from ident.recordings.recording import Payload
 from ident.regression.baseline import Baseline
 from ident.regression.dwells import rested, resting, static_level
 from ident.robot.arm import ArmModel
@@ -18,32 +16,20 @@ from ident.robot.arm import ArmModel
 
 def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
     """What the effects know of the runs: modelled torques only, never the measured one."""
-    runs: Sequence[RunContext]
-    if isinstance(motions, SpooledMotions):
-        runs, every = _SpooledRuns(baseline, motions), motions.every
-    else:
-        runs, every = tuple(_run_of(baseline, one, baseline.arm.with_payload(one.payload)) for one in motions), 1
     return SessionContext(
-        runs=runs,
+        runs=tuple(_run_of(baseline, one, baseline.arm.with_payload(one.payload)) for one in motions),
         common_clock=common_clock,
         joint_names=baseline.nominal.joint_names,
         gear_ratios=baseline.nominal.gear_ratios,
         rated_torque=baseline.nominal.effort_limit,
         tuned=baseline.arm.inertial_parameters - baseline.nominal.inertial_parameters,
-        every=every,
     )
 
 
 def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel) -> RunContext:
     rigid, slip = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq), baseline.sliding.direction(motion)
     friction = baseline.loss.viscous * motion.dq + baseline.loss.coulomb * slip
-    return rested(_context(baseline, motion, arm, rigid, slip, friction))
-
-
-def _context(
-    baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array, friction: Array
-) -> RunContext:
-    return RunContext(
+    run = RunContext(
         motion=motion,
         arm=arm,
         rigid=rigid,
@@ -54,36 +40,12 @@ def _context(
         temperature=motion.temperature,
         position_command=motion.position_command,
     )
+    return rested(run)
 
 
 def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
     """The same run as seen with one more draw of the encoder noise in its states."""
     return _run_of(baseline, run.motion.noisier, run.arm)
-
-
-class _SpooledRuns(OnDemand[RunContext]):
-    """Runs of spooled motions; what costs most of the modelled torques is spooled beside them."""
-
-    def __init__(self, baseline: Baseline, motions: Sequence[Motion]) -> None:
-        self._baseline, self._motions = baseline, motions
-        self._arms: dict[Payload | None, ArmModel] = {}
-        self._spooled = SpooledArrays(), SpooledArrays(), SpooledArrays()  # rigid torque, direction, friction
-        for motion in motions:
-            run = _run_of(baseline, motion, self._arm(motion.payload))
-            for spooled, values in zip(self._spooled, (run.rigid, run.direction, run.friction), strict=True):
-                spooled.append(values)
-
-    def __len__(self) -> int:
-        return len(self._motions)
-
-    def _arm(self, payload: Payload | None) -> ArmModel:
-        if payload not in self._arms:
-            self._arms[payload] = self._baseline.arm.with_payload(payload)
-        return self._arms[payload]
-
-    def _make(self, index: int) -> RunContext:
-        motion = self._motions[index]
-        return _context(self._baseline, motion, self._arm(motion.payload), *(one[index] for one in self._spooled))
 
 
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
@@ -92,7 +54,7 @@ def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     Of a joint at rest it is what goes beyond its static friction, and near a stop or a turn, where friction may have
     either sign, what goes beyond twice as much: mostly zero.
     """
-    found: list[Array] | SpooledArrays = SpooledArrays() if isinstance(session.runs, _SpooledRuns) else []
+    found = []
     held = static_level(session)
     for run in session.runs:
         left = run.motion.tau_filtered - run.motion.filtered(run.total)

@@ -49,7 +49,7 @@ KEPT = (
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
     """An even choice of an effect's inner grid; of those that other joints take part in, the neighbours' points."""
-    grid = effect.variants(effect.asked(session), joint)
+    grid = effect.variants(session, joint)
     if effect.partner:
         return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
     if len(grid) <= CHANGE.grid_points or effect.id in LATER_ALONE:

@@ -170,8 +170,7 @@ def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedD
     scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     cells = cells + (1.0 - widening**-2.0) * estimate.covariance
-    asked = group.effect.asked(design.later_session)
-    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+    estimates = group.effect.parameters(design.later_session, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(estimates), coefficients=beta, covariance=cells)
 
 

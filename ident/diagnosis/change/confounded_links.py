@@ -93,8 +93,7 @@ def place_bodies(
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:
     """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
     arm = session.runs[0].arm
-    asked = group.effect.asked(session)
-    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
+    estimates = group.effect.parameters(session, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
     if group.effect.id == UnknownPayload.id:
         mass = estimates[MASS].value
         moment = abs(mass) * np.array([estimates[f"com_{axis}_m"].value for axis in "xyz"])

@@ -62,9 +62,9 @@ def day_to_day(
         return DayToDay()
     # Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
     # differs between directions or places, unless the joint moves so little that they look alike.
-    columns = group.effect.columns(group.effect.asked(session), group.joint, group.variant)
+    columns = group.effect.columns(session, group.joint, group.variant)
     change = np.concatenate(columns) @ beta
-    friction = np.concatenate([run.friction[:, group.joint] for run in group.effect.asked(session).runs])
+    friction = np.concatenate([run.friction[:, group.joint] for run in session.runs])
     share = max(float(change @ change / max(abs(float(friction @ change)), 1e-300)), 1e-12)
     between = CHANGE.day_to_day * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
     # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.

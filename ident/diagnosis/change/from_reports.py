@@ -13,7 +13,7 @@ from ident.diagnosis.change.settings import CHANGE
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, no_motion
-from ident.motion.out_of_core import choose_runs, within_band
+from ident.motion.stretches import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.decimation import moved_inertia, prepare_slower

@@ -41,8 +41,8 @@ class FrictionChange(Effect):
     ) -> dict[str, Interval]:
         """The two changes, and what they amount to as a share of the friction at the joint's usual speed."""
         coulomb, viscous = friction_level(session, joint)
-        speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.survey.runs]))
-        rest = min(float(run.motion.rest_speed[joint]) for run in session.survey.runs)
+        speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.runs]))
+        rest = min(float(run.motion.rest_speed[joint]) for run in session.runs)
         usual = float(speed[speed > rest].mean()) if (speed > rest).any() else rest
         share = np.array([1.0, usual]) / (coulomb + viscous * usual)
         return {
@@ -93,7 +93,7 @@ class UnlistedChange(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        columns = np.concatenate(self.columns(session.survey, joint, variant))
+        columns = np.concatenate(self.columns(session, joint, variant))
         power = columns.T @ columns / len(columns)
         size = delta_interval(lambda c: np.sqrt(max(c @ power @ c, self.variance_floor)), coefficients, covariance)
         return {"rms_Nm": size}

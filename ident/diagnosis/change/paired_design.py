@@ -195,7 +195,7 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
 
 def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:
     """Largest plausible size of a law's coefficients; of one of which nothing is known, what its joint can give."""
-    sizes = group.effect.prior_scale(group.effect.asked(session), group.joint, group.variant)
+    sizes = group.effect.prior_scale(session, group.joint, group.variant)
     if sizes is None:
         return np.full(len(group.columns), rated_torque(session, group.joint))
     return np.broadcast_to(sizes, len(group.columns))

@@ -9,7 +9,6 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.effects.base import RunContext, SessionContext
-from ident.motion.out_of_core import choose_runs
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Layout
@@ -78,7 +77,7 @@ def compute_residuals(
     groups: Sequence[Group],
     held_out: HeldOut,
 ) -> list[RunResidual]:
-    """Residuals of every run, or of an even choice of very many.
+    """Residuals of every run.
 
     Args:
         session: The runs.
@@ -94,10 +93,9 @@ def compute_residuals(
     by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
     partition = build_partition(session, evidence.settings)
     series: list[RunResidual] = []
-    some = choose_runs(len(session.runs), session.every)
-    for i, _, tables in compute_tables(session, baseline, layout, groups, some):
+    for i, _, tables in compute_tables(session, baseline, layout, groups, range(len(session.runs))):
         # Not the chunk's own context, which holds all that the effects cached with it.
-        run, folds = session.survey.runs[len(series)], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
+        run, folds = session.runs[i], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
         before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
         unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)

@@ -105,9 +105,9 @@ def _parameters(
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         prior = fine.search.fixed.prior if absorbed[slot] else fine.search.prior
         grid = profile(fine.search, project(gram, evidence, prior, others), group, inflation)
-        asked, doubt = group.effect.asked(session), group.effect.doubt
-        best = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
-        parameters = grid.widened(best, asked, np.sqrt(np.diag(cells))) | grid.inner_parameters()
+        doubt = group.effect.doubt
+        best = group.effect.parameters(session, group.joint, group.variant, beta, cells)
+        parameters = grid.widened(best, session, np.sqrt(np.diag(cells))) | grid.inner_parameters()
         parameters = {
             name: widened(one, doubt.of(name, one.value), name in doubt.places) for name, one in parameters.items()
         }

@@ -40,7 +40,7 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     """
 
     def gathered() -> Evidence:
-        points = [group.effect.refined(group.effect.asked(session), group.joint, group.variant) for group in groups]
+        points = [group.effect.refined(session, group.joint, group.variant) for group in groups]
         grids = [(group.effect, group.joint, tuple(finer)) for group, finer in zip(groups, points, strict=True)]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         return gather(session, baseline, layout, search.evidence.whitening, rest=True).with_dwells()

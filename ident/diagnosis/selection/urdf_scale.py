@@ -100,7 +100,7 @@ def added_evidence(
     evidence, gram = search.evidence, search.evidence.gram()
     columns = np.append(group.columns, len(gram) - 1)
     lone = replace(group, columns=np.arange(len(group.columns)))
-    usual = group.effect.prior_scale(group.effect.asked(session), group.joint, group.variant)
+    usual = group.effect.prior_scale(session, group.joint, group.variant)
     without, beside = [], []
     for error in _errors(search.settings):
         prior = Prior.believing(evidence, baseline, replace(error, usual=search.prior.error.usual))

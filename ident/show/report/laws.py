@@ -46,7 +46,7 @@ class _Law:
     def of(cls, analysis: Analysis, finding: Finding) -> _Law:
         """That of a finding, at the joint where it tells most."""
         law, beta = finding.estimate.refined, finding.estimate.coefficients
-        session, series = analysis.session.survey, analysis.series
+        session, series = analysis.session, analysis.series
         columns = law.effect.columns(session, law.joint, law.variant)
         if law.effect.rows == "own":
             joint = law.joint

@@ -12,7 +12,6 @@ from ident.diagnosis.selection.name_probability import solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import SpooledArrays
 from ident.regression import block_sums
 from ident.regression import rows as rows_module
 from ident.regression.block_sums import SymmetricSums
@@ -23,6 +22,7 @@ from ident.regression.least_squares import RIDGE, Prior, project
 from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.regression.partition import build_partition
 from ident.regression.rows import Rows, compute_rows
+from ident.regression.spooled import SpooledArrays
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, gain_on_2, search_of
 

@@ -5,22 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.errors import InputError, RecordingError
+from ident.errors import RecordingError
 from ident.model.linearisation import loss_columns
-from ident.motion import out_of_core as spooling
+from ident.motion import stretches
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, prepare
-from ident.motion.out_of_core import (
-    CHANNELS,
-    SpooledArrays,
-    SpooledMotions,
-    choose_runs,
-    choose_stretches,
-    cut,
-    few,
-    hold,
-    runs_recorded,
-)
+from ident.motion.stretches import choose_runs, cut, hold, runs_recorded
 from ident.recordings.recording import Recording, Session
 from ident.sessions import load_robot
 from tests.ident.diagnosis.planted import load_arm
@@ -105,49 +95,14 @@ def motions() -> tuple[Motion, ...]:
     return tuple(made)
 
 
-def test_arrays_of_any_shape_come_back() -> None:
-    """Law: entry by entry, from either end and in slices, what was written last; others in one file stay."""
-    arrays = [np.random.default_rng(k).normal(size=shape) for k, shape in enumerate([(5,), (2, 3), (0, 4), (7, 1, 2)])]
-    spooled = SpooledArrays()
-    for k, array in enumerate(arrays):
-        spooled.append(array)
-        assert np.array_equal(spooled[k], array)
-    assert all(np.array_equal(one, array) for one, array in zip(spooled, arrays, strict=True))
-    assert np.array_equal(spooled[-1], arrays[-1])
-    assert [one.shape for one in spooled[::2]] == [(5,), (0, 4)]
-    assert not spooled[0].flags.writeable
-    with pytest.raises(IndexError):
-        spooled[4]
-    other = SpooledArrays(arrays, beside=spooled)
-    other[0], other[1] = np.arange(9.0), np.zeros((2, 3))
-    assert [one.sum() for one in other] == [36.0, 0.0, 0.0, arrays[3].sum()]
-    assert all(np.array_equal(one, array) for one, array in zip(spooled, arrays, strict=True))
+def test_a_short_session_is_held_whole(motions: tuple[Motion, ...]) -> None:
+    """Law: up to the limit the motions are handed back themselves."""
+    held = hold(iter(motions))
+    assert all(one is other for one, other in zip(held.motions, motions, strict=True))
+    assert (held.source, held.in_part) == (tuple(range(6)), False)
 
 
-def test_motions_come_back(motions: tuple[Motion, ...]) -> None:
-    """Law: a spooled motion is the one that was spooled, in all its signals and all else; what it lacked it lacks."""
-    for spooled, motion in zip(SpooledMotions(motions), motions, strict=True):
-        assert (spooled.name, spooled.joints, spooled.lowpass) == (motion.name, motion.joints, motion.lowpass)
-        for name in CHANNELS:
-            one, other = getattr(spooled, name), getattr(motion, name)
-            assert (one is None) == (other is None)
-            assert one is None or np.array_equal(one, other)
-        assert np.array_equal(spooled.settled, motion.settled)
-
-
-def test_short_sessions_stay_in_memory(motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: up to the limit the motions are handed back themselves; beyond it they are spooled, all of them."""
-    assert all(one is other for one, other in zip(hold(iter(motions)), motions, strict=True))
-    monkeypatch.setattr(spooling, "HELD_SAMPLES", 2 * len(motions[0].time))
-    assert isinstance(hold(motions[:2]), tuple)
-    spooled = hold(motions)
-    assert isinstance(spooled, SpooledMotions)
-    assert [one.name for one in spooled] == [one.name for one in motions]
-    assert [one.name for one in few(spooled)] == [motions[k].name for k in choose_runs(6, 3)]
-    assert few(motions) is motions
-
-
-def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...]) -> None:
     """Law: pieces, end to end, are the run; they are about equal, keep its clock, and count as one run."""
     motion = motions[2]
     pieces = list(cut(motion, 120))
@@ -156,38 +111,33 @@ def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatc
         assert np.array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(motion, name))
     assert len({piece.name for piece in pieces}) == 3
     assert [piece.continues for piece in pieces] == [False, True, True]
-    monkeypatch.setattr(spooling, "PIECE_SAMPLES", 120)
-    spooled = SpooledMotions(motions)
-    assert (len(spooled), runs_recorded(spooled)) == (18, 6)
-    assert sum(not piece.continues for piece in spooled) == 6
+    assert runs_recorded(pieces) == 1
     assert runs_recorded(motions) == 6
 
 
 def test_stretches_come_from_all_over_a_long_session(
     motions: tuple[Motion, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Law: about as many samples as are held, in order, from every part; stretches of one run count as pieces of it.
-
-    What is held in memory is handed back whole.
-    """
-    assert choose_stretches(motions) == motions
-    monkeypatch.setattr(spooling, "STRETCH_SAMPLES", 30)
+    """Law: about as many samples as are held, in order, from every part; stretches of one run count as pieces of it."""
+    monkeypatch.setattr(stretches, "STRETCH_SAMPLES", 30)
     length = len(motions[0].time)
-    for most, runs in ((2 * length, 6), (length // 2, 3)):
-        chosen = choose_stretches(SpooledMotions(motions, most))
-        assert sum(len(one.time) for one in chosen) == pytest.approx(most, rel=0.15)
-        starts = [(one.name.split(" (")[0], one.time[0]) for one in chosen]
-        assert starts == sorted(starts)
-        names = [name for name, _ in starts]
-        assert len(set(names)) >= runs
-        assert [one.continues for one in chosen] == [
-            name == last for name, last in zip(names, ["", *names], strict=False)
+    for most, runs in ((4 * length, 6), (2 * length, 5), (length // 2, 3)):
+        held = hold(motions, most)
+        assert held.in_part
+        assert held.samples == 6 * length
+        assert sum(len(one.time) for one in held.motions) == pytest.approx(most, abs=30)
+        assert list(held.source) == sorted(held.source)
+        assert len(set(held.source)) >= runs
+        assert [one.continues for one in held.motions] == [
+            a == b for a, b in zip(held.source, [-1, *held.source], strict=False)
         ]
-        for one in chosen:
-            of = next(motion for motion in motions if one.name.startswith(motion.name))
-            at = np.searchsorted(of.time, one.time)
-            assert np.array_equal(one.tau, of.tau[at])
-            assert (one.temperature is None) == (of.temperature is None)
+        starts = [(number, one.time[0]) for number, one in zip(held.source, held.motions, strict=True)]
+        assert starts == sorted(set(starts))
+        for number, one in zip(held.source, held.motions, strict=True):
+            whole = motions[number]
+            assert np.array_equal(one.tau, whole.tau[np.searchsorted(whole.time, one.time)])
+            assert (one.temperature is None) == (whole.temperature is None)
+            assert not np.shares_memory(one.tau, whole.tau)
 
 
 @pytest.mark.parametrize("every", [2, 3, 4, 8, 9, 27, 54])
@@ -199,19 +149,6 @@ def test_all_kinds_of_motion_are_chosen(every: int, kinds: int) -> None:
     met = np.bincount(np.array(choose_runs(100 * every, every)) % kinds, minlength=kinds)
     assert met.min() > 0
     assert met.max() < 2.5 * 100 / kinds
-
-
-def test_full_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: where the disk of temporary files is full, one line says where and what helps."""
-
-    class Full:
-        def seek(self, place: int, whence: int = 0) -> None:
-            raise OSError(28, "No space left on device")
-
-    spooled = SpooledArrays()
-    monkeypatch.setattr(spooled, "_file", Full())
-    with pytest.raises(InputError, match="No space left on device; free some space there"):
-        spooled.append(np.zeros(3))
 
 
 def test_lowpass_has_no_phase() -> None:

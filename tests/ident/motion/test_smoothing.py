@@ -9,8 +9,8 @@ from scipy.signal import butter, sosfiltfilt, sosfreqz, welch
 from ident.arrays import Array
 from ident.motion.filter import design_lowpass, draw_errors, filter_both_ways, find_resolution, keep_band, mean_spectrum
 from ident.motion.motion import prepare_run, session_noise
-from ident.motion.out_of_core import SpooledMotions, within_band
 from ident.motion.smoothing import NoiseLevels, fit_noise_levels, smooth
+from ident.motion.stretches import within_band
 from ident.recordings.recording import Recording, Session
 
 
@@ -154,21 +154,21 @@ def test_slow_motions_lose_the_noise_above_them() -> None:
 def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
     """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states; of a
     joint that moves so little that motion beyond is nothing in its torque, above; where the encoder tells the motion up
-    to the corner, the corner stays, in memory as on disk.
+    to the corner, the corner stays.
     """
     run, _ = slow_run(np.random.default_rng(3))
     run = replace(run, effort=np.random.default_rng(5).standard_normal(run.effort.shape))
     coarse = prepare_run(run, session_noise(Session("s", (run,))), cutoff=25.0)
     assert coarse.band[0] < 20.0
-    for held in ([coarse, coarse], SpooledMotions([coarse, coarse])):
-        corner = within_band(held, HEAVY)[1].lowpass.cutoff
-        assert corner == pytest.approx(0.8 * coarse.band[0])
-        assert corner < within_band(held, LIGHT)[1].lowpass.cutoff <= 25.0
-        assert held[1].lowpass.cutoff == 25.0
-        tone = np.sin(2 * np.pi * corner * coarse.time)[:, None]
-        states = np.stack([0 * tone, 0 * tone, tone], axis=2)
-        kept = keep_band(states, RATE, coarse.band, 50.0)[200:-200, 0, 2]
-        assert np.abs(kept - tone[200:-200, 0]).max() < 0.02
+    held = [coarse, coarse]
+    corner = within_band(held, HEAVY)[1].lowpass.cutoff
+    assert corner == pytest.approx(0.8 * coarse.band[0])
+    assert corner < within_band(held, LIGHT)[1].lowpass.cutoff <= 25.0
+    assert held[1].lowpass.cutoff == 25.0
+    tone = np.sin(2 * np.pi * corner * coarse.time)[:, None]
+    states = np.stack([0 * tone, 0 * tone, tone], axis=2)
+    kept = keep_band(states, RATE, coarse.band, 50.0)[200:-200, 0, 2]
+    assert np.abs(kept - tone[200:-200, 0]).max() < 0.02
     fine = replace(coarse, band=np.array([60.0]))
     assert within_band([fine], HEAVY)[0] is fine
 

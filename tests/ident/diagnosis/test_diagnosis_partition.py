@@ -1,93 +1,25 @@
-"""A long session waits on disk: the diagnosis says the same, and holds a few runs at a time."""
+"""How time is cut into blocks and folds, and how fast logs come to a slower grid."""
 
-import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.diagnose import Analysis
 from ident.effects.base import SessionContext
-from ident.effects.catalogue import CATALOGUE
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
-from ident.motion.motion import Motion, prepare
-from ident.motion.out_of_core import SpooledMotions, choose_runs
-from ident.regression import rows as rows_module
-from ident.regression.baseline import fit_baseline
+from ident.motion.motion import prepare
 from ident.regression.decimation import prepare_slower
-from ident.regression.design import build_layout
-from ident.regression.gram import gather
 from ident.regression.partition import build_partition
-from ident.regression.runs import build_session, leftover_torque
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, healthy_torque, record, stribeck_on_1
+from tests.ident.diagnosis.planted import analyse, healthy_torque, stribeck_on_1
 from tests.ident.made_up import made_session
-
-
-@pytest.fixture(scope="module")
-def motions(short_arm: ArmModel) -> list[Motion]:
-    return record(short_arm, stribeck_on_1)
 
 
 @pytest.fixture(scope="module")
 def held(short_arm: ArmModel) -> Analysis:
     return analyse(short_arm, stribeck_on_1)
-
-
-def names(analysis: Analysis) -> list[tuple[str, tuple[str, ...]]]:
-    return [(one.estimate.group.effect.id, one.joints) for one in analysis.diagnosis.findings]
-
-
-def test_spooling_changes_nothing(short_arm: ArmModel, motions: list[Motion], held: Analysis) -> None:
-    """Law: where every run is asked, a session on disk has the figures of the same session in memory."""
-    spooled = diagnose(SpooledMotions(motions), short_arm, CATALOGUE, common_clock=False)
-    assert names(spooled) == names(held) == [("stribeck_friction", ("joint_1",))]
-    for one, other in zip(spooled.diagnosis.findings, held.diagnosis.findings, strict=True):
-        for name, interval in one.estimate.parameters.items():
-            assert interval.value == pytest.approx(other.estimate.parameters[name].value, rel=1e-6)
-    for name, gap in spooled.diagnosis.gap.items():
-        assert gap.rms == pytest.approx(held.diagnosis.gap[name].rms, rel=1e-6)
-    assert spooled.diagnosis.session == held.diagnosis.session
-
-
-def test_a_choice_of_runs_is_enough_for_sizes(short_arm: ArmModel, motions: list[Motion], held: Analysis) -> None:
-    """Law: with one run of three asked for sizes and maps, the name is the same and the sums still see every sample.
-
-    Bound: held-out errors agree within 1 %.
-    """
-    spooled = diagnose(SpooledMotions(motions, most=2 * len(motions[0].time)), short_arm, CATALOGUE, common_clock=False)
-    assert [item.index for item in spooled.series] == choose_runs(6, 3)
-    assert [item.run.motion.name for item in spooled.series] == [motions[k].name for k in choose_runs(6, 3)]
-    assert names(spooled) == names(held)
-    assert np.array_equal(spooled.evidence.weights, held.evidence.weights)
-    for name, gap in spooled.diagnosis.gap.items():
-        assert gap.rms == pytest.approx(held.diagnosis.gap[name].rms, rel=0.01)
-
-
-def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: in no pass over the session are there more runs in memory than those asked for sizes and a chunk or two."""
-    alive: weakref.WeakSet[Motion] = weakref.WeakSet()
-    most = 0
-    make = SpooledMotions._make
-
-    def counted(self: SpooledMotions, index: int) -> Motion:
-        nonlocal most
-        motion = make(self, index)
-        alive.add(motion)
-        most = max(most, len(alive))
-        return motion
-
-    monkeypatch.setattr(SpooledMotions, "_make", counted)
-    monkeypatch.setattr(rows_module, "CHUNK_SIZE", 1)
-    spooled = SpooledMotions([*motions, *motions], most=2 * len(motions[0].time))
-    baseline = fit_baseline(spooled, short_arm, settings=replace(USUAL_REGRESSION, noise_samples=1))
-    session = build_session(baseline, spooled, common_clock=False)
-    leftover = leftover_torque(session)
-    layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in CATALOGUE])
-    gather(session, baseline, layout)
-    assert len(spooled) == 12
-    assert most <= len(session.survey.runs) + 2
 
 
 def in_pieces(session: SessionContext, pieces: list[int]) -> SessionContext:

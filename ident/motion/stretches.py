@@ -1,0 +1,144 @@
+"""Sessions of hours by stretches: as many samples as memory should hold, drawn from all over the session.
+
+A standard error falls with the root of the number of samples; work and memory grow with the number itself. So a session
+of more samples than `HELD_SAMPLES` is cut into stretches, each of which draws a number, and those with the smallest
+numbers are kept: a simple random sample, whatever the order in which runs come, of which never more than twice as much
+is in memory. A shorter session is handed back as it is.
+
+Source: Efraimidis and Spirakis 2006 (reservoir sampling by random keys).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.motion.motion import Motion, torque_band
+
+# Samples of a session that are held in memory.
+HELD_SAMPLES = 200_000
+# Length of the stretches into which a longer session is cut.
+STRETCH_SAMPLES = 4_000
+# Of the choice of stretches, or of runs where a few are enough.
+CHOICE_SEED = 0
+CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command", "state_noise")
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What is held of a session's motions."""
+
+    motions: tuple[Motion, ...]  # the motions, or stretches of them, in their order
+    source: tuple[int, ...]  # of each the number of the motion that it is, or is a stretch of
+    samples: int  # number of samples of the whole session
+
+    @property
+    def in_part(self) -> bool:
+        """Whether there are more samples than are held."""
+        return sum(len(motion.time) for motion in self.motions) < self.samples
+
+
+class _Stretch(NamedTuple):
+    """A stretch that may be kept."""
+
+    key: float  # the number that it drew
+    source: int  # number of its motion
+    motion: Motion
+
+
+def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
+    """Motions as far as memory should hold them: all, or stretches from all over a longer session.
+
+    Args:
+        motions: The motions of a session, in their order.
+        most: Samples that are held; `HELD_SAMPLES` if None.
+    """
+    most = HELD_SAMPLES if most is None else most
+    rng, kept, samples = np.random.default_rng(CHOICE_SEED), list[_Stretch](), 0
+    whole: list[Motion] | None = []
+    for number, motion in enumerate(motions):
+        samples += len(motion.time)
+        kept += [_Stretch(rng.random(), number, part) for part in cut(motion, STRETCH_SAMPLES)]
+        whole = [*whole, motion] if whole is not None and samples <= most else None
+        if whole is None and sum(len(one.motion.time) for one in kept) > 2 * most:
+            kept = _sample(kept, most)
+    if whole is not None:
+        return Held(tuple(whole), tuple(range(len(whole))), samples)
+    kept = _sample(kept, most)
+    sources = [one.source for one in kept]
+    goes_on = [source == last for source, last in zip(sources, [-1, *sources], strict=False)]
+    found = (replace(one.motion, continues=again) for one, again in zip(kept, goes_on, strict=True))
+    return Held(tuple(found), tuple(sources), samples)
+
+
+def _sample(stretches: list[_Stretch], most: int) -> list[_Stretch]:
+    """Those with the smallest numbers, of so many samples, in their order; they hold on to no longer motion."""
+    order = np.argsort([one.key for one in stretches])
+    held = list(accumulate(len(stretches[k].motion.time) for k in order))
+    chosen = sorted(order[: max(1, int(np.searchsorted(held, most, side="right")))])
+    kept = (stretches[k] for k in chosen)
+    return [
+        one._replace(
+            motion=_with_channels(one.motion, {name: values.copy() for name, values in _channels(one.motion).items()})
+        )
+        for one in kept
+    ]
+
+
+def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple[Motion, ...]:
+    """The same motions, their common filter's corner no higher than what is known of the motion bears on torques.
+
+    Where torque is looked at beyond the band that states follow, speeds and accelerations that are half kept stand
+    against torques that are whole: where that is more than a little (`torque_band`) it looks like elasticity, whose
+    torque grows towards its resonance.
+    """
+    known = [(motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None]
+    # Of most joints in most runs; infinite where nobody knows.
+    corner = known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
+    if np.isfinite(corner):
+        corner = float(np.median([torque_band(motion, inertia, corner) for motion in motions]))
+    return tuple(motion.below(corner) for motion in motions)
+
+
+def choose_runs(count: int, every: int) -> list[int]:
+    """Indices of one run out of each stretch of `every`, at a random but always the same place of it.
+
+    Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places that shift by an
+    even step, may all be of the same few kinds; runs at random places are of all kinds in proportion.
+    """
+    starts = np.arange(0, count, every)
+    places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))
+    return [int(k) for k in starts + places]
+
+
+def runs_recorded(motions: Sequence[Motion]) -> int:
+    """Number of runs, stretches of one counted as one."""
+    return sum(not motion.continues for motion in motions)
+
+
+def cut(motion: Motion, most: int) -> Iterator[Motion]:
+    """A run in pieces of about equal length, each of at most so many samples; a short one as it is."""
+    count = -(-len(motion.time) // most)
+    if count <= 1:
+        yield motion
+        return
+    edges = np.linspace(0, len(motion.time), count + 1).astype(int)
+    for k, (start, end) in enumerate(pairwise(edges), start=1):
+        pieces = {name: values[start:end] for name, values in _channels(motion).items()}
+        name = f"{motion.name} ({k} of {count})"
+        yield replace(_with_channels(motion, pieces), name=name, continues=motion.continues or k > 1)
+
+
+def _channels(motion: Motion) -> dict[str, Array]:
+    """The signals that a run has."""
+    return {name: values for name in CHANNELS if (values := getattr(motion, name)) is not None}
+
+
+def _with_channels(motion: Motion, values: dict[str, Array]) -> Motion:
+    """The same run with other signals."""
+    return replace(motion, **values)  # type: ignore[arg-type]
