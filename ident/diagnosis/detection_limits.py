@@ -26,17 +26,13 @@ from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.selection.candidates import Candidates
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.records import read_group
 
 LIMIT = read_group(__file__, "detection_limits")
 
-HIDES = {
-    "encoder": "encoder noise",
-    "torque": "torque noise",
-    "tolerance": "the URDF's tolerance",
-}
+HIDES = {"encoder": "encoder noise", "torque": "torque noise", "tolerance": "the URDF's tolerance"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +41,7 @@ class SizeLimit:
 
     effect: Effect  # the effect
     joint: int  # its joint
-    figure: str  # the reported parameter that is its size
+    parameter: str  # the reported parameter that is its size
     # The limit, in the parameter's unit; of an inverse parameter (a stiffness) the largest. None where the effect would
     # show nothing at all.
     value: float | None
@@ -58,7 +54,7 @@ class SizeLimit:
         return {
             "effect": self.effect.id,
             "joints": [joints[self.joint]] if self.effect.scope == "joint" else list(joints),
-            "figure": self.figure,
+            "figure": self.parameter,
             "limit": self.value,
             "named": "below" if self.effect.typical.inverse else "above",
             "hidden": self.hidden,
@@ -69,17 +65,19 @@ class SizeLimit:
         """Why it is not testable, where it is hidden."""
         where = f" of {joints[self.joint]}" if self.effect.scope == "joint" else ""
         least = "above" if self.effect.typical.inverse else "below"
-        hidden = "it whole" if self.value is None else f"{self.figure} {least} {self.value:.2g}, more than is plausible"
+        hidden = (
+            "it whole" if self.value is None else f"{self.parameter} {least} {self.value:.2g}, more than is plausible"
+        )
         return NotTestable(self.effect, self.joint, f"{HIDES[self.bound_by]}{where} hides {hidden}")
 
 
 @dataclass(frozen=True, eq=False)
-class _Typical:
+class _TypicalEffect:
     """A typical effect at a joint: its point of the grid, coefficients, and by how much it must grow to be named."""
 
     group: Group  # the point
     beta: Float[Array, " k"]  # its coefficients
-    figure: float  # its parameter, as large as is typical
+    size: float  # its parameter, as large as is typical
     by_noise: float  # least multiple that stands out of the noise
     by_size: float  # least multiple that matters
 
@@ -105,30 +103,30 @@ def find_limits(
         inflation: By how much blocks vary more than the noise model says.
         session: The runs.
     """
-    named = {item.group.key[:2] for item in found.named}
+    accepted = {item.group.key[:2] for item in found.accepted}
     places: dict[tuple[str, int], dict[int | None, list[Group]]] = {}
     for group in search.evidence.layout.groups:
-        if group.key[:2] not in named and not group.effect.event and group.effect.typical.figure:
+        if group.key[:2] not in accepted and not group.effect.event and group.effect.typical.figure:
             places.setdefault(group.key[:2], {}).setdefault(group.variant.other, []).append(group)
-    look = _Look(search, found, views, inflation, session)
-    limits = (_limit_at(look, list(mates.values())) for mates in places.values())
+    finder = _LimitFinder(search, found, views, inflation, session)
+    limits = (_limit_at(finder, list(mates.values())) for mates in places.values())
     return tuple(limit for limit in limits if limit is not None)
 
 
-def _limit_at(look: _Look, by_other: Sequence[Sequence[Group]]) -> SizeLimit | None:
+def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> SizeLimit | None:
     """The limit of an effect at a joint at typical inner parameters; where another joint takes part, for the worst."""
-    worst: _Typical | None = None
+    worst: _TypicalEffect | None = None
     for groups in by_other:
-        tried = [one for one in map(look.at, _typical_points(groups)) if one is not None]
+        tried = [one for one in map(finder.at, _typical_points(groups)) if one is not None]
         best = min(tried, key=lambda one: one.multiple, default=None)
         if best is not None and (worst is None or best.multiple > worst.multiple):
             worst = best
     if worst is None:
         return None
     effect, multiple = worst.group.effect, worst.multiple
-    hidden = multiple * effect.typical.share > 1.0 or look.is_impossible(worst)
-    bound = look.bound_by(worst.group) if worst.by_noise >= worst.by_size else "size"
-    value = worst.figure / multiple if effect.typical.inverse else worst.figure * multiple
+    hidden = multiple * effect.typical.share > 1.0 or finder.is_impossible(worst)
+    bound = finder.bound_by(worst.group) if worst.by_noise >= worst.by_size else "size"
+    value = worst.size / multiple if effect.typical.inverse else worst.size * multiple
     shows = multiple * effect.typical.share < LIMIT.nothing
     return SizeLimit(effect, worst.group.joint, effect.typical.figure, value if shows else None, hidden, bound)
 
@@ -139,7 +137,7 @@ def _typical_points(groups: Sequence[Group]) -> list[Group]:
     return [group for group, one in zip(groups, apart, strict=True) if one <= min(apart) + 1e-9]
 
 
-class _Look:
+class _LimitFinder:
     """What the final model would leave of typical effects."""
 
     def __init__(
@@ -158,7 +156,7 @@ class _Look:
         self.counts = np.maximum(evidence.weights.sum(axis=0), 1.0)
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
-    def at(self, group: Group) -> _Typical | None:
+    def at(self, group: Group) -> _TypicalEffect | None:
         """A typical effect at a point of its grid; None where its size is not in proportion to its coefficients."""
         beta = self._coefficients(group)
         if beta is None:
@@ -168,18 +166,20 @@ class _Look:
         columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
         power = float(scaled @ self.views[0].rest(columns) @ scaled)
-        needed = np.sqrt(2.0 * max(self._nats(group, absorbed, beta), 0.0)) + LIMIT.nine_in_ten
+        needed = np.sqrt(2.0 * max(self._required_log_evidence(group, absorbed, beta), 0.0)) + LIMIT.nine_in_ten
         by_noise = needed * np.sqrt((1.0 if absorbed else self.inflation) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
-        by_size = 1.0 / np.sqrt(max(self._that_matters(absorbed, closed, joints), 1e-300))
-        return _Typical(group, beta, self._figure(group, beta), float(by_noise), float(by_size))
+        by_size = 1.0 / np.sqrt(max(self._relevance(absorbed, closed, joints), 1e-300))
+        return _TypicalEffect(group, beta, self._size(group, beta), float(by_noise), float(by_size))
 
-    def is_impossible(self, one: _Typical) -> bool:
+    def is_impossible(self, one: _TypicalEffect) -> bool:
         """Whether no arm has it as large as it must be."""
-        effect, asked, beta = one.group.effect, self._asked(one.group), one.multiple * one.beta
-        estimates = effect.parameters(asked, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta))))
-        return impossible(effect, asked, one.group.joint, estimates) is not None
+        effect, context, beta = one.group.effect, self._context(one.group), one.multiple * one.beta
+        estimates = effect.parameters(
+            context, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta)))
+        )
+        return impossible(effect, context, one.group.joint, estimates) is not None
 
     def bound_by(self, group: Group) -> str:
         """What hides an effect most."""
@@ -193,7 +193,7 @@ class _Look:
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
         """Those of a typical effect that make up its parameter."""
         width = len(group.columns)
-        beta = group.effect.typical_coefficients(self._asked(group), group.joint, group.variant, width)
+        beta = group.effect.typical_coefficients(self._context(group), group.joint, group.variant, width)
         key = group.effect.id, width, group.variant.shape.get("law")
         if key not in self._parts:  # the same at every joint
             self._parts[key] = self._parts_of(group, beta)
@@ -202,32 +202,32 @@ class _Look:
 
     def _parts_of(self, group: Group, beta: Float[Array, " k"]) -> Bool[Array, " k"] | None:
         """Which coefficients its parameter depends on; None where it doesn't grow in proportion to them."""
-        whole = self._figure(group, beta)
+        whole = self._size(group, beta)
         parts = beta != 0.0
         for k in np.flatnonzero(parts):
             without = np.where(np.arange(len(beta)) == k, 0.0, beta)
-            if without.any() and np.isclose(self._figure(group, without), whole, rtol=1e-6):
+            if without.any() and np.isclose(self._size(group, without), whole, rtol=1e-6):
                 parts[k] = False
-        half = self._figure(group, np.where(parts, 0.5 * beta, 0.0)) * (0.5 if group.effect.typical.inverse else 2.0)
+        half = self._size(group, np.where(parts, 0.5 * beta, 0.0)) * (0.5 if group.effect.typical.inverse else 2.0)
         return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < LIMIT.proportion else None
 
-    def _figure(self, group: Group, beta: Float[Array, " k"]) -> float:
+    def _size(self, group: Group, beta: Float[Array, " k"]) -> float:
         """Size of the parameter that is an effect's size."""
-        return group.effect.size_of(self._asked(group), group.joint, group.variant, beta)
+        return group.effect.size_of(self._context(group), group.joint, group.variant, beta)
 
-    def _asked(self, group: Group) -> SessionContext:
+    def _context(self, group: Group) -> SessionContext:
         return group.effect.asked(self.session)
 
     def _is_absorbed(self, group: Group) -> bool:
         return self.search.is_absorbed(*self.views, group)
 
-    def _nats(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
+    def _required_log_evidence(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
         """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
-        cost = self.search.cost_of(group)
+        cost = self.search.complexity_cost(group)
         if group.prior is not None:
             known = self.views[0].rest(group.columns)
             scaled = beta * self.search.evidence.scale[group.columns]
-            return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, known)
+            return self.search.inertial_threshold + self.search.prior_cost(group, group.prior, scaled, known)
         return self.search.settings.least_nats + cost
 
     def _closed(self, view: Projection, columns: Array, beta: Array, joint: int) -> float:
@@ -237,15 +237,15 @@ class _Look:
         squares = weights[used] @ self.plain[joint][np.ix_(used, used)] @ weights[used]
         return max(float(squares) / float(self.counts[joint]), 0.0)
 
-    def _that_matters(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
+    def _relevance(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""
-        held = self.search.settings
-        ratio = float(np.max(closed / np.maximum(held.least_own_share * self.gap[joints], 1e-12)))
+        settings = self.search.settings
+        ratio = float(np.max(closed / np.maximum(settings.least_own_share * self.gap[joints], 1e-12)))
         if absorbed:
             return ratio
         left = self.last[joints] ** 2
-        share = held.least_gap_fall / (1.0 - held.least_gap_fall)
-        fall = (1.0 - held.least_rms_fall) ** -2 - 1.0
+        share = settings.least_gap_fall / (1.0 - settings.least_gap_fall)
+        fall = (1.0 - settings.least_rms_fall) ** -2 - 1.0
         least = np.maximum(fall * left, share * (left - self.floor[joints] ** 2))
         return min(ratio, float(np.max(closed / np.maximum(least, 1e-12))))
 

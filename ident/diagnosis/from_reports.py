@@ -51,29 +51,31 @@ def diagnose_reports(
     Raises:
         RecordingError: The sessions have different joints, or no run is long enough.
     """
-    heard = _Heard()
+    collected = _Collected()
     stage("reading, checking, smoothing", 0.0, 0.2)
-    motions = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
-    fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
+    motions = hold(_prepare_in_turn(reports, collected, cutoff, settings.motion))
+    fatal = {issue.issue for issue in collected.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
-        refused = Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues), settings=settings)
+        refused = Diagnosis(
+            arm.name, arm.joint_names, verdict, collected.facts, tuple(collected.issues), settings=settings
+        )
         return refused, None, ()
     if not motions:
-        raise no_motion(heard.session, settings.motion)
-    arm = arm.keeping(heard.joints)
-    arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
+        raise no_motion(collected.session, settings.motion)
+    arm = arm.keeping(collected.joints)
+    arm = arm if collected.gravity is None else arm.with_gravity(np.array(collected.gravity))
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm, motions))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share
-    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
+    analysis = diagnose(motions, arm, catalogue, collected.common_clock, collected.issues, seed, share, settings)
     if model is not None:
         from ident.diagnosis.user_model import with_own_model
 
         analysis = with_own_model(analysis, model)
-    findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
+    findings = tuple(replace(one, caveat=caveat_of(one, collected.issues)) for one in analysis.diagnosis.findings)
     analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings))
     return analysis.diagnosis, analysis, motions
 
@@ -93,7 +95,7 @@ def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
 
 
 @dataclass(eq=False)
-class _Heard:
+class _Collected:
     """What the reports say together, once all have come."""
 
     joints: tuple[str, ...] = ()  # the joints
@@ -131,11 +133,11 @@ class _Heard:
 
 
 def _prepare_in_turn(
-    reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float | None, settings: MotionSettings
+    reports: Iterable[TelemetryReport], collected: _Collected, cutoff: float | None, settings: MotionSettings
 ) -> Iterator[Motion]:
     """Motions of sessions that are all fit for use; from the first that is not, only checks are kept."""
     for report in reports:
-        heard.take(report)
-        if not any(issue.severity == "fatal" for issue in heard.issues):
+        collected.take(report)
+        if not any(issue.severity == "fatal" for issue in collected.issues):
             yield from prepare_slower(report.session, cutoff, settings)
         del report  # a part is let go before the next is read

@@ -14,7 +14,7 @@ from ident.diagnosis.selection.name_probability import Estimate
 from ident.robot.arm import ArmModel
 
 # Units of a joint that turns, longest first, and those of one that slides.
-OF_A_SLIDE = {
+LINEAR_UNITS = {
     "N m s/rad": "N s/m",
     "N m/rad": "N/m",
     "N m": "N",
@@ -24,11 +24,11 @@ OF_A_SLIDE = {
     "rad": "m",
 }
 # Stands for the joint until units are settled.
-HERE = "\0"
+JOINT = "\0"
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class ReportedEffect:
     """An effect with what it explains."""
 
     estimate: Estimate  # what it is, its parameters, its rivals
@@ -61,8 +61,8 @@ class Explained:
 
     def action_at(self, where: str) -> str:
         """The same of joints in these words."""
-        sentence = self.estimate.refined.effect.action(HERE, self.estimate.parameters)
-        return (of_a_slide(sentence) if self.slides else sentence).replace(HERE, where)
+        sentence = self.estimate.refined.effect.action(JOINT, self.estimate.parameters)
+        return (in_linear_units(sentence) if self.slides else sentence).replace(JOINT, where)
 
     def shared_record(self) -> dict[str, Any]:
         """What any record says of it first."""
@@ -83,10 +83,10 @@ def slides(group: Group, arm: ArmModel) -> bool:
     return group.effect.scope == "joint" and bool(arm.sliding_joints[group.joint])
 
 
-def of_a_slide(sentence: str) -> str:
+def in_linear_units(sentence: str) -> str:
     """A sentence about a joint that turns, with the units of one that slides."""
-    units = "|".join(re.escape(unit) for unit in OF_A_SLIDE)
-    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: OF_A_SLIDE[found[0]], sentence)
+    units = "|".join(re.escape(unit) for unit in LINEAR_UNITS)
+    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: LINEAR_UNITS[found[0]], sentence)
 
 
 def measure_shrink(old: Array, new: Array, floor: Array) -> float:

@@ -14,12 +14,12 @@ from ident.arrays import Float
 from ident.diagnosis.baseline_record import TunedJoint
 from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.gap.gap_map import Place, maps_record
-from ident.diagnosis.gap.improvement import Reach, spreads
-from ident.diagnosis.heldout_gain import Explained
+from ident.diagnosis.gap.improvement import Improvement, spreads
+from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.gates import Named
+from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Effect
@@ -32,7 +32,7 @@ SCHEMA = "ident.diagnosis/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Finding(Explained):
+class Finding(ReportedEffect):
     """A named effect with its evidence.
 
     Attributes:
@@ -42,17 +42,17 @@ class Finding(Explained):
         share: Its order-free share of what all names close.
     """
 
-    named: Named
+    evaluated: Evaluated
     energy_before: float
     energy_after: float
     energy_std: tuple[float | None, float | None]
     share: float
 
     @property
-    def hidden(self) -> dict[str, float]:
+    def hidden_torque(self) -> dict[str, float]:
         """What tuning hides of it at each joint where it shows [N m]: if tuning absorbs it, what it explains there."""
         sides = ((joint, old, self.rms_after[joint]) for joint, old in self.rms_before.items())
-        return {joint: self.named.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
+        return {joint: self.evaluated.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -69,10 +69,10 @@ class Finding(Explained):
                 "share": self.share,
             },
             "evidence": {
-                "log_score_gain": self.named.gates.log_score[0],
-                "log_score_error": self.named.gates.log_score[1],
-                "log_evidence": self.named.gates.evidence,
-                "judged_against": "urdf" if self.named.absorbed else "tuned",
+                "log_score_gain": self.evaluated.criteria.log_score[0],
+                "log_score_error": self.evaluated.criteria.log_score[1],
+                "log_evidence": self.evaluated.criteria.log_evidence,
+                "judged_against": "urdf" if self.evaluated.absorbed else "tuned",
             },
         }
 
@@ -109,20 +109,20 @@ class JointGap:
 
 
 @dataclass(frozen=True, eq=False)
-class AllNames:
+class HeldOutGain:
     """All named effects together, on runs that the fit never saw."""
 
     rms_before: Float[np.ndarray, " n"]  # error without and with them, joint by joint [N m]
     rms_after: Float[np.ndarray, " n"]
     shrink: float  # share of what lay above the noise that they close
-    reach: Reach  # energy, a learner in their place, and the motion replayed
+    improvement: Improvement  # energy, a learner in their place, and the motion replayed
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
             "rms_after_Nm": dict(zip(joints, map(float, self.rms_after), strict=True)),
             "shrink": self.shrink,
-            **self.reach.to_dict(joints),
+            **self.improvement.to_dict(joints),
         }
 
 
@@ -227,7 +227,7 @@ class Diagnosis(Exportable):
     gap: Mapping[str, JointGap] = field(default_factory=dict)
     where: tuple[Place, ...] = ()
     findings: tuple[Finding, ...] = ()
-    heldout: AllNames | None = None
+    heldout: HeldOutGain | None = None
     not_testable: tuple[NotTestable, ...] = ()
     reservations: tuple[Reservation, ...] = ()
     details: Details | None = None

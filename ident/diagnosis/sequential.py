@@ -1,4 +1,4 @@
-"""Looking again and again as runs come in: is enough recorded to be sure, or what is missing?
+"""Looking again and again as runs come in: is enough recorded to be confidence, or what is missing?
 
 A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
 once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
@@ -42,9 +42,9 @@ class RepeatedLook:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedLooks:
-    """All looks until the diagnosis was sure, or the runs were at their end."""
+    """All looks until the diagnosis was confidence, or the runs were at their end."""
 
-    sure: float  # how sure it was to be
+    confidence: float  # how sure it was to be
     looks: tuple[RepeatedLook, ...]  # in order
     diagnosis: Diagnosis  # that of the last look
 
@@ -57,15 +57,18 @@ class RepeatedLooks:
         """What a record of the diagnosis holds of it."""
         last = self.looks[-1].to_dict()
         return {
-            "sure": self.sure,
+            "sure": self.confidence,
             "enough": self.enough,
             **{key: last[key] for key in ("runs", "minutes", "missing")},
             "looks": [look.to_dict() for look in self.looks],
         }
 
 
-def look_until(
-    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, sure: float, settings: DiagnosisSettings = USUAL
+def diagnose_sequentially(
+    look: Callable[[int, DiagnosisSettings], Diagnosis],
+    total: int,
+    confidence: float,
+    settings: DiagnosisSettings = USUAL,
 ) -> RepeatedLooks:
     """Looks at more and more runs until the diagnosis is sure.
 
@@ -79,19 +82,19 @@ def look_until(
         InputError: It can't be so sure.
     """
     most = settings.selection.most_sure
-    if not 0.5 <= sure <= most:
-        raise InputError("--until", f"{sure:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
+    if not 0.5 <= confidence <= most:
+        raise InputError("--until", f"{confidence:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
     looks: list[RepeatedLook] = []
     for number, runs in enumerate(count_runs(total), start=1):
-        error = min(1.0 - sure, LIMIT.single_look)
+        error = min(1.0 - confidence, LIMIT.single_look)
         spent = spend(settings, error, number)
         diagnosis = look(runs, spent)
         seconds = float(diagnosis.session["duration_s"])
-        missing = tuple(find_missing(diagnosis, sure))
+        missing = tuple(find_missing(diagnosis, confidence))
         looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, error * share_of_look(number), missing))
         if not missing:
             break
-    return RepeatedLooks(sure, tuple(looks), diagnosis)
+    return RepeatedLooks(confidence, tuple(looks), diagnosis)
 
 
 def count_runs(total: int) -> Iterator[int]:
@@ -119,7 +122,7 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
     return replace(settings, selection=selection)
 
 
-def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
+def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
     """What keeps a diagnosis from being sure; nothing where it is."""
     if diagnosis.verdict == "no_gap":
         limits = () if diagnosis.details is None else diagnosis.details.detectable
@@ -135,7 +138,7 @@ def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
     if diagnosis.verdict != "named":
         yield "part of the gap has no name" if diagnosis.findings else "the gap has no name"
     for one in diagnosis.findings:
-        if one.estimate.probability < sure:
+        if one.estimate.probability < confidence:
             rivals = (
                 f", not distinguished from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
             )

@@ -19,7 +19,7 @@ def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
         trace = trace_run(model, motion.select(model.joint_names))
         left = trace.motion.tau_filtered - trace.filtered[list(trace.rungs)[-1]]
         for k, name in enumerate(model.joint_names):
-            inside = item.counts[:, motion.joints.index(name)]
+            inside = item.valid[:, motion.joints.index(name)]
             squares[name] += float(np.sum(left[inside, k] ** 2))
             counts[name] += float(inside.sum())
     rms = {name: float(np.sqrt(squares[name] / counts[name])) for name in squares if counts[name]}

@@ -41,7 +41,7 @@ COMMON_GAIN = ids("common_gain")
 (CARRIED,) = ids("taken_off")
 MASS = "mass_kg"
 # What a change has of its effect as it is.
-KEPT = (
+COPIED = (
     *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
     *("as_change", "event", "partner", "remembers"),
 )
@@ -65,7 +65,7 @@ class ChangeOf(Effect):
     effect: Effect  # the effect
 
     def __post_init__(self) -> None:
-        for name in KEPT:
+        for name in COPIED:
             setattr(self, name, getattr(self.effect, name))
         self.doubt = Doubt(share=0.0) if self.effect.as_change.exact else self.effect.doubt  # type: ignore[misc]
 
@@ -77,9 +77,9 @@ class ChangeOf(Effect):
     ) -> dict[str, Interval]:
         gone = self.as_change.taken_off and coefficients[0] < 0.0
         estimates = self.effect.parameters(session, joint, variant, -coefficients if gone else coefficients, covariance)
-        return self._turned(estimates) if gone else estimates
+        return self._negated(estimates) if gone else estimates
 
-    def _turned(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
+    def _negated(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
         """The parameters with the sign of what was taken off turned."""
         name = self.as_change.taken_off
         return {**estimates, name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low)}
@@ -88,7 +88,7 @@ class ChangeOf(Effect):
         if self.as_change.friction and self.id != FrictionChange.id:
             return {}  # bounds by the friction that there was: what came may be more
         if self.as_change.taken_off and estimates[self.as_change.taken_off].value < 0.0:
-            estimates = self._turned(estimates)
+            estimates = self._negated(estimates)
         found = {
             # What an effect may be is also what it may lose.
             name: replace(one, low=min(one.low, -one.high)) if np.isfinite(one.high) else one

@@ -16,13 +16,13 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.confounded_links import open_places, place_bodies
+from ident.diagnosis.change.confounded_links import find_confounded, place_bodies
 from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
+from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Significance
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
@@ -30,7 +30,7 @@ from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -51,11 +51,11 @@ class _Changes:
 
     found: SearchResults
     estimates: tuple[Estimate, ...]
-    standings: tuple[Standing, ...]
-    doubted: tuple[Reservation, ...]
-    places: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
-    unlawful: bool  # something stood out whose parameters no arm has
-    asked: int  # how many changes may have been
+    significances: tuple[Significance, ...]
+    reservations: tuple[Reservation, ...]
+    confounded: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
+    implausible: bool  # something stood out whose parameters no arm has
+    tests: int  # how many changes may have been
 
 
 def compare(
@@ -65,7 +65,7 @@ def compare(
     sides: tuple[Side, Side],
     seed: int = 0,
     settings: DiagnosisSettings = USUAL,
-    doubt: GainUncertainty = STATED,
+    gain_uncertainty: GainUncertainty = STATED,
 ) -> ArmComparison:
     """Compares two sets of runs.
 
@@ -80,7 +80,9 @@ def compare(
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
     one_clock = len(sides[1].sessions) <= 1
-    first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt, seed=seed)
+    first = replace(
+        build_design(before, after, arm, still=still, one_clock=one_clock), gain_uncertainty=gain_uncertainty, seed=seed
+    )
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}.values()
@@ -91,55 +93,61 @@ def compare(
     changes = _find_changes(search)
     if any(one.group.effect.id in BODIES for one in changes.estimates):
         others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
-        asked = place_bodies(search, others, first.session, first.asked)
-        first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
-        first = replace(first, doubt=doubt, seed=seed)
+        effects = place_bodies(search, others, first.session, first.effects)
+        first = build_design(before, after, arm, earlier=first.estimates, effects=effects, still=first.still)
+        first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
         changes = _find_changes(_search(first, settings.selection, sides))
     sliding = tuple(compress(arm.joint_names, arm.sliding_joints))
-    return replace(_result(changes, first, arm, sides, _hidden(first, used)), used=used, slides=sliding)
+    return replace(_result(changes, first, arm, sides, _find_untestable(first, used)), used=used, slides=sliding)
 
 
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
     """The search over a design; one run a side shows no law of friction."""
     evidence = design.sums.evidence
     once = design.moves_once
-    barred = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
+    excluded = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
-        evidence, design.prior, held_out, 0, frozenset(barred), settings=settings, design=design, sessions=sessions
+        evidence, design.prior, held_out, 0, frozenset(excluded), settings=settings, design=design, sessions=sessions
     )
 
 
 def _find_changes(search: ChangeSearch) -> _Changes:
     """Changes that stand and whose parameters arms can have, each with its class and with where it may be as well."""
     design, joints = search.design, search.design.baseline.nominal.joint_names
-    doubted: list[Reservation] = []
-    unlawful = False
+    reservations: list[Reservation] = []
+    implausible = False
     while True:
-        weighed, failed = search.find()
-        found = _results(search, [one.group for one in weighed])
-        fine = Refined(search, tuple(item.group for item in found.named))
-        wider = [one.standing.widening for one in weighed]
-        raw = estimate_effects(search, fine, design.later_session, found.named, wider) if weighed else []
-        estimates = [_as_read(*each, fine, design) for each in zip(raw, wider, strict=True)]
-        refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
+        tested, failed = search.find()
+        found = _results(search, [one.group for one in tested])
+        fine = Refined(search, tuple(item.group for item in found.accepted))
+        wider = [one.significance.widening for one in tested]
+        raw = estimate_effects(search, fine, design.later_session, found.accepted, wider) if tested else []
+        estimates = [_with_gain_uncertainty(*each, fine, design) for each in zip(raw, wider, strict=True)]
+        refused = find_implausible(dict(enumerate(zip(found.accepted, estimates, strict=True))), design.session)
         if not refused:
             break
-        unlawful |= any(estimates[k].undefined is None for k in refused)
-        doubted += [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items()]
-        search = replace(search, barred=search.barred | {found.named[k].group.key for k in refused})
-    named = [item.group for item in found.named]
-    keys = {group.key for group in named}
-    for group, standing in ((one.group, one.standing) for key, one in failed.items() if key not in keys):
+        implausible |= any(estimates[k].undefined is None for k in refused)
+        reservations += [Reservation.of(found.accepted[k], estimates[k], joints, why) for k, why in refused.items()]
+        search = replace(search, excluded=search.excluded | {found.accepted[k].group.key for k in refused})
+    accepted = [item.group for item in found.accepted]
+    keys = {group.key for group in accepted}
+    for group, significance in ((one.group, one.significance) for key, one in failed.items() if key not in keys):
         where = (joints[group.joint],) if group.effect.scope == "joint" else joints
-        why = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
-        doubted.append(Reservation(group.effect.id, where, why, {}))
-    places = tuple(open_places(search, named, slot) for slot in range(len(named)))
+        why = (
+            ANOTHER_DAY
+            if significance.mostly_between_days
+            else ANOTHER_RUN
+            if significance.mostly_between_runs
+            else TOO_UNSURE
+        )
+        reservations.append(Reservation(group.effect.id, where, why, {}))
+    confounded = tuple(find_confounded(search, accepted, slot) for slot in range(len(accepted)))
     gains = [may_be_gain(one.refined, design.session, one.coefficients, one.covariance) for one in estimates]
-    estimates = [search.with_class(one, weighed, k, places[k], gains[k]) for k, one in enumerate(estimates)]
-    standings = tuple(one.standing for one in weighed)
-    return _Changes(found, tuple(estimates), standings, tuple(doubted), places, unlawful, search.asked)
+    estimates = [search.with_class(one, tested, k, confounded[k], gains[k]) for k, one in enumerate(estimates)]
+    significances = tuple(one.significance for one in tested)
+    return _Changes(found, tuple(estimates), significances, tuple(reservations), confounded, implausible, search.tests)
 
 
 def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
@@ -147,12 +155,12 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
     found, gram = [], search.evidence.gram()
     ladder = [search.held_out.score(names[:k]) for k in range(len(names) + 1)]
     for slot in range(len(names)):
-        item = search.judged_beside(gram, names, slot)
+        item = search.evaluate_beside(gram, names, slot)
         found.append(replace(item, before=ladder[slot], after=ladder[slot + 1]))
     return SearchResults(tuple(found), tuple(ladder), None)
 
 
-def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
+def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
     """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are.
 
     Args:
@@ -167,15 +175,15 @@ def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedD
     evidence = fine.search.evidence
     model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
     scale = evidence.scale[group.columns]
-    scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
+    scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.gain_uncertainty)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     cells = cells + (1.0 - widening**-2.0) * estimate.covariance
-    asked = group.effect.asked(design.later_session)
-    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+    context = group.effect.asked(design.later_session)
+    estimates = group.effect.parameters(context, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(estimates), coefficients=beta, covariance=cells)
 
 
-def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
+def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
     """Changes that these two sets can't show, and why."""
     evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
@@ -203,9 +211,9 @@ def _result(
 ) -> ArmComparison:
     joints, floor = arm.joint_names, design.sums.evidence.floor
     found = []
-    each = zip(changes.found.named, changes.estimates, changes.standings, changes.places, strict=True)
-    for item, estimate, standing, places in each:
-        acts = item.shown
+    each = zip(changes.found.accepted, changes.estimates, changes.significances, changes.confounded, strict=True)
+    for item, estimate, significance, confounded in each:
+        acts = item.affected_joints
         old, new = item.before.rms[acts], item.after.rms[acts]
         names = [joints[j] for j in acts]
         found.append(
@@ -216,23 +224,23 @@ def _result(
                 rms_after=dict(zip(names, map(float, new), strict=True)),
                 shrink=measure_shrink(old, new, floor[acts]),
                 slides=slides(item.group, arm),
-                p_value=min(1.0, changes.asked * standing.p_value),
-                log_score=item.gates.log_score,
-                evidence=item.gates.evidence,
-                run_spread=standing.spread,
+                p_value=min(1.0, changes.tests * significance.p_value),
+                log_score=item.criteria.log_score,
+                evidence=item.criteria.log_evidence,
+                run_spread=significance.run_std,
                 elsewhere=tuple(
-                    (one.effect.id, joints[one.joint] if one.effect.scope == "joint" else "") for one in places
+                    (one.effect.id, joints[one.joint] if one.effect.scope == "joint" else "") for one in confounded
                 ),
             )
         )
     found.sort(key=lambda change: -change.closed)
-    judged = design.judged
+    with_rows = design.joints_with_rows
 
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
-        return {joints[j]: float(values[j]) for j in judged}
+        return {joints[j]: float(values[j]) for j in with_rows}
 
     verdict = "not_testable" if design.sides.too_short else "no_change"
-    verdict = "changed_unexplained" if found or changes.unlawful else verdict
+    verdict = "changed_unexplained" if found or changes.implausible else verdict
     return ArmComparison(
         robot=arm.name,
         joints=joints,
@@ -244,6 +252,6 @@ def _result(
         noise=by_joint(floor),
         run_spread=by_joint(design.sums.evidence.spread),
         not_testable=tuple(hidden),
-        reservations=changes.doubted,
+        reservations=changes.reservations,
         still=design.still,
     )

@@ -31,7 +31,7 @@ from ident.effects.base import Effect, SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
 
-def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
+def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
     """What explains as much as a change, nearest first: the same effect elsewhere, another at its joint, any body.
 
     Args:
@@ -64,7 +64,7 @@ def distinguished(difference: Float[Array, " B"]) -> bool:
 
 
 def place_bodies(
-    search: Search, others: Sequence[Group], session: SessionContext, asked: Sequence[Effect]
+    search: Search, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
 ) -> tuple[Effect, ...]:
     """All changes that are tested, each body about the place at which it alone would explain most.
 
@@ -72,7 +72,7 @@ def place_bodies(
         search: A search over a first design.
         others: What changed beside the body.
         session: The runs.
-        asked: All that may have changed.
+        effects: All that may have changed.
     """
     model = project(search.evidence.gram(), search.evidence, search.prior, others)
     best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]
@@ -87,14 +87,14 @@ def place_bodies(
             places[group.effect.id][link] = place
     payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
     placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
-    return tuple(placed.get(effect.id, effect) for effect in asked)
+    return tuple(placed.get(effect.id, effect) for effect in effects)
 
 
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:
     """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
     arm = session.runs[0].arm
-    asked = group.effect.asked(session)
-    estimates = group.effect.parameters(asked, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
+    context = group.effect.asked(session)
+    estimates = group.effect.parameters(context, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
     if group.effect.id == UnknownPayload.id:
         mass = estimates[MASS].value
         moment = abs(mass) * np.array([estimates[f"com_{axis}_m"].value for axis in "xyz"])

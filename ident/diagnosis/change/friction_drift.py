@@ -32,18 +32,18 @@ FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, CO
 class DayToDay:
     """What friction differs by though nothing was done, as shares of a change."""
 
-    error: float = 0.0  # standard deviation between any two sets of sessions, whatever their runs say
-    step: float = 0.0  # usual standard deviation from a run to the next; 0 for what does not wander
+    between_day_std: float = 0.0  # standard deviation between any two sets of sessions, whatever their runs say
+    walk_std: float = 0.0  # usual standard deviation from a run to the next; 0 for what does not wander
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
 
-    def walk(self, runs: tuple[int, int]) -> float:
+    def walk_variance(self, runs: tuple[int, int]) -> float:
         """Variance of the difference of both sets' means, whose sessions each set out where friction was [1].
 
         Args:
             runs: Number of runs of each set.
         """
         pairs = zip(runs, self.sessions, strict=True)
-        return self.step**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
+        return self.walk_std**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
 
 
 def day_to_day(

@@ -65,9 +65,9 @@ def compare_reports(
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     currents = any(run.current is not None for report in reports for run in report.session.runs)
-    doubt = BY_CURRENT if currents else STATED
+    gain_uncertainty = BY_CURRENT if currents else STATED
     sets = motions[:earlier], motions[earlier:]
-    found = compare(*sets, arm.keeping(joints), sides, seed, doubt=doubt)
+    found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
     return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
 
 

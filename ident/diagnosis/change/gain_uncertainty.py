@@ -22,7 +22,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import block_sums_left
-from ident.diagnosis.selection.name_probability import lifted
+from ident.diagnosis.selection.name_probability import floor_at_model_variance
 from ident.effects.catalogue import CATALOGUE
 
 # Effects whose size is known by how large a torque is read: bodies.
@@ -50,7 +50,7 @@ BY_CURRENT = GainUncertainty(own=0.05, common=0.033)
 
 
 def solve_body(
-    evidence: Evidence, model: Projection, group: Group, beta: Float[Array, " k"], doubt: GainUncertainty = STATED
+    evidence: Evidence, model: Projection, group: Group, beta: Float[Array, " k"], uncertainty: GainUncertainty = STATED
 ) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
     """Scaled coefficients of a body and their covariance, gains that may be off counted.
 
@@ -59,7 +59,7 @@ def solve_body(
         model: The baseline with all named changes.
         group: The body.
         beta: Its scaled coefficients as the model has them.
-        doubt: How well the gains are known.
+        uncertainty: How well the gains are known.
     """
     layout, inside = evidence.layout, model.inside
     size, n = len(inside), layout.n
@@ -73,13 +73,13 @@ def solve_body(
     cross, power = sums[inside], body @ sums
     scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
     information = np.linalg.inv(model.spread)
-    gains = doubt.information(n)
+    gains = uncertainty.information(n)
     whole = np.block([[information, cross], [cross.T, np.diag(power) + gains]])
     bread = np.linalg.inv(positive(0.5 * (whole + whole.T)))
     # The model's own estimate zeroes its own scores: what moves it is what the gains' columns say.
     shift = bread @ np.concatenate([np.zeros(size), scores[:, size:].sum(axis=0)])
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
-    covariance = lifted(bread @ meat @ bread, bread)
+    covariance = floor_at_model_variance(bread @ meat @ bread, bread)
     own = model.places(group.columns)
     return beta + shift[own], covariance[np.ix_(own, own)]

@@ -70,9 +70,9 @@ def learn_prior(
         new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
         error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0))
-        settled = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
+        converged = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
         variance, urdf = new, error
-        if settled:
+        if converged:
             break
         kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)])
     weights = np.zeros(layout.size + 1)

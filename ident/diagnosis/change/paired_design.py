@@ -38,7 +38,7 @@ from ident.robot.arm import ArmModel
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class EarlierEstimates:
     """What an earlier design found."""
 
     spread: Float[Array, " n"]  # friction's variation from run to run
@@ -57,16 +57,16 @@ class PairedDesign:
     sums: PairedSums  # the sums
     held: tuple[float, ...]  # each joint's level of static friction [N m]
     silent: tuple[NotTestable, ...]  # what can't be seen in any of these runs
-    doubt: GainUncertainty = STATED  # how well the gains are known
-    asked: tuple[Effect, ...] = ()  # all that may have changed
+    gain_uncertainty: GainUncertainty = STATED  # how well the gains are known
+    effects: tuple[Effect, ...] = ()  # all that may have changed
     still: tuple[StaticJoint, ...] = ()  # joints of whose own torque nothing is known
     seed: int = 0  # of how runs are dealt into sets that are none
 
     @property
-    def known(self) -> Known:
+    def estimates(self) -> EarlierEstimates:
         """What a further design need not find again."""
         evidence = self.sums.evidence
-        return Known(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
+        return EarlierEstimates(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
 
     @cached_property
     def later_session(self) -> SessionContext:
@@ -75,7 +75,7 @@ class PairedDesign:
         return replace(self.session, runs=runs)
 
     @property
-    def judged(self) -> list[int]:
+    def joints_with_rows(self) -> list[int]:
         """Joints of which there are rows."""
         return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
 
@@ -93,7 +93,7 @@ class PairedDesign:
     @cached_property
     def prior(self) -> Prior:
         """How far off the URDF is, and how large the laws are that both sets share, as these runs show it."""
-        return _learnt(self.sums, self.session, self.baseline)[0]
+        return _learnt_prior(self.sums, self.session, self.baseline)[0]
 
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
@@ -104,7 +104,7 @@ def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 
 
-def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
+def _learnt_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
     """The prior that the recordings support, every change beside it, and the weights of what is then left."""
     scale = sums.evidence.scale
     first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
@@ -118,8 +118,8 @@ def build_design(
     before: Sequence[Motion],
     after: Sequence[Motion],
     arm: ArmModel,
-    known: Known | None = None,
-    asked: tuple[Effect, ...] | None = None,
+    earlier: EarlierEstimates | None = None,
+    effects: tuple[Effect, ...] | None = None,
     still: tuple[StaticJoint, ...] = (),
     one_clock: bool = True,
 ) -> PairedDesign:
@@ -142,30 +142,34 @@ def build_design(
     session = build_session(baseline, motions, common_clock=False)
     own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
     own = replace(own, common_clock=one_clock)
-    if asked is None:
+    if effects is None:
         left = leftover_torque(own)
-        asked = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
-    silent, grids = find_grids(asked, lambda effect: own if effect.id in LATER_ALONE else session, points)
+        effects = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
+    silent, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = partition_sides(session, later)
-    whitening = None if known is None else known.whitening
+    whitening = None if earlier is None else earlier.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
     sums = pair_sums(both, sides)
-    held = known.held if known else tuple(one.friction for one in sums.evidence.dwells)
+    held = earlier.held if earlier else tuple(one.friction for one in sums.evidence.dwells)
     evidence = sums.evidence.with_held(held)
     sums = replace(sums, evidence=evidence.with_dwells())
     prior = loose_prior(sums, session, baseline)
-    if known is not None:
-        spread = known.spread
+    if earlier is not None:
+        spread = earlier.spread
     else:
         held = estimate_held(sums.evidence, evidence.dwells, _with_all(sums, prior))
         sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
         spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
-    loud = known.dispersion if known else measure_block_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
-    sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
-    return PairedDesign(baseline, session, sides, sums, held, tuple(silent), asked=asked, still=still)
+    dispersion = (
+        earlier.dispersion
+        if earlier
+        else measure_block_dispersion(sums.evidence, _learnt_prior(sums, session, baseline)[1])
+    )
+    sums = replace(sums, evidence=sums.evidence.with_dispersion(dispersion))
+    return PairedDesign(baseline, session, sides, sums, held, tuple(silent), effects=effects, still=still)
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:

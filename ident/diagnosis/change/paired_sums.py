@@ -98,13 +98,13 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
         sides: Which blocks are of which set.
     """
     old = evidence.layout
-    asked = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]  # that is no change
+    candidates = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]  # that is no change
     further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
     common = [group for group in further if not group.variant.shape.get("mix")]
     known = {int(group.columns[0]) for group in common}
     shadows = [group for group in old.groups if int(group.columns[0]) not in known]
     start = old.rank + LOSS_PARAMETERS * old.n
-    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
+    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *candidates))]
     origin = np.append(np.concatenate(source), old.size)
     first = np.cumsum([len(columns) for columns in source])
     always = np.zeros(len(origin), dtype=int)
@@ -112,7 +112,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
     where = np.zeros(old.size, dtype=int)
     where[origin[start:split]] = np.arange(start, split)
     groups, at = [], split
-    for group in asked:
+    for group in candidates:
         columns = at + np.arange(len(group.columns))
         at += len(columns)
         change = ChangeOf(group.effect)

@@ -49,7 +49,7 @@ class PermutedSets:
     sums: PairedSums  # the sums of both sides
     parts: tuple[Float[Array, "K p p"], ...]  # for each joint, its whitened sums over each part
     whole: Float[Array, "P P"]  # all joints' sums over all parts
-    dealings: tuple[Int[Array, " h"], ...]  # of each the parts that stand for the later set
+    permutations: tuple[Int[Array, " h"], ...]  # of each the parts that stand for the later set
     freedom: int  # number of parts, less the two sides' means
 
     @classmethod
@@ -70,7 +70,7 @@ class PermutedSets:
             own = np.stack([evidence.free[j].over(blocks) for blocks in members])
             parts.append(evidence.friction.part(own, j, float(evidence.spread[j]), label)[1])
             whole[np.ix_(local, local)] += parts[j].sum(axis=0)
-        return cls(sums, tuple(parts), whole, _deal(later, seed), len(members) - 2)
+        return cls(sums, tuple(parts), whole, _draw_permutations(later, seed), len(members) - 2)
 
     def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
         """By how much more each law of one joint's rows, or of several joints' (-1), gains between sets that are none.
@@ -82,7 +82,7 @@ class PermutedSets:
             prior: What is known of the baseline.
             names: All that changed between the sides.
         """
-        dealt = self._dealt(joint)
+        permuted = self._permuted_laws(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
         information = self.whole[np.ix_(inside, inside)].copy()
@@ -90,14 +90,14 @@ class PermutedSets:
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = factorise(information)
         gains: dict[Key, list[tuple[float, int]]] = {}
-        for across, own in dealt.sums:
+        for across, own in permuted.sums:
             slopes = factor.solve(across[inside])
             rest, power = own - across[inside].T @ slopes, np.diag(own)
             left = np.diag(rest)[:-1]
-            noise = carried_noise(evidence, dealt.columns, inside, slopes[:, :-1])
+            noise = carried_noise(evidence, permuted.columns, inside, slopes[:, :-1])
             buried = evidence.settings.least_over_noise * noise
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
-            for key, places in dealt.laws:
+            for key, places in permuted.laws:
                 at = places[seen[places]]
                 if len(at):
                     matrix = rest[np.ix_(at, at)] + RIDGE * np.diag(power[at])
@@ -105,7 +105,7 @@ class PermutedSets:
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
-        many = min(len(self.dealings), self.freedom)
+        many = min(len(self.permutations), self.freedom)
         freedom = many * np.array([float(np.mean([width for _, width in gains[key]])) for key in keys])
         usual = fit_scaled_f(squares, freedom)
         found: dict[Key | None, NullVariance] = {None: NullVariance(max(1.0, usual.ratio), usual.freedom)}
@@ -116,24 +116,24 @@ class PermutedSets:
         return found
 
     @cached_property
-    def _known(self) -> dict[int, _Dealt]:
+    def _cache(self) -> dict[int, _PermutedLaws]:
         return {}
 
-    def _dealt(self, joint: int) -> _Dealt:
+    def _permuted_laws(self, joint: int) -> _PermutedLaws:
         """Sums of all laws of a joint's rows alone, or of those of several joints (-1), in each dealing."""
-        if joint not in self._known:
+        if joint not in self._cache:
             layout, always = self.sums.evidence.layout, self.sums.always
             laws = [one for one in layout.groups if not one.borrows]
             laws = [one for one in laws if joint_of(one) == joint]
             columns = np.unique(np.concatenate([one.columns for one in laws]))
             found = []
-            for dealing in self.dealings:
+            for permutation in self.permutations:
                 across, own = np.zeros((layout.size + 1, len(columns) + 1)), np.zeros((len(columns) + 1,) * 2)
                 for parts, local, places in zip(self.parts, layout.local, layout.places, strict=True):
                     there = np.array([k for k, column in enumerate(columns) if int(column) in places], dtype=int)
                     if len(there):
                         source = np.array([places[int(always[columns[k]])] for k in there])
-                        here = parts[dealing].sum(axis=0)
+                        here = parts[permutation].sum(axis=0)
                         across[np.ix_(local, there)] += here[:, source]
                         own[np.ix_(there, there)] += here[np.ix_(source, source)]
                         own[there, -1] += here[source, -1]
@@ -141,11 +141,11 @@ class PermutedSets:
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
             at = [(one.key, np.searchsorted(columns, one.columns)) for one in laws]
-            self._known[joint] = _Dealt(columns, tuple(at), tuple(found))
-        return self._known[joint]
+            self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
+        return self._cache[joint]
 
 
-class _Dealt(NamedTuple):
+class _PermutedLaws(NamedTuple):
     """Some laws in sets that are none."""
 
     columns: Int[Array, " c"]  # of all of them
@@ -172,7 +172,7 @@ def _parts(sides: Sides) -> Int[Array, " B"]:
     return found
 
 
-def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
+def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
     """Sets that hold half of each side; not the same twice, nor what is left of another."""
     sides = [np.flatnonzero(later == side) for side in (False, True)]
     halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
-from ident.diagnosis.heldout_gain import Explained
+from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
@@ -30,7 +30,7 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmChange(Explained):
+class ArmChange(ReportedEffect):
     """A change with its evidence; parameters are after minus before, errors those of the later set."""
 
     p_value: float  # of so large a change by chance, all that were tested counted

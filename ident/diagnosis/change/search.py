@@ -44,21 +44,23 @@ from ident.effects.intervals import NORMAL_95
 
 
 @dataclass(frozen=True)
-class Standing:
+class Significance:
     """How a change stands against the runs' own differences."""
 
     p_value: float  # for one change
-    spread: float  # standard deviation from run to run of the effect, as a share of the change
+    run_std: float  # standard deviation from run to run of the effect, as a share of the change
     widening: float  # factor on the half-widths of intervals that count the blocks' noise alone
-    of_the_day: bool  # whether it is mostly unsure as friction differs by day or wanders, whatever these runs say
-    of_the_runs: bool  # whether as runs or days differ, and not by noise
-    nats: float  # log likelihood ratio against none
-    looser: float  # log of by how much its variance exceeds that of the noise model
+    mostly_between_days: (
+        bool  # whether it is mostly unsure as friction differs by day or wanders, whatever these runs say
+    )
+    mostly_between_runs: bool  # whether as runs or days differ, and not by noise
+    log_likelihood_ratio: float  # log likelihood ratio against none
+    log_variance_inflation: float  # log of by how much its variance exceeds that of the noise model
 
 
-def measure_standing(
+def measure_significance(
     gain: float, k: int, blocks: tuple[float, float], null: NullVariance, day: DayToDay, counts: tuple[int, int]
-) -> Standing:
+) -> Significance:
     """Holds a change against the runs.
 
     Args:
@@ -70,31 +72,31 @@ def measure_standing(
         counts: Runs of either set.
     """
     if not gain > 0.0:  # of a size that is zero nothing is seen
-        return Standing(1.0, 0.0, 1.0, False, False, 0.0, 0.0)
-    by_blocks, by_runs, walk = blocks[0], max(0.0, null.ratio / gain - blocks[0]), day.walk(counts)
+        return Significance(1.0, 0.0, 1.0, False, False, 0.0, 0.0)
+    by_blocks, by_runs, walk = blocks[0], max(0.0, null.ratio / gain - blocks[0]), day.walk_variance(counts)
     # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
     estimated = by_blocks**2 / max(blocks[1] - 1.0, 1.0) + (by_runs**2 / null.freedom if by_runs > walk else 0.0)
-    variance = by_blocks + max(by_runs, walk) + day.error**2
+    variance = by_blocks + max(by_runs, walk) + day.between_day_std**2
     dof = variance**2 / (estimated + 1e-300)
     error = float(np.sqrt(variance))
-    known = day.error**2 + (walk if walk >= by_runs else 0.0)
-    return Standing(
+    known = day.between_day_std**2 + (walk if walk >= by_runs else 0.0)
+    return Significance(
         p_value=float(fisher.sf(1.0 / (k * variance), k, dof)),
-        spread=float(np.sqrt(by_runs / sum(1.0 / count for count in counts))),
+        run_std=float(np.sqrt(by_runs / sum(1.0 / count for count in counts))),
         widening=max(1.0, float(student.ppf(0.975, dof)) / NORMAL_95 * error / float(np.sqrt(max(by_blocks, 1e-300)))),
-        of_the_day=known > 0.5 * variance,
-        of_the_runs=variance > 2.0 * by_blocks,
-        nats=float(0.5 * (dof + k) * np.log1p(1.0 / (max(dof, 1e-9) * variance))),
-        looser=float(np.log(max(variance * gain, 1.0))),
+        mostly_between_days=known > 0.5 * variance,
+        mostly_between_runs=variance > 2.0 * by_blocks,
+        log_likelihood_ratio=float(0.5 * (dof + k) * np.log1p(1.0 / (max(dof, 1e-9) * variance))),
+        log_variance_inflation=float(np.log(max(variance * gain, 1.0))),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class TestedChange:
     """A change and how it stands."""
 
     group: Group  # the change
-    standing: Standing  # how it stands against the runs
+    significance: Significance  # how it stands against the runs
     odds: float  # log odds of it against none, beyond those that it must have
 
 
@@ -118,45 +120,47 @@ class ChangeSearch(Search):
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each
 
     @cached_property
-    def least(self) -> float:
+    def threshold(self) -> float:
         """Log evidence that a change must have; of their places and points effects pay for themselves."""
         return float(np.log(CHANGE.least_odds * len({group.effect.id for group in self.evidence.layout.groups})))
 
     @cached_property
-    def asked(self) -> int:
+    def tests(self) -> int:
         """How many changes may be, whatever their inner parameters."""
-        return len({group.key for group in self.evidence.layout.groups} - self.barred)
+        return len({group.key for group in self.evidence.layout.groups} - self.excluded)
 
-    def find(self) -> tuple[list[Weighed], dict[Key, Weighed]]:
+    def find(self) -> tuple[list[TestedChange], dict[Key, TestedChange]]:
         """Changes that stand, and those that explained as much as a change must and did not.
 
         What did not stand beside few names is tried again beside more: what they explain was chance to it. A name that
         fell stays out.
         """
         names: list[Group] = []
-        failed: dict[Key, Weighed] = {}
-        fallen: set[Key] = set()
+        rejected: dict[Key, TestedChange] = {}
+        eliminated: set[Key] = set()
         while len(names) < self.settings.most_effects * self.evidence.layout.n:
-            step = self._next(names, failed, fallen)
+            step = self._forward_step(names, rejected, eliminated)
             if step is None:
                 break
-            names = self._settled([*names, step], failed, fallen)
-        return self.weigh(names), failed
+            names = self._prune([*names, step], rejected, eliminated)
+        return self.test(names), rejected
 
-    def _next(self, names: Sequence[Group], failed: dict[Key, Weighed], fallen: set[Key]) -> Group | None:
+    def _forward_step(
+        self, names: Sequence[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]
+    ) -> Group | None:
         """The likeliest further change that stands beside the names."""
-        tried: dict[Key, Weighed] = {}
+        tried: dict[Key, TestedChange] = {}
         for one in self.candidates(names):
-            if one.key not in fallen:
-                last = self.weigh([*names, one])[-1]
-                daily = [each.group for each in tried.values() if each.standing.of_the_day]
-                stands = last.odds > 0.0 and self._counts(last.group, names)
-                if stands and not self.stands_in(last.group, names, daily):
+            if one.key not in eliminated:
+                last = self.test([*names, one])[-1]
+                day_limited = [each.group for each in tried.values() if each.significance.mostly_between_days]
+                stands = last.odds > 0.0 and self._exceeds_model_error(last.group, names)
+                if stands and not self.is_friction_drift(last.group, names, day_limited):
                     return last.group
-                tried[one.key] = failed[one.key] = last
+                tried[one.key] = rejected[one.key] = last
         return None
 
-    def _counts(self, group: Group, names: Sequence[Group]) -> bool:
+    def _exceeds_model_error(self, group: Group, names: Sequence[Group]) -> bool:
         """Whether a change is more than what a larger cause of slightly another law may leave at its joints."""
         models = (project(self.evidence.gram(), self.evidence, self.prior, one) for one in ((), names, (*names, group)))
         none, before, after = (squares_left(self.evidence, model).sum(axis=1) for model in models)
@@ -165,57 +169,57 @@ class ChangeSearch(Search):
         most = int(np.argmax(own))
         return bool(own[most] >= self.settings.least_own_share * all_of_them[most])
 
-    def stands_in(self, group: Group, names: Sequence[Group], daily: Sequence[Group]) -> bool:
+    def is_friction_drift(self, group: Group, names: Sequence[Group], day_limited: Sequence[Group]) -> bool:
         """Whether a change says nothing beside friction that differs from day to day: it stands in for it."""
         gram = self.evidence.gram()
         model = project(gram, self.evidence, self.prior, names)
-        others = [one for one in daily if not is_gain_by_load(model, group, one)]
-        return bool(others) and self.score_beside(gram, group, [*names, *others]) < self.least
+        others = [one for one in day_limited if not is_gain_by_load(model, group, one)]
+        return bool(others) and self.log_evidence_beside(gram, group, [*names, *others]) < self.threshold
 
-    def _settled(self, names: list[Group], failed: dict[Key, Weighed], fallen: set[Key]) -> list[Group]:
+    def _prune(self, names: list[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]) -> list[Group]:
         """The names, each at its best point or with a likelier one in its place, without those that do not stand."""
         for _ in range(CHANGE.rounds):
             before = list(names)
             for slot, own in enumerate(names):
                 others = names[:slot] + names[slot + 1 :]
-                rivals = {one: score for one, score in self._rivals(own, others).items() if one.key not in fallen}
+                rivals = {one: score for one, score in self._rivals(own, others).items() if one.key not in eliminated}
                 names[slot] = max(rivals, key=rivals.__getitem__, default=own)
             if names == before:
                 break
         while names:
-            weakest = min(self.weigh(names), key=lambda one: one.odds)
+            weakest = min(self.test(names), key=lambda one: one.odds)
             if weakest.odds > 0.0:
                 break
-            failed[weakest.group.key] = weakest
-            fallen.add(weakest.group.key)
+            rejected[weakest.group.key] = weakest
+            eliminated.add(weakest.group.key)
             names = [group for group in names if group is not weakest.group]
         return names
 
     def candidates(self, names: Sequence[Group]) -> dict[Group, float]:
         """What may have changed beside the names, of that which has enough evidence, most first; with its evidence."""
         known = frozenset(names)
-        if known not in self._candidates:
+        if known not in self._candidate_cache:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
-            best = {group: score for score, group in self.best_by_key(model, names).values() if score >= self.least}
+            best = {group: score for score, group in self.best_by_key(model, names).values() if score >= self.threshold}
             joints = {joint_of(group) for group in best}
             # What counts at a joint is what all laws there gain by chance.
-            chance = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
-            counts = {group: score / chance[joint_of(group)] for group, score in best.items()}
+            null_ratio = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
+            counts = {group: score / null_ratio[joint_of(group)] for group, score in best.items()}
             scores = block_scores(self.evidence, model)
 
             def odds(group: Group) -> float:
                 """A test by its blocks, to which what shows in few of them or changes its sign is nothing."""
                 gain, scaled = self.gain_of(model, group)
                 uneven = float(np.square(scores[:, group.columns] @ scaled).sum()) / gain**2 * len(scores)
-                return 0.5 * (len(scores) + len(group.columns)) * np.log1p(1.0 / uneven) - self.cost_of(group)
+                return 0.5 * (len(scores) + len(group.columns)) * np.log1p(1.0 / uneven) - self.complexity_cost(group)
 
             tried = (sorted(counts, key=key, reverse=True)[: CHANGE.most_weighed] for key in (counts.__getitem__, odds))
             likely = sorted({one for some in tried for one in some}, key=lambda one: -counts[one])
-            self._candidates[known] = {one: best[one] for one in likely}
-        return self._candidates[known]
+            self._candidate_cache[known] = {one: best[one] for one in likely}
+        return self._candidate_cache[known]
 
     @cached_property
-    def _candidates(self) -> dict[frozenset[Group], dict[Group, float]]:
+    def _candidate_cache(self) -> dict[frozenset[Group], dict[Group, float]]:
         """What was found already: it is needed again."""
         return {}
 
@@ -224,25 +228,25 @@ class ChangeSearch(Search):
         n = self.evidence.layout.n
         here = set(own.acts_on(n))
         near = {one: score for one, score in self.candidates(others).items() if here & set(one.acts_on(n))}
-        return {one: score for one, score in near.items() if self.weigh([*others, one])[-1].odds > 0.0}
+        return {one: score for one, score in near.items() if self.test([*others, one])[-1].odds > 0.0}
 
-    def weigh(self, names: Sequence[Group]) -> list[Weighed]:
+    def test(self, names: Sequence[Group]) -> list[TestedChange]:
         """How each name stands beside the others, its variance by blocks counted."""
         known = tuple(names)
-        if known not in self._weighs:
+        if known not in self._test_cache:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
             solved = solve_effects(Refined(self, tuple(names)), [False] * len(names))[0] if names else []
             pairs = zip(names, solved, strict=True)
-            self._weighs[known] = [self._weighed(group, model, names, *each) for group, each in pairs]
-        return self._weighs[known]
+            self._test_cache[known] = [self._test_one(group, model, names, *each) for group, each in pairs]
+        return self._test_cache[known]
 
     @cached_property
-    def _weighs(self) -> dict[tuple[Group, ...], list[Weighed]]:
+    def _test_cache(self) -> dict[tuple[Group, ...], list[TestedChange]]:
         """What was weighed already: it is needed again."""
         return {}
 
     def with_class(
-        self, estimate: Estimate, weighed: Sequence[Weighed], slot: int, places: Sequence[Group], gain: bool
+        self, estimate: Estimate, tested: Sequence[TestedChange], slot: int, confounded: Sequence[Group], gain: bool
     ) -> Estimate:
         """An estimate with how likely it is, and with what else it may be, likeliest first.
 
@@ -253,45 +257,45 @@ class ChangeSearch(Search):
             places: What explains as much elsewhere.
             gain: Whether a gain would look alike.
         """
-        others = [one.group for k, one in enumerate(weighed) if k != slot]
-        own, standing = weighed[slot].group, weighed[slot].standing
-        name, sure = own.effect.id, CHANGE.temper * weighed[slot].odds
-        best: dict[str, float] = {name: sure}
-        evidence = self.score_beside(self.evidence.gram(), own, others)
+        others = [one.group for k, one in enumerate(tested) if k != slot]
+        own, significance = tested[slot].group, tested[slot].significance
+        name, log_odds = own.effect.id, CHANGE.temper * tested[slot].odds
+        best: dict[str, float] = {name: log_odds}
+        evidence = self.log_evidence_beside(self.evidence.gram(), own, others)
         for one, score in self._rivals(own, others).items():
             # Evidence is worth as much less as the change's variance exceeds that of the noise model.
-            odds = sure + CHANGE.against * (score - evidence) / np.exp(standing.looser)
+            odds = log_odds + CHANGE.against * (score - evidence) / np.exp(significance.log_variance_inflation)
             best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
         total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # nothing at all is as likely at the threshold
-        near = sorted((-best[one], one) for one in best if one != name and best[one] > sure - CHANGE.class_nats)
-        likely = self.settings.most_sure * float(np.exp(sure - total))
-        odds = {one: float(np.exp(sure + log)) for log, one in near}
-        more = [group.effect.id for group in places] + ([GAIN] if gain else [])
+        near = sorted((-best[one], one) for one in best if one != name and best[one] > log_odds - CHANGE.class_nats)
+        likely = self.settings.most_sure * float(np.exp(log_odds - total))
+        odds = {one: float(np.exp(log_odds + log)) for log, one in near}
+        more = [group.effect.id for group in confounded] + ([GAIN] if gain else [])
         rivals = tuple(dict.fromkeys((name, *(one for _, one in near), *more)))
         return replace(estimate, probability=likely, rivals=rivals, odds=odds)
 
-    def _weighed(
+    def _test_one(
         self,
         group: Group,
         model: Projection,
         names: Sequence[Group],
         beta: Float[Array, " k"],
         cells: Float[Array, "k k"],
-    ) -> Weighed:
+    ) -> TestedChange:
         """A change among names, itself among them, by the model of all, its coefficients and their covariance."""
         design, scale, freedom = self.design, self.evidence.scale[group.columns], len(group.columns)
         at = np.flatnonzero(np.isin(model.inside, group.columns))
         along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ (beta * scale)
         gain = float(beta * scale @ along)
         variance = float(along @ (cells * np.outer(scale, scale)) @ along) / max(gain, 1e-300) ** 2
-        day = day_to_day(group, design.session, beta, self.evidence.spread[design.judged], self.sessions)
+        day = day_to_day(group, design.session, beta, self.evidence.spread[design.joints_with_rows], self.sessions)
         nulls = design.permuted.nulls(joint_of(group), self.prior, names)
         null = nulls.get(group.key, nulls[None])
         blocks = variance, len(self.evidence.fold_of_block)
-        standing = measure_standing(gain, freedom, blocks, null, day, design.sides.counts)
-        cost = self.cost_of(group) - 0.5 * freedom * standing.looser
-        least = self.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
-        odds = standing.nats - max(cost, least) - self.least
-        if not standing.of_the_day:  # what decides came of few permutations
+        significance = measure_significance(gain, freedom, blocks, null, day, design.sides.counts)
+        cost = self.complexity_cost(group) - 0.5 * freedom * significance.log_variance_inflation
+        least_cost = self.complexity_cost(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
+        odds = significance.log_likelihood_ratio - max(cost, least_cost) - self.threshold
+        if not significance.mostly_between_days:  # what decides came of few permutations
             odds -= np.log(CHANGE.few_dealt_odds)
-        return Weighed(group, standing, float(odds))
+        return TestedChange(group, significance, float(odds))

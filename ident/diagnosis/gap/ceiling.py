@@ -26,7 +26,7 @@ class Ceiling:
     rms: float  # what would be left [N m]
     before: float  # what is left [N m]
     kind: str | None  # what it depends on, or None if nothing explains it: state, memory, time, coupling
-    sure: bool  # whether the fall is more than chance
+    significant: bool  # whether the fall is more than chance
     evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
 
@@ -41,7 +41,7 @@ def measure_ceiling(
         left: What a discrepancy sees there; None where nothing stands out of the noise.
         settings: What counts as more than chance.
     """
-    moving = [item.counts[:, joint] for item in series]
+    moving = [item.valid[:, joint] for item in series]
     y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
     q = np.concatenate(
         [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
@@ -50,18 +50,20 @@ def measure_ceiling(
         [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
     )
     before = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
-    share, kind, sure, evidence = 0.0, None, False, 0.0
+    share, kind, significant, evidence = 0.0, None, False, 0.0
     if left is not None:
         evidence = left.evidence
-        sure = evidence >= settings.least_nats and left.share >= settings.least_fall
-        share, kind = (left.share, left.kind) if sure else (0.0, None)
-    repeated = _repeated(q, y, piece, settings)
+        significant = evidence >= settings.least_nats and left.share >= settings.least_fall
+        share, kind = (left.share, left.kind) if significant else (0.0, None)
+    repeated = _share_repeated_by_angle(q, y, piece, settings)
     if repeated > share:
-        share, kind, sure = repeated, "state", True
-    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, sure, evidence)
+        share, kind, significant = repeated, "state", True
+    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, significant, evidence)
 
 
-def _repeated(q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings) -> float:
+def _share_repeated_by_angle(
+    q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings
+) -> float:
     """Share of the mean square that the same angles of other runs foretell; 0 where it is no more than chance."""
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
@@ -90,7 +92,7 @@ def _neighbours(
     def nearest(one: Array, there: Array) -> Array:
         return np.asarray(y[one][KDTree(x[one]).query(there, settings.neighbours)[1]].mean(axis=1))
 
-    foretold = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
+    predicted = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
     true = np.concatenate([y[~half], y[half]])
-    shrink = np.clip(foretold @ true / max(float(foretold @ foretold), 1e-300), 0.0, 1.0)
+    shrink = np.clip(predicted @ true / max(float(predicted @ predicted), 1e-300), 0.0, 1.0)
     return np.asarray(shrink * nearest(np.ones(len(y), dtype=bool), other))

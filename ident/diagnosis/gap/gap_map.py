@@ -128,7 +128,7 @@ class _JointMap:
 
     def _of_runs(self, pick: Axis) -> Array:
         """Values of all runs where they count."""
-        return np.concatenate([pick(item, self.j)[item.counts[:, self.j]] for item in self.series])
+        return np.concatenate([pick(item, self.j)[item.valid[:, self.j]] for item in self.series])
 
     @cached_property
     def left(self) -> Float[Array, " t"]:
@@ -142,7 +142,7 @@ class _JointMap:
     @cached_property
     def _block(self) -> Int[Array, " t"]:
         each = zip(self.labels, self.series, strict=True)
-        return np.concatenate([label[item.counts[:, self.j]] for label, item in each])
+        return np.concatenate([label[item.valid[:, self.j]] for label, item in each])
 
     @property
     def _blocks(self) -> int:
@@ -178,7 +178,7 @@ class _JointMap:
         )
         power = np.zeros((self._blocks, len(edges) - 1))
         for item, label in zip(series, self.labels, strict=True):
-            left = getattr(item, self.view)[:, self.j] * item.counts[:, self.j]
+            left = getattr(item, self.view)[:, self.j] * item.valid[:, self.j]
             for piece in np.unique(label):
                 part = left[label == piece]
                 frequency = np.fft.rfftfreq(len(part), item.step)

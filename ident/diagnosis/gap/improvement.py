@@ -15,13 +15,13 @@ from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.search import Search
 from ident.results import ONE_RUN
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class Improvement:
     """Parameters about the named effects on runs that the fit never saw."""
 
     shares: Float[Array, " k"]  # order-free share of the reducible gap of each effect, in the order of the search
@@ -44,15 +44,15 @@ class Reach:
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         """The record's further entries of `heldout`."""
 
-        def named(values: Array) -> dict[str, float]:
+        def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
 
         stds = (spread_of_runs(energies) for energies in (self.runs_before, self.runs_after))
         return {
-            "without_names_rms_Nm": named(self.without_names),
-            "energy_error_before_J": named(self.energy_before),
-            "energy_error_after_J": named(self.energy_after),
-            **spreads(*(None if std is None else named(std) for std in stds)),
+            "without_names_rms_Nm": by_joint(self.without_names),
+            "energy_error_before_J": by_joint(self.energy_before),
+            "energy_error_after_J": by_joint(self.energy_after),
+            **spreads(*(None if std is None else by_joint(std) for std in stds)),
             "forward": self.forward.to_dict(joints),
         }
 
@@ -68,7 +68,7 @@ def spreads(before: Any, after: Any) -> dict[str, Any]:
     return found if before is not None else {**found, "energy_error_std_missing": ONE_RUN}
 
 
-def measure_reach(
+def measure_improvement(
     search: Search,
     given: HeldOut,
     found: SearchResults,
@@ -77,7 +77,7 @@ def measure_reach(
     floors: Float[Array, " n"],
     explained: Float[Array, " n"],
     settings: GapSettings = USUAL_GAP,
-) -> Reach:
+) -> Improvement:
     """Measures how far.
 
     Args:
@@ -87,10 +87,10 @@ def measure_reach(
         explained: Share of each joint's mean square that a discrepancy explains in the names' place.
     """
     # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF fixed.
-    scorer = given if any(item.absorbed for item in found.named) else search.held_out
+    scorer = given if any(item.absorbed for item in found.accepted) else search.held_out
     rms = found.ladder[0].rms
-    return Reach(
-        shares=shapley_shares(scorer, [item.group for item in found.named], floors, search.seed),
+    return Improvement(
+        shares=shapley_shares(scorer, [item.group for item in found.accepted], floors, search.seed),
         without_names=np.maximum(rms * np.sqrt(1.0 - explained), np.minimum(rms, floors)),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
@@ -100,4 +100,4 @@ def measure_reach(
 
 def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
     """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
-    return -np.trapezoid(left * item.counts * item.speed, dx=item.step, axis=0)
+    return -np.trapezoid(left * item.valid * item.speed, dx=item.step, axis=0)

@@ -22,7 +22,7 @@ from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 
 @dataclass(frozen=True)
-class Harm:
+class ExcessError:
     """What a joint's model errs by beyond noise."""
 
     torque: float  # root mean square beyond noise [N m]
@@ -30,22 +30,22 @@ class Harm:
 
 
 @dataclass(frozen=True)
-class NamedPlace:
+class ReportedCause:
     """Where a cause acts that is reported: a name, or a torque that is off by a factor."""
 
     joints: tuple[str, ...]  # the joints that it is reported of
-    hides: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
+    hidden_torque: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
     is_factor: bool = False  # whether it is a factor of the whole torque
 
 
-def measure_harm(
+def measure_excess_errors(
     joints: Sequence[str],
     errors: Mapping[View, Float[np.ndarray, " n"]],
     tuned_away: Float[np.ndarray, " n"],
     noise: Float[np.ndarray, " n"],
-    names: Sequence[NamedPlace],
-    loud: float,
-) -> dict[str, Harm]:
+    names: Sequence[ReportedCause],
+    threshold: float,
+) -> dict[str, ExcessError]:
     """Harm of every joint that has a gap, in order of harm; first that of joints whose torque is off by a factor.
 
     Args:
@@ -53,24 +53,24 @@ def measure_harm(
         errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
         names: Where what is reported acts.
-        loud: Error over noise from which on a joint of which nothing is reported has a gap.
+        threshold: Error over noise from which on a joint of which nothing is reported has a gap.
     """
-    found: dict[str, Harm] = {}
+    found: dict[str, ExcessError] = {}
     for j, joint in enumerate(joints):
-        own = [one for one in names if joint in (*one.joints, *one.hides)]
+        own = [one for one in names if joint in (*one.joints, *one.hidden_torque)]
         less, more = sorted(errors, key=lambda view: float(errors[view][j]))
-        hidden = max([one.hides.get(joint, 0.0) for one in own], default=0.0)
+        hidden = max([one.hidden_torque.get(joint, 0.0) for one in own], default=0.0)
         hidden = max(hidden, tuned_away[j] if tuned_away[j] > noise[j] else 0.0)
         error = min(float(np.hypot(errors[less][j], hidden)), float(errors[more][j]))
-        if error > (1.0 if own else loud) * noise[j]:
+        if error > (1.0 if own else threshold) * noise[j]:
             beyond = error**2 - noise[j] ** 2
-            found[joint] = Harm(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
+            found[joint] = ExcessError(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
     off = {joint for one in names if one.is_factor for joint in one.joints}
     return dict(sorted(found.items(), key=lambda one: (one[0] not in off, -one[1].torque)))
 
 
 def rank_places(
-    maps: Mapping[View, Sequence[Place]], harm: Mapping[str, Harm], settings: MapSettings = USUAL_MAP
+    maps: Mapping[View, Sequence[Place]], excess_errors: Mapping[str, ExcessError], settings: MapSettings = USUAL_MAP
 ) -> tuple[Place, ...]:
     """The cells that stand out, joint by joint in the order of `harm`; of a joint the richest first, one an axis.
 
@@ -78,7 +78,7 @@ def rank_places(
     spread evenly has its densest cell alone. The slowest band of frequencies says of no gap where it lies.
     """
     found: list[Place] = []
-    for joint, one in harm.items():
+    for joint, one in excess_errors.items():
         cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
         cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
         sure = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]

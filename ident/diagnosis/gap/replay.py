@@ -68,7 +68,7 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
         starts = _starts(item, window)[::every]
         rows = starts[:, None] + np.arange(_samples(item, window) + 1)
         heading = np.sign(item.speed[rows])  # free are joints that move one way throughout a stretch
-        free = item.counts[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
+        free = item.valid[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
         rows, free = rows[free.any(axis=1)], free[free.any(axis=1)]
         if len(rows) == 0:
             continue

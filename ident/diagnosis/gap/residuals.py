@@ -31,7 +31,7 @@ class RunResidual:
     # `before` and `after` of models that were solved without this stretch's fold [N m].
     unseen_before: Float[Array, "t n"]
     unseen_after: Float[Array, "t n"]
-    counts: Bool[Array, "t n"]  # where each joint moves steadily
+    valid: Bool[Array, "t n"]  # where each joint moves steadily
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
         """The same without the run's own viscous and dry friction, and its drift, in what is left after the names.
@@ -47,7 +47,7 @@ class RunResidual:
             kinds = np.stack([self.run.motion.dq[keep, j], direction[:, j]], axis=1)
             parts = kinds * np.linalg.lstsq(kinds, friction[:, j], rcond=1e-9)[0]
             columns = np.concatenate([parts, (friction[:, j] * drift)[:, None]], axis=1)
-            x, y = columns[self.counts[:, j]], after[self.counts[:, j], j]
+            x, y = columns[self.valid[:, j]], after[self.valid[:, j], j]
             noise = float(np.mean(y**2)) if len(y) else 0.0
             if noise > 0.0 and spread[j] > 0.0:
                 level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(3), x.T @ y)
@@ -89,9 +89,9 @@ def compute_residuals(
         held_out: Solves the first two without each fold.
     """
     layout = evidence.layout
-    whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
+    whole = [_scatter_weights(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
     parts = [held_out.weights(), held_out.weights(groups)]
-    by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
+    by_fold = [np.array([_scatter_weights(layout, part.columns, row) for row in part.values]) for part in parts]
     partition = build_partition(session, evidence.settings)
     series: list[RunResidual] = []
     some = choose_runs(len(session.runs), session.every)
@@ -99,20 +99,20 @@ def compute_residuals(
         # Not the chunk's own context, which holds all that the effects cached with it.
         run, folds = session.survey.runs[len(series)], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
-        before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
-        unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)
+        before, after, fixed = (_residual_of(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
+        unseen, nearer = (_residual_of(scaled, layout, weights, folds) for weights in by_fold)
         series.append(RunResidual(run, i, before, after, fixed, unseen, nearer, run.motion.settled))
     return series
 
 
-def _spread(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
+def _scatter_weights(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
     """Weights of some columns, laid out over all."""
     row = np.zeros(layout.size + 1)
     row[columns] = weights
     return row
 
 
-def _left(
+def _residual_of(
     tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
 ) -> Float[Array, "t n"]:
     """What models leave of each joint's rows: one model for all samples, or each sample's own fold's."""
