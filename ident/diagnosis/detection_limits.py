@@ -1,15 +1,15 @@
-"""How small an effect would still have been named: the detection limits of a session, and what its noise hides.
+"""Detection limits: the least size at which an effect that was not found would have been accepted nine times in ten.
 
-Columns of which the final model leaves the information I (a Schur complement of the whitened sums; the URDF's prior is
-in it, encoder noise is not) would gain λ / 2 nats from coefficients β, λ = βᵀ I β, give or take √λ. A name needs more
-nats than chance gives to any of all candidates but rarely, and a fall of the held-out error that matters. Both grow
-with the square of the effect's size, so that each asks for a multiple m of a typical effect:
+In: the final model and its sums. Out: a `SizeLimit` for each effect at each joint, without a further fit. Where the
+model leaves the columns the information I (a Schur complement of the whitened sums, encoder noise subtracted, the
+URDF's prior included), coefficients β gain ½ λ ± √λ nats, λ = βᵀ I β. Acceptance needs T nats, and a fall of the
+held-out error that matters. Both measures grow with the square of the size; the least multiple m of a typical effect
+satisfies
 
     m² = max( z² s / λ, (least mean square that matters) / (βᵀ A β) ),  z = √(2 T) + 1.28,
 
-T the nats that are needed, s by how much blocks vary more than the noise model says, A what the model leaves of the
-columns' plain sums, a sample. At z nine in ten would pass, were the gates no stricter than that; they are, by a factor
-that is measured. Nothing is searched or fitted for it.
+with s the variance inflation and A the plain sums per sample of what the model leaves of the columns. At z nine in ten
+would be accepted if the criteria were only these; they are stricter by a factor that was measured.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ HIDES = {"encoder": "encoder noise", "torque": "torque noise", "tolerance": "the
 
 @dataclass(frozen=True, eq=False)
 class SizeLimit:
-    """The least size of an effect at a joint that would have been named, nine times in ten."""
+    """Detection limit of an effect at a joint."""
 
     effect: Effect  # the effect
-    joint: int  # its joint
+    joint: int  # index of its joint
     parameter: str  # the reported parameter that is its size
-    # The limit, in the parameter's unit; of an inverse parameter (a stiffness) the largest. None where the effect would
-    # show nothing at all.
+    # Limit in the parameter's unit, an upper one for an inverse parameter (a stiffness); None for an invisible effect.
     value: float | None
-    hidden: bool  # whether no plausible effect is so large, so that none would have been named
-    # What hides smaller ones: one of `HIDES`; or `size`, where smaller ones would be seen and are too small to matter.
-    bound_by: str
+    hidden: (
+        bool  # whether the limit is beyond the plausible range, so that no plausible effect would have been accepted
+    )
+    bound_by: str  # what hides smaller effects: one of `HIDES`, or `size` if they are too small to matter
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """Its record, by the names of the joints."""
+        """Its record, with joint names."""
         return {
             "effect": self.effect.id,
             "joints": [joints[self.joint]] if self.effect.scope == "joint" else list(joints),
@@ -62,7 +62,7 @@ class SizeLimit:
         }
 
     def untestable(self, joints: Sequence[str]) -> NotTestable:
-        """Why it is not testable, where it is hidden."""
+        """The entry of `not_testable` for an effect that is hidden."""
         where = f" of {joints[self.joint]}" if self.effect.scope == "joint" else ""
         least = "above" if self.effect.typical.inverse else "below"
         hidden = (
@@ -73,17 +73,17 @@ class SizeLimit:
 
 @dataclass(frozen=True, eq=False)
 class _TypicalEffect:
-    """A typical effect at a joint: its point of the grid, coefficients, and by how much it must grow to be named."""
+    """An effect of typical size at a joint, and by how much it must grow to be accepted."""
 
-    group: Group  # the point
+    group: Group  # its point of the grid
     beta: Float[Array, " k"]  # its coefficients
-    size: float  # its parameter, as large as is typical
-    by_noise: float  # least multiple that stands out of the noise
-    by_size: float  # least multiple that matters
+    size: float  # the parameter that is its size
+    by_noise: float  # least multiple whose log evidence suffices
+    by_size: float  # least multiple whose held-out gain suffices
 
     @property
     def multiple(self) -> float:
-        """Least multiple that would have been named."""
+        """Least multiple that would have been accepted."""
         return LIMIT.in_practice * max(self.by_noise, self.by_size)
 
 
@@ -94,13 +94,13 @@ def find_limits(
     inflation: float,
     session: SessionContext,
 ) -> tuple[SizeLimit, ...]:
-    """Limits of all effects at all joints that have no name.
+    """Detection limits of all effects at all joints where they were not accepted.
 
     Args:
-        search: The search that gave the names.
+        search: The search.
         found: Its results.
-        views: The final model, tuned, and with the URDF fixed.
-        inflation: By how much blocks vary more than the noise model says.
+        views: The final model, with tuned inertias and with the URDF's fixed.
+        inflation: Variance inflation.
         session: The runs.
     """
     accepted = {item.group.key[:2] for item in found.accepted}
@@ -114,7 +114,7 @@ def find_limits(
 
 
 def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> SizeLimit | None:
-    """The limit of an effect at a joint at typical inner parameters; where another joint takes part, for the worst."""
+    """The limit of an effect at a joint at typical inner parameters; of effects with a second joint, the worst one."""
     worst: _TypicalEffect | None = None
     for groups in by_other:
         tried = [one for one in map(finder.at, _typical_points(groups)) if one is not None]
@@ -132,13 +132,13 @@ def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> Size
 
 
 def _typical_points(groups: Sequence[Group]) -> list[Group]:
-    """The points of an inner grid that are nearest to what is typical; all where nothing is."""
+    """The grid points nearest to the typical inner parameters; all points if none are typical."""
     apart = [group.effect.typical.distance(group.variant.inner) for group in groups]
     return [group for group, one in zip(groups, apart, strict=True) if one <= min(apart) + 1e-9]
 
 
 class _LimitFinder:
-    """What the final model would leave of typical effects."""
+    """Computes the multiples of typical effects that the final model would have accepted."""
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class _LimitFinder:
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
     def at(self, group: Group) -> _TypicalEffect | None:
-        """A typical effect at a point of its grid; None where its size is not in proportion to its coefficients."""
+        """A typical effect at a grid point; None if its size is not proportional to its coefficients."""
         beta = self._coefficients(group)
         if beta is None:
             return None
@@ -174,7 +174,7 @@ class _LimitFinder:
         return _TypicalEffect(group, beta, self._size(group, beta), float(by_noise), float(by_size))
 
     def is_impossible(self, one: _TypicalEffect) -> bool:
-        """Whether no arm has it as large as it must be."""
+        """Whether no arm has the effect at the size that it would need."""
         effect, context, beta = one.group.effect, self._context(one.group), one.multiple * one.beta
         estimates = effect.parameters(
             context, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta)))
@@ -191,17 +191,17 @@ class _LimitFinder:
         return "encoder" if float(shares.max()) > 0.5 else "torque"
 
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
-        """Those of a typical effect that make up its parameter."""
+        """Coefficients of a typical effect, zero where its size does not depend on them."""
         width = len(group.columns)
         beta = group.effect.typical_coefficients(self._context(group), group.joint, group.variant, width)
         key = group.effect.id, width, group.variant.shape.get("law")
-        if key not in self._parts:  # the same at every joint
+        if key not in self._parts:  # all joints share the answer
             self._parts[key] = self._parts_of(group, beta)
         parts = self._parts[key]
         return None if parts is None else np.where(parts, beta, 0.0)
 
     def _parts_of(self, group: Group, beta: Float[Array, " k"]) -> Bool[Array, " k"] | None:
-        """Which coefficients its parameter depends on; None where it doesn't grow in proportion to them."""
+        """Which coefficients determine the size; None if it is not proportional to them."""
         whole = self._size(group, beta)
         parts = beta != 0.0
         for k in np.flatnonzero(parts):
@@ -212,7 +212,7 @@ class _LimitFinder:
         return parts if parts.any() and whole > 0.0 and abs(half / whole - 1.0) < LIMIT.proportion else None
 
     def _size(self, group: Group, beta: Float[Array, " k"]) -> float:
-        """Size of the parameter that is an effect's size."""
+        """Value of the parameter that is an effect's size."""
         return group.effect.size_of(self._context(group), group.joint, group.variant, beta)
 
     def _context(self, group: Group) -> SessionContext:
@@ -222,7 +222,7 @@ class _LimitFinder:
         return self.search.is_absorbed(*self.views, group)
 
     def _required_log_evidence(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
-        """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
+        """Gain that acceptance needs: the cost of the effect's prior, columns and grid, and the threshold [nats]."""
         cost = self.search.complexity_cost(group)
         if group.prior is not None:
             known = self.views[0].rest(group.columns)
@@ -238,7 +238,7 @@ class _LimitFinder:
         return max(float(squares) / float(self.counts[joint]), 0.0)
 
     def _relevance(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
-        """Closed mean squares over the least that the gates ask for: the least of these ratios."""
+        """Least ratio of the closed mean squares to those that the acceptance criteria need."""
         settings = self.search.settings
         ratio = float(np.max(closed / np.maximum(settings.least_own_share * self.gap[joints], 1e-12)))
         if absorbed:
@@ -260,7 +260,7 @@ def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
 
 @compiled(error_model="numpy", nogil=True)
 def _respond(filtering: Array, response: Array) -> None:
-    """What a unit shock becomes in noise that a prediction-error filter (1, −a₁, …) whitens, filter by filter."""
+    """Impulse response of autoregressive noise, from its prediction-error filter (1, −a₁, …), filter by filter."""
     for i in range(filtering.shape[0]):
         response[i, 0] = 1.0
         for k in range(1, response.shape[1]):

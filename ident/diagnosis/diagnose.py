@@ -1,4 +1,9 @@
-"""The whole diagnosis: from motions and an arm to a verdict with evidence."""
+"""The whole diagnosis: from smoothed motions and an arm to a verdict with its evidence.
+
+The steps: tune the arm (inertias and losses); sum the columns of all candidate effects over blocks; select effects;
+test them against a discrepancy; add wrong links; then measure residuals, held-out gains, detection limits and the gap's
+map.
+"""
 
 from __future__ import annotations
 
@@ -54,9 +59,9 @@ from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 
-# By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
+# Divisor of the URDF's tolerance for reported errors of the untuned model: a larger one changes no digit of them.
 FIXED_URDF_FACTOR = 1e5
-# Why a name does not stand that a discrepancy explains about as cheaply.
+# Reason that an effect is rejected for if a discrepancy explains its torque at about the same cost.
 NOT_BEYOND_DISCREPANCY = (
     "a flexible function of the joint's state explains as much about as cheaply: more likely no such law is at work"
 )
@@ -64,7 +69,7 @@ NOT_BEYOND_DISCREPANCY = (
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """All that the diagnosis computed on the way, for reports, the next experiment and patches."""
+    """The diagnosis with its intermediate results, for reports, the next experiment and patches."""
 
     baseline: Baseline
     session: SessionContext
@@ -89,10 +94,10 @@ def diagnose(
     Args:
         motions, catalogue: All runs, smoothed, and the effects to test for.
         arm: The user's arm, without payload.
-        common_clock: Whether time goes on from run to run.
-        telemetry, seed: What the telemetry check found, passed on; seed of the sign flips.
-        inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
-        settings: The numbers by which it decides.
+        common_clock: Whether the clock continues from run to run.
+        telemetry, seed: Issues of the telemetry check, for the record; seed of the sign flips.
+        inertia_share: Standard deviation of the arm's inertias as a share of each link's scale; that of a URDF if None.
+        settings: Thresholds and priors of all stages.
     """
     static = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in few(motions)) < LEAST_MOVING]
     stage("tuning the arm", 0.2, 0.35)
@@ -114,7 +119,7 @@ def diagnose(
     groups = [item.group for item in found.accepted]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
-    # What is reported of the URDF is said of it as it is; the search keeps to a prior that is tight, not singular.
+    # Errors of the untuned model are reported with the URDF as it is; the search's fixed prior is less tight.
     given = HeldOut(evidence, search.prior.tightened(FIXED_URDF_FACTOR * search.prior.error.scale))
     fixed = project(gram, evidence, given.prior)
     stage("what is left, and what could have been seen", 0.9, 1.0)
@@ -128,7 +133,7 @@ def diagnose(
     improvement = measure_improvement(search, given, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
-    # How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
+    # Tolerance is tested with the usual prior if a single link is wrong, else with the URDF's error as estimated.
     usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
     model = project(gram, evidence, usual.prior, groups)
     usual_inflation = measure_inflation(evidence, model)
@@ -138,7 +143,7 @@ def diagnose(
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
     untuned = search.fixed.score().rms, search.fixed.score(groups).rms
-    laws = len(beside.laws)  # names after them are links'
+    laws = len(beside.laws)  # the effects after these are link errors
     names = [*discount_by_discrepancy(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = HeldOutGain(old, new, measure_shrink(old, new, floors) if found.accepted else 0.0, improvement)
@@ -200,21 +205,20 @@ def diagnose(
 
 @dataclass(frozen=True, eq=False)
 class _DiscrepancyTests:
-    """What a discrepancy says of a session."""
+    """What a discrepancy (a flexible function of each joint's state) explains of a session."""
 
-    # What it sees at each joint beside the names; None where nothing stands out of the noise.
-    left: tuple[LeftAtJoint | None, ...]
-    laws: tuple[Beside, ...]  # what each name is worth beside it
-    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in the names' place
+    left: tuple[LeftAtJoint | None, ...]  # by joint, beside the effects; None where the error is within the noise
+    laws: tuple[Beside, ...]  # evidence of each effect's law beside it
+    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in place of the effects
 
 
 def _test_against_discrepancy(
     selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
 ) -> tuple[Selection, _DiscrepancyTests]:
-    """Names that stand beside a discrepancy, and what it sees; a name that it explains as cheaply is none.
+    """Drops effects that a discrepancy explains at about the same cost, and returns the rest with the tests.
 
-    Each is weighed beside all others: what one explains must not count against its neighbour when it goes. A name may
-    be less likely without those that go.
+    All effects are tested together, so that one that is dropped does not count against its neighbours. An effect's
+    class may be less probable without those that were dropped.
     """
     beside = _fit_discrepancies(selected, session, baseline, settings)
     laws = beside.laws
@@ -233,7 +237,7 @@ def _test_against_discrepancy(
 def _fit_discrepancies(
     selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
 ) -> _DiscrepancyTests:
-    """A discrepancy beside the names, and in their place, where anything is named or stands out of the noise."""
+    """Discrepancies beside the effects and in their place, where any is accepted or an error exceeds its noise."""
     search, found = selected.search, selected.found
     above_noise = [exceeds_noise(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
     explained = np.zeros(session.n)
@@ -258,7 +262,7 @@ def _gap(
     series: Sequence[RunResidual],
     tolerance: Tolerance,
 ) -> dict[str, JointGap]:
-    """The gap of each joint; `rms` is that of the tuned model and of the one with the URDF fixed."""
+    """The gap of each joint; `rms` is the held-out error of the tuned model and of the untuned one."""
     energy = np.array([run_energy(item, item.unseen_before) for item in series])
     return {
         name: JointGap(
@@ -283,7 +287,7 @@ def _findings(
     improvement: Improvement,
     given: HeldOut,
 ) -> tuple[Finding, ...]:
-    """Findings of names; what tuning absorbs closes what it closes of the URDF as it is, `given`."""
+    """The findings in the order of acceptance; absorbed effects are scored with the untuned URDF, `given`."""
     joints, findings, groups = arm.joint_names, [], [item.group for item in found.accepted]
     for k, (item, estimate, share) in enumerate(zip(found.accepted, estimates, improvement.shares, strict=True)):
         sides = (given.score(groups[:k]), given.score(groups[: k + 1])) if item.absorbed else (item.before, item.after)
@@ -308,6 +312,6 @@ def _findings(
 
 
 def _spread(energies: Float[Array, "R k"]) -> float | None:
-    """Standard deviation over the runs of what some joints err by together [J]; None of a single run."""
+    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
     found = spread_of_runs(energies.sum(axis=1))
     return None if found is None else float(found)

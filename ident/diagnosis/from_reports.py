@@ -1,4 +1,4 @@
-"""From paths to a diagnosis: refuses what the telemetry check refuses, and says what is too little to judge."""
+"""From telemetry reports to a diagnosis: sessions that the check refuses, or that are too short, are not fitted."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def diagnose_reports(
     """Diagnoses inspected sessions of one set-up.
 
     Args:
-        reports: The telemetry check of each session, or of each part of a long one; one without runs only adds issues.
+        reports: Telemetry report of each session, or of each part of a long one; one without runs only adds issues.
         arm, catalogue: The robot, as `ArmModel.load` gives it, and the effects to test for.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders show the motion, that of the
-            settings (25 Hz) at most, if None.
-        seed: Of the sign flips.
-        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is reported
+        cutoff: Corner of the common low-pass filter [Hz]; if None, as the encoders' resolution allows, at most that of
+            the settings (25 Hz).
+        seed: Seed of the sign flips.
+        model: The user's own model of this arm. Its identified inertias are taken as known, and its gap is reported
             beside that of the tuned one.
-        settings: The numbers by which it is decided.
+        settings: Thresholds and priors of all stages.
 
     Returns:
-        The diagnosis; all that was computed on the way, if anything was; the motions.
+        The diagnosis, its intermediate results (None if nothing was fitted), and the motions.
 
     Raises:
         RecordingError: The sessions have different joints, or no run is long enough.
@@ -81,10 +81,10 @@ def diagnose_reports(
 
 
 def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
-    """What an action rests on that is in doubt at its joints: a guess, or what their torque reads of gravity's."""
+    """Unmeasured assumptions of a finding's action: a guessed drive gain, or a torque that is off by a factor."""
     words = {"guessed_gains": "; the drive gain of {} is a guess"}
     change = finding.estimate.group.effect.as_change
-    if not change.exact:  # which may be the factor, as a body may
+    if not change.exact:  # an exact change may be that factor itself, and so may a body
         mend_first = "; first mend the factor by which the torque of {} is off, for this size goes with it"
         words[MISREAD] = (
             "; check the drive gain of {}, too: its torque is off by a factor" if change.body else mend_first
@@ -96,24 +96,23 @@ def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
 
 @dataclass(eq=False)
 class _Collected:
-    """What the reports say together, once all have come."""
+    """Accumulates what telemetry reports have in common."""
 
-    joints: tuple[str, ...] = ()  # the joints
-    issues: list[TelemetryIssue] = field(default_factory=list)  # all that the telemetry checks found
-    # Runs, samples, duration.
+    joints: tuple[str, ...] = ()  # joint names
+    issues: list[TelemetryIssue] = field(default_factory=list)  # all issues so far
+    # Number of runs and samples, and duration.
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
-    common_clock: bool = True  # whether time goes on from run to run of a single session
-    session: Path | str = ""  # path or name of the session seen last
-    # Under which the first session was recorded; None for the URDF's [m/s²].
-    gravity: tuple[float, float, float] | None = None
-    # What of each session is among the issues: parts of one that share a fault report it once.
+    common_clock: bool = True  # whether all runs are of one session whose clock continues
+    session: Path | str = ""  # path or name of the last session
+    gravity: tuple[float, float, float] | None = None  # that of the first session [m/s²]; None for the URDF's
+    # Keys of the issues so far: parts of one session report a shared fault once.
     reported: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:
-        """One more session, or one more part of a session.
+        """Adds the report of one more session, or of one more part of a session.
 
         Raises:
-            RecordingError: Its joints are others.
+            RecordingError: Its joints differ from those of the first session.
         """
         session = report.session
         where: str | Path = session.path or session.name
@@ -135,9 +134,9 @@ class _Collected:
 def _prepare_in_turn(
     reports: Iterable[TelemetryReport], collected: _Collected, cutoff: float | None, settings: MotionSettings
 ) -> Iterator[Motion]:
-    """Motions of sessions that are all fit for use; from the first that is not, only checks are kept."""
+    """Motions of the sessions up to the first one with a fatal issue; of later ones only issues are collected."""
     for report in reports:
         collected.take(report)
         if not any(issue.severity == "fatal" for issue in collected.issues):
             yield from prepare_slower(report.session, cutoff, settings)
-        del report  # a part is let go before the next is read
+        del report  # frees this part before the next is read

@@ -1,4 +1,4 @@
-"""`ident.diagnosis/1`: where the gap lies, which effect causes it, how far it shrinks; or why that is not known."""
+"""Records of a diagnosis (`ident.diagnosis/1`): gap of each joint, findings, reservations, further results."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ SCHEMA = "ident.diagnosis/1"
 
 @dataclass(frozen=True, eq=False)
 class Finding(ReportedEffect):
-    """A named effect with its evidence.
+    """An accepted effect with its evidence.
 
     Attributes:
-        named: How it was judged.
+        evaluated: The effect with its acceptance criteria.
         energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
-        energy_std: Standard deviation over the runs of both [J]; None of a single run.
-        share: Its order-free share of what all names close.
+        energy_std: Standard deviations over the runs of both [J]; None for a single run.
+        share: Its Shapley share of the gap that all effects close.
     """
 
     evaluated: Evaluated
@@ -50,7 +50,7 @@ class Finding(ReportedEffect):
 
     @property
     def hidden_torque(self) -> dict[str, float]:
-        """What tuning hides of it at each joint where it shows [N m]: if tuning absorbs it, what it explains there."""
+        """Torque of an absorbed effect that tuned inertias hide, by joint [N m]; 0 if it is not absorbed."""
         sides = ((joint, old, self.rms_after[joint]) for joint, old in self.rms_before.items())
         return {joint: self.evaluated.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
 
@@ -79,18 +79,17 @@ class Finding(ReportedEffect):
 
 @dataclass(frozen=True)
 class JointGap:
-    """What is left at a joint, what is noise, and what could still be explained."""
+    """Errors of a joint: of the models, of the noise, and of the best function of the state."""
 
-    rms: float  # error of the tuned model on held-out runs [N m]
-    fixed_rms: float  # the same with the URDF's inertias fixed [N m]
-    noise_floor: float  # what no model goes below [N m]
-    ceiling_rms: float  # what any function of the state would leave beside the names [N m]
-    unexplained: str | None  # what kind of inputs explain more than the names do, or None where none does
-    tuned_away: float  # what only inertias beyond the URDF's tolerance explain [N m]
-    # Mean and standard deviation over the runs [J]; a single run has no deviation.
-    energy_error: tuple[float, float | None]
-    model_rms: float | None = None  # error of the user's own model [N m], or None where there is none
-    slides: bool = False  # whether the joint slides: [N] then
+    rms: float  # held-out error of the tuned model [N m]
+    fixed_rms: float  # held-out error with the URDF's inertias fixed [N m]
+    noise_floor: float  # floor of any model's error [N m]
+    ceiling_rms: float  # error that a flexible function of the state would leave beside the effects [N m]
+    unexplained: str | None  # kind of inputs on which the residual depends beside the effects; None if on none
+    tuned_away: float  # torque that only inertias beyond the URDF's tolerance explain [N m]
+    energy_error: tuple[float, float | None]  # mean and standard deviation over the runs [J]; None for a single run
+    model_rms: float | None = None  # error of the user's own model [N m]; None without one
+    slides: bool = False  # whether the joint is prismatic: units are N then
 
     def to_dict(self) -> dict[str, Any]:
         mean, std = self.energy_error
@@ -110,12 +109,12 @@ class JointGap:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutGain:
-    """All named effects together, on runs that the fit never saw."""
+    """Gain of all accepted effects together on held-out runs."""
 
-    rms_before: Float[np.ndarray, " n"]  # error without and with them, joint by joint [N m]
-    rms_after: Float[np.ndarray, " n"]
-    shrink: float  # share of what lay above the noise that they close
-    improvement: Improvement  # energy, a learner in their place, and the motion replayed
+    rms_before: Float[np.ndarray, " n"]  # error without them, joint by joint [N m]
+    rms_after: Float[np.ndarray, " n"]  # error with them, joint by joint [N m]
+    shrink: float  # share of the mean square above the noise that they close
+    improvement: Improvement  # energy errors, a discrepancy in the effects' place, and the replayed motion
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         return {
@@ -128,19 +127,19 @@ class HeldOutGain:
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """What stands behind a diagnosis, for pages and patches.
+    """Further results of a diagnosis, for pages and patches.
 
     Attributes:
-        nearest: The candidate that came nearest to a name, where nothing was named.
-        detectable: How small each effect without a name would still have been named.
-        maps: All cells of the map of what the tuned model leaves.
-        maps_fixed: The same with the URDF fixed.
-        baseline: The baseline as tuned beside the names, joint by joint.
-        baseline_alone: The same without them.
-        baseline_urdf: The same with the URDF's inertias fixed.
-        outside_score: How much speaks for a cause that the catalogue lacks, from 0 to 1.
-        leftover: How far what is left stands out of the noise at each joint; above 1 it has no name.
-        tuned_links: By link, how far tuning moved it from the URDF.
+        nearest: Record of the best rejected candidate, if nothing was accepted.
+        detectable: Detection limits of the effects that were not accepted.
+        maps: All cells of the gap's map for the tuned model.
+        maps_fixed: All cells for the model with the URDF's inertias fixed.
+        baseline: Parameters of the baseline tuned beside the accepted effects, by joint.
+        baseline_alone: Parameters of the baseline tuned without them.
+        baseline_urdf: Parameters of the baseline with the URDF's inertias fixed.
+        outside_score: Score from 0 to 1 of a cause outside the catalogue.
+        leftover: Unexplained residual of each joint in units of its threshold.
+        tuned_links: Change of each link from the URDF by tuning, by link name.
     """
 
     nearest: Mapping[str, Any] | None
@@ -155,7 +154,7 @@ class Details:
     tuned_links: Mapping[str, TunedLink]
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
-        """Its record, by the names of the joints."""
+        """Its record, with joint names."""
 
         def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
             return {name: one.to_dict() for name, one in joints.items()}
@@ -175,7 +174,7 @@ class Details:
 
 
 class Exportable(Result):
-    """A result that can be written for simulators."""
+    """A result whose effects can be exported to simulators."""
 
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
@@ -184,7 +183,7 @@ class Exportable(Result):
 
 @dataclass(frozen=True, eq=False)
 class SavedDiagnosis(Exportable):
-    """A diagnosis from its file: its words, its picture, its page and its patch are those of the diagnosis itself."""
+    """A diagnosis read from its file, with the same sentences, picture, page and patch as the diagnosis itself."""
 
     record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
 
@@ -198,25 +197,25 @@ class SavedDiagnosis(Exportable):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Exportable):
-    """The answer: where, which, how far; or why not.
+    """The result of a diagnosis: where the gap lies, its causes, how far they close it; or why it was refused.
 
     Attributes:
         robot: Name of the robot.
         joints: Joint names.
         verdict: `no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`.
-        session: Runs, samples, duration.
-        telemetry: Findings of the telemetry check.
-        gap: For each joint its residual, noise and ceiling.
-        where: Cells of the map.
-        findings: Named effects.
-        heldout: Before and after, all effects together; None where nothing was fitted.
-        not_testable: What these recordings can't show, and why.
-        reservations: Names that were not believed, and other reasons to doubt.
-        details: What stands behind it; None where nothing was fitted.
+        session: Number of runs and samples, and duration.
+        telemetry: Issues of the telemetry check.
+        gap: Errors of each joint by name.
+        where: Cells of the map in which the gap lies.
+        findings: Accepted effects, in the order of the gap that each closes.
+        heldout: Gain of all effects together; None if nothing was fitted.
+        not_testable: Effects that these recordings cannot show, with the reason.
+        reservations: Rejected effects, and other reasons to doubt.
+        details: Further results; None if nothing was fitted.
         catalogue: The effects that were tested.
-        settings: The numbers by which it was decided.
-        robot_option: What `--robot` takes for the robot.
-        until: The looks at more and more runs of which it is the last (`RepeatedLooks`), or None.
+        settings: Thresholds and priors of all stages.
+        robot_option: Argument of `--robot` for this robot.
+        until: The sequence of diagnoses of which this is the last (`RepeatedLooks`), or None.
     """
 
     robot: str
@@ -238,10 +237,10 @@ class Diagnosis(Exportable):
 
     @staticmethod
     def load(path: str | Path) -> SavedDiagnosis:
-        """The diagnosis that `save`, or `ident diagnose --json`, wrote.
+        """The diagnosis in a file that `save`, or `ident diagnose --json`, wrote.
 
         Raises:
-            InputError: No such file, or not of a diagnosis.
+            InputError: There is no such file, or it holds no diagnosis.
         """
         remedy = "give the JSON of `ident diagnose`"
         return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))

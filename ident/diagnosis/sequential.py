@@ -1,9 +1,9 @@
-"""Looking again and again as runs come in: is enough recorded to be confidence, or what is missing?
+"""Group sequential diagnosis: repeated as runs come in, until the result is certain enough.
 
-A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
-once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
-shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Evidence must
-be greater by the share's logarithm.
+A test that is repeated until it rejects has a higher error rate than a single test. So the k-th look is given the share
+6 / (π² k²) of the probability α of a false finding. The shares add up to one over any number of looks, and the
+probability that any look gives a false finding is at most α (Boole's inequality). The threshold of the log evidence
+rises by the logarithm of the share.
 
 Source: Lan and DeMets 1983 (error spending).
 """
@@ -26,13 +26,13 @@ NOISES = ("encoder", "torque")
 
 @dataclass(frozen=True)
 class RepeatedLook:
-    """One look at the first runs."""
+    """A diagnosis of the first runs."""
 
-    runs: int  # how many
+    runs: int  # number of runs
     seconds: float  # their duration together [s]
-    verdict: str  # of the diagnosis
-    family_error: float  # chance of a false name that was spent
-    missing: tuple[str, ...]  # what keeps it from being sure; empty where it is
+    verdict: str  # verdict of the diagnosis
+    family_error: float  # probability of a false finding that this look may spend
+    missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
     def to_dict(self) -> dict[str, Any]:
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
@@ -42,19 +42,19 @@ class RepeatedLook:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedLooks:
-    """All looks until the diagnosis was confidence, or the runs were at their end."""
+    """All looks until the result was certain enough, or all runs were used."""
 
-    confidence: float  # how sure it was to be
+    confidence: float  # required probability
     looks: tuple[RepeatedLook, ...]  # in order
-    diagnosis: Diagnosis  # that of the last look
+    diagnosis: Diagnosis  # the last look's diagnosis
 
     @property
     def enough(self) -> bool:
-        """Whether the last look was sure."""
+        """Whether the last look was certain enough."""
         return not self.looks[-1].missing
 
     def to_dict(self) -> dict[str, Any]:
-        """What a record of the diagnosis holds of it."""
+        """The entry `until` of the diagnosis's record."""
         last = self.looks[-1].to_dict()
         return {
             "sure": self.confidence,
@@ -70,16 +70,16 @@ def diagnose_sequentially(
     confidence: float,
     settings: DiagnosisSettings = USUAL,
 ) -> RepeatedLooks:
-    """Looks at more and more runs until the diagnosis is sure.
+    """Diagnoses more and more runs until the result is certain enough.
 
     Args:
-        look: Diagnoses so many of the first runs, by some settings.
-        total: How many there are.
-        sure: Least probability of every name, and one less the chance of a false name over all looks.
-        settings: By which a single look is made.
+        look: Diagnoses the first so many runs with given settings.
+        total: Number of runs.
+        confidence: Least probability of each finding, and one minus the probability of a false finding over all looks.
+        settings: Settings of a single diagnosis.
 
     Raises:
-        InputError: It can't be so sure.
+        InputError: No finding can have this probability.
     """
     most = settings.selection.most_sure
     if not 0.5 <= confidence <= most:
@@ -98,7 +98,7 @@ def diagnose_sequentially(
 
 
 def count_runs(total: int) -> Iterator[int]:
-    """Numbers of runs at which it is looked; all of them at last."""
+    """Numbers of runs of the successive looks; the last one has all of them."""
     runs = min(LIMIT.first_runs, total)
     while runs < total:
         yield runs
@@ -107,12 +107,12 @@ def count_runs(total: int) -> Iterator[int]:
 
 
 def share_of_look(number: int) -> float:
-    """Share of the chance of a false name that one of many looks, counted from one, may spend."""
+    """Share of the error probability that a look may spend; looks are counted from one."""
     return 6.0 / (pi * number) ** 2
 
 
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
-    """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
+    """Settings of one look, counted from one, such that all looks together have the error probability `error`."""
     held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
     selection = held.but(
         least_nats=held.least_nats + nats,
@@ -123,10 +123,10 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
 
 
 def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
-    """What keeps a diagnosis from being sure; nothing where it is."""
+    """Reasons why a diagnosis is not certain enough; none if it is."""
     if diagnosis.verdict == "no_gap":
         limits = () if diagnosis.details is None else diagnosis.details.detectable
-        # What shows nothing at all no amount of runs shows; what shows too little does with more of them.
+        # More runs lower a finite detection limit, but do not show what leaves no trace at all.
         hidden = [one for one in limits if one.hidden and one.bound_by in NOISES and one.value is not None]
         places = sorted({f"{one.effect.id} of {diagnosis.joints[one.joint]}" for one in hidden})
         if places:

@@ -1,4 +1,4 @@
-"""The gap against a model that the user has, as it is: nothing of it is tuned."""
+"""The gap against a model that the user has, none of it tuned."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ident.model.hybrid import HybridModel
 
 
 def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
-    """The analysis with what the model's last rung leaves of each joint that it speaks of, `model_rms_Nm`."""
+    """The analysis with the error of the user's model, on its last rung, at each of its joints (`model_rms_Nm`)."""
     squares, counts = (dict.fromkeys(model.joint_names, 0.0) for _ in range(2))
     for item in analysis.series:
         motion = item.run.motion

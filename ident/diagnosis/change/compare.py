@@ -1,9 +1,8 @@
-"""What changed between two sets of recordings of one arm: from motions to changes with evidence.
+"""What changed between two sets of recordings of one arm: from motions to changes with their evidence.
 
-Both sets share one baseline: the arm's inertias, tuned and hardly held by the URDF, its losses, and every law that is
-tested, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
-the same laws in the later set alone, selected as a diagnosis selects effects; and each must stand out
-against what the runs of one set differ by among themselves.
+Both sets share one baseline: the arm's inertias with a loose prior, its losses, and every law in all runs alike. Errors
+of the model that are the same before and after cancel in it. The candidates are the same laws in the later set alone.
+They are selected stepwise as in a diagnosis, but by a test against the differences between runs of one set (`search`).
 """
 
 from __future__ import annotations
@@ -47,15 +46,15 @@ TOO_FEW = "both sets together have fewer samples in the encoders' band than the 
 
 @dataclass(frozen=True, eq=False)
 class _Changes:
-    """Changes that stand, with all that goes with them."""
+    """Significant changes, and what else the search found."""
 
-    found: SearchResults
-    estimates: tuple[Estimate, ...]
-    significances: tuple[Significance, ...]
-    reservations: tuple[Reservation, ...]
-    confounded: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
-    implausible: bool  # something stood out whose parameters no arm has
-    tests: int  # how many changes may have been
+    found: SearchResults  # the changes
+    estimates: tuple[Estimate, ...]  # one for each change
+    significances: tuple[Significance, ...]  # one for each change
+    reservations: tuple[Reservation, ...]  # rejected changes
+    confounded: tuple[tuple[Group, ...], ...]  # for each change the effects and places that explain it as well
+    implausible: bool  # whether a significant change was rejected for parameters that no arm has
+    tests: int  # number of changes that were tested
 
 
 def compare(
@@ -70,12 +69,12 @@ def compare(
     """Compares two sets of runs.
 
     Args:
-        before, after: Motions of both sets, of the same joints and filtered alike.
+        before, after: Motions of both sets, of the same joints and with the same filter.
         arm: The user's arm, without payload.
-        sides: What the sets are, for the record.
-        seed: Of how runs are dealt into sets that are none.
-        settings: The numbers by which it decides.
-        doubt: How well the gains are known by which torques are read: a body is no better known.
+        sides: Description of the sets, for the record.
+        seed: Seed of the permutations of runs.
+        settings: Thresholds and priors.
+        gain_uncertainty: Uncertainty of the gains of the torque readings, which limits that of a body's size.
     """
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
@@ -102,7 +101,7 @@ def compare(
 
 
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
-    """The search over a design; one run a side shows no law of friction."""
+    """The search over a design, laws of friction excluded at joints that move in one run a side at most."""
     evidence = design.sums.evidence
     once = design.moves_once
     excluded = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
@@ -114,7 +113,7 @@ def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side
 
 
 def _find_changes(search: ChangeSearch) -> _Changes:
-    """Changes that stand and whose parameters arms can have, each with its class and with where it may be as well."""
+    """Significant and plausible changes, each with its class and with the places that it is confounded with."""
     design, joints = search.design, search.design.baseline.nominal.joint_names
     reservations: list[Reservation] = []
     implausible = False
@@ -135,13 +134,8 @@ def _find_changes(search: ChangeSearch) -> _Changes:
     keys = {group.key for group in accepted}
     for group, significance in ((one.group, one.significance) for key, one in failed.items() if key not in keys):
         where = (joints[group.joint],) if group.effect.scope == "joint" else joints
-        why = (
-            ANOTHER_DAY
-            if significance.mostly_between_days
-            else ANOTHER_RUN
-            if significance.mostly_between_runs
-            else TOO_UNSURE
-        )
+        why = ANOTHER_RUN if significance.mostly_between_runs else TOO_UNSURE
+        why = ANOTHER_DAY if significance.mostly_between_days else why
         reservations.append(Reservation(group.effect.id, where, why, {}))
     confounded = tuple(find_confounded(search, accepted, slot) for slot in range(len(accepted)))
     gains = [may_be_gain(one.refined, design.session, one.coefficients, one.covariance) for one in estimates]
@@ -151,7 +145,7 @@ def _find_changes(search: ChangeSearch) -> _Changes:
 
 
 def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
-    """The names as a search's results, each beside those before it."""
+    """The changes as results of a search, each scored beside those before it."""
     found, gram = [], search.evidence.gram()
     ladder = [search.held_out.score(names[:k]) for k in range(len(names) + 1)]
     for slot in range(len(names)):
@@ -161,12 +155,12 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
 
 
 def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
-    """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are.
+    """The estimate of a body with each joint's gain uncertain; other estimates as they are.
 
     Args:
-        estimate: As the blocks and the runs have it.
-        widening: By how much more runs differ than blocks: that is beside what gains are off by.
-        fine: All names on their finer grids.
+        estimate: The estimate, by the blocks' and runs' differences.
+        widening: Factor by which the differences between runs exceed those between blocks.
+        fine: All changes on fine grids.
         design: Both sets of runs.
     """
     group = estimate.refined
@@ -184,7 +178,7 @@ def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, d
 
 
 def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
-    """Changes that these two sets can't show, and why."""
+    """Changes that these two sets cannot show, with the reason."""
     evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
     right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
@@ -209,6 +203,7 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
 def _result(
     changes: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
 ) -> ArmComparison:
+    """The comparison's record from the changes."""
     joints, floor = arm.joint_names, design.sums.evidence.floor
     found = []
     each = zip(changes.found.accepted, changes.estimates, changes.significances, changes.confounded, strict=True)

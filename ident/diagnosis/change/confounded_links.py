@@ -1,13 +1,12 @@
-"""Bodies of several links that these recordings confound, and the place of each.
+"""Confounded changes: effects and places that these recordings do not distinguish from a change.
 
-A body on one link and one on the next pull alike at every joint below them; what distinguishes them is what they do at
-the joint between, and their inertia. Two models of as many columns, neither part of the other, are compared by what
-each leaves of every block, d their difference: Σ d / (√B std d) is a standard normal if both are as far from the truth,
-whatever the truth and however far. Log evidence takes the model's own errors for noise: of small differences it is too
-sure.
+A body on one link and one on the next act alike on all joints below them; only the joint between them and their inertia
+distinguish them. Two non-nested models of as many columns are compared by the difference d of their misfits in each
+block: Σ d / (√B std d) is a standard normal variable if both are equally far from the truth (Vuong's test). Log
+evidence would be too certain here, for it takes the model's errors for noise.
 
-What a body's second moments lack about a place known beforehand, a second body elsewhere makes up for, and is then
-reported beside the true one (`ident.effects.added_body`). So each is laid out once more about where it was found.
+The columns of a body are laid out about an assumed place; if that is wrong, their second moments are, and a second body
+elsewhere compensates (`ident.effects.added_body`). So they are laid out again about the estimated place.
 
 Source: Vuong 1989 (likelihood ratio tests for model selection and non-nested hypotheses).
 """
@@ -32,12 +31,12 @@ from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
 
 def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
-    """What explains as much as a change, nearest first: the same effect elsewhere, another at its joint, any body.
+    """Effects that explain as much as a change, best first: the same one elsewhere, another at its joint, any body.
 
     Args:
-        search: The search that gave the names.
-        groups: All names.
-        slot: which of them is tested.
+        search: The search that selected the changes.
+        groups: All changes.
+        slot: Index of the change.
     """
     own, evidence, gram = groups[slot], search.evidence, search.evidence.gram()
     others = [group for k, group in enumerate(groups) if k != slot]
@@ -58,7 +57,7 @@ def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple
 
 
 def distinguished(difference: Float[Array, " B"]) -> bool:
-    """Whether one model leaves more than another beyond what blocks differ by."""
+    """Whether one model's misfit exceeds another's significantly, by the differences of their blocks (Vuong's test)."""
     blocks = len(difference)
     return bool(difference.sum() > CHANGE.apart * np.sqrt(blocks) * difference.std(ddof=1))
 
@@ -66,13 +65,13 @@ def distinguished(difference: Float[Array, " B"]) -> bool:
 def place_bodies(
     search: Search, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
 ) -> tuple[Effect, ...]:
-    """All changes that are tested, each body about the place at which it alone would explain most.
+    """All changes that are tested, each body laid out about the place at which it alone explains most.
 
     Args:
         search: A search over a first design.
-        others: What changed beside the body.
+        others: Changes beside the body.
         session: The runs.
-        effects: All that may have changed.
+        effects: All effects that may have changed.
     """
     model = project(search.evidence.gram(), search.evidence, search.prior, others)
     best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]
@@ -91,7 +90,7 @@ def place_bodies(
 
 
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:
-    """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
+    """Estimated centre of mass of a body, no farther out than a tool's centre; None if its mass is zero."""
     arm = session.runs[0].arm
     context = group.effect.asked(session)
     estimates = group.effect.parameters(context, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))

@@ -1,15 +1,15 @@
-"""How much a law gains between sets of runs that are none: the null of a change, from the recordings themselves.
+"""Null distribution of a change's gain, by permutation of the recordings' own runs.
 
-No model of a real arm holds everywhere. What it lacks shows another face in each run's motion, and between two sets of
-few runs that is a difference, which some law explains. The same runs are dealt into two other sets, half of each side
-in either: whatever came between the sides came to both, and what a law then gains is by chance and misfit alone. With k
-columns and noise of its known size it would be k. Of each law its mean gain a column, s², is an estimate of by how much
-more it gains on this arm; few dealings say little of it, so it is drawn to that of all laws at the same joint,
+No model of a real arm is complete. Its residuals differ with each run's motion, and some law explains that difference
+between two sets of few runs. So the runs are permuted into two other sets that each hold half of either side: any
+change is then the same in both, and a law's gain is due to noise and model error alone. With k columns and noise of the
+modelled size it would be k. A law's mean gain a column, s², estimates its null variance with f degrees of freedom. With
+few permutations that is uncertain, so it is shrunk towards that of all laws at the same joint,
 
     c = (f₀ s₀² + f s²) / (f₀ + f),
 
-with s₀² and f₀ fitted to them as a scaled inverse chi² distribution. A change's own gain counts as gain / c, with
-f₀ + f degrees of freedom. An arm of which the model is right has c near one, and loses nothing.
+with s₀² and f₀ fitted to them as a scaled inverse χ² distribution. A change's gain is divided by c, with f₀ + f degrees
+of freedom. If the model is right c is near one, and no power is lost.
 
 Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and how their prior is fitted).
 """
@@ -36,7 +36,7 @@ from ident.diagnosis.regression.positive import factorise
 
 @dataclass(frozen=True)
 class NullVariance:
-    """Mean square that a law gains by chance and misfit, over what noise alone would give."""
+    """Mean gain a column of a law without a change, in units of the noise's."""
 
     ratio: float  # one where the model leaves nothing but noise
     freedom: float  # degrees of freedom of that estimate
@@ -44,22 +44,22 @@ class NullVariance:
 
 @dataclass(frozen=True, eq=False)
 class PermutedSets:
-    """Sums of some parts of the runs, dealt into other sets than before and after."""
+    """Sums of parts of the runs, permuted between the two sets."""
 
     sums: PairedSums  # the sums of both sides
     parts: tuple[Float[Array, "K p p"], ...]  # for each joint, its whitened sums over each part
     whole: Float[Array, "P P"]  # all joints' sums over all parts
-    permutations: tuple[Int[Array, " h"], ...]  # of each the parts that stand for the later set
+    permutations: tuple[Int[Array, " h"], ...]  # for each permutation the parts that form the later set
     freedom: int  # number of parts, less the two sides' means
 
     @classmethod
     def of(cls, sums: PairedSums, sides: Sides, seed: int = 0) -> PermutedSets:
-        """Deals the runs of two sides.
+        """Permutes the runs of two sides.
 
         Args:
             sums: The sums.
-            sides: Which runs are of which side.
-            seed: Which of all ways to deal them.
+            sides: The side of each run.
+            seed: Seed of the permutations.
         """
         evidence = sums.evidence
         label = _parts(sides)
@@ -73,14 +73,14 @@ class PermutedSets:
         return cls(sums, tuple(parts), whole, _draw_permutations(later, seed), len(members) - 2)
 
     def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
-        """By how much more each law of one joint's rows, or of several joints' (-1), gains between sets that are none.
+        """Null variance of each law of one joint's rows, or of several joints' (-1), by the law's key.
 
-        It is given by a law's key; by None of one that is not seen, as all of them together say.
+        The key None has that of a law whose columns are not visible: the prior fitted to all of them.
 
         Args:
-            joint: The joint.
-            prior: What is known of the baseline.
-            names: All that changed between the sides.
+            joint: Index of the joint, or -1.
+            prior: Prior of the baseline.
+            names: All changes between the sides.
         """
         permuted = self._permuted_laws(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout
@@ -120,7 +120,7 @@ class PermutedSets:
         return {}
 
     def _permuted_laws(self, joint: int) -> _PermutedLaws:
-        """Sums of all laws of a joint's rows alone, or of those of several joints (-1), in each dealing."""
+        """Sums of all laws of a joint's rows alone, or of several joints' rows (-1), in each permutation."""
         if joint not in self._cache:
             layout, always = self.sums.evidence.layout, self.sums.always
             laws = [one for one in layout.groups if not one.borrows]
@@ -146,20 +146,20 @@ class PermutedSets:
 
 
 class _PermutedLaws(NamedTuple):
-    """Some laws in sets that are none."""
+    """Sums of some laws in permuted sets."""
 
-    columns: Int[Array, " c"]  # of all of them
-    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # of each its key and which of the columns are its own
-    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by dealing: with all columns, with themselves
+    columns: Int[Array, " c"]  # columns of all laws
+    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # for each law its key, and the indices of its columns
+    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by permutation: with all columns, with these
 
 
 def joint_of(group: Group) -> int:
-    """The joint whose rows alone speak of a law; -1 for several."""
+    """The joint whose rows alone determine a law; -1 for several joints."""
     return group.joint if group.effect.rows == "own" else -1
 
 
 def _parts(sides: Sides) -> Int[Array, " B"]:
-    """Part of each block."""
+    """Part of each block: a run, several runs, or a piece of the only run."""
     found = np.zeros(len(sides.run_of_block), dtype=int)
     first = 0
     for side in (False, True):
@@ -173,7 +173,7 @@ def _parts(sides: Sides) -> Int[Array, " B"]:
 
 
 def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
-    """Sets that hold half of each side; not the same twice, nor what is left of another."""
+    """Sets that hold half of the parts of each side; no set twice, nor the complement of another."""
     sides = [np.flatnonzero(later == side) for side in (False, True)]
     halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]
     rng, every = np.random.default_rng(seed), frozenset(range(len(later)))
@@ -187,7 +187,7 @@ def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, 
 
 
 def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> NullVariance:
-    """Scale and degrees of freedom of a prior of variances, by the moments of their logarithms."""
+    """Scale and degrees of freedom of a scaled inverse χ² prior of variances, by the moments of their logarithms."""
     if len(squares) < 3:
         return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom)
     logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)

@@ -1,19 +1,18 @@
-"""The search among changes: the likeliest first, each beside the others and against what the same runs show by chance.
+"""Stepwise selection of changes, with a test against the differences between runs of one set.
 
-Both sets share a baseline of hundreds of columns, of which a run left out shows some that no other run does: what a
-model says there is a guess, and its held-out score a matter of chance. The evidence, in which every column has a prior,
-counts what is known. A change's size has a variance V, as a share of its square: that by blocks, or what its law gains
-by between sets that are none (`permuted_sets`), whichever is more. With ν degrees of freedom for V, its k coefficients
-have the log likelihood ratio
+The baseline has hundreds of columns that some runs do not determine, so held-out scores are too uncertain here, and the
+evidence with its priors decides. The relative variance V of a change's size is that between blocks, or that of the
+law's gain between permuted sets (`permuted_sets`), whichever is more; for friction between-day variance and a random
+walk are added. With ν degrees of freedom for V, k coefficients have the log likelihood ratio
 
     Λ = ½ (ν + k) log(1 + 1 / (ν V)),
 
-against which stands what it costs to be one of so many, and as wide beforehand as N samples are less sure than V:
+and, the prior as wide as N samples are less certain than V, V₀ by the noise model alone,
 
-    log odds = Λ − ½ k log(N V₀ / V) − log(points of its grid) − log(effects),    V₀ by the noise model alone.
+    log odds = Λ − ½ k log(N V₀ / V) − log(points of its grid) − log(effects).
 
-Of what would stand at the same joints the name is what has most evidence; its class holds the others by theirs, V₀ / V
-of it.
+Of the significant candidates at the same joints the one of greatest log evidence is selected; the others form its
+class, their log evidence differences scaled by V₀ / V.
 
 Source: Satterthwaite 1946 (degrees of freedom).
 """
@@ -45,36 +44,34 @@ from ident.effects.intervals import NORMAL_95
 
 @dataclass(frozen=True)
 class Significance:
-    """How a change stands against the runs' own differences."""
+    """Significance of a change against the differences between runs and days."""
 
-    p_value: float  # for one change
-    run_std: float  # standard deviation from run to run of the effect, as a share of the change
-    widening: float  # factor on the half-widths of intervals that count the blocks' noise alone
-    mostly_between_days: (
-        bool  # whether it is mostly unsure as friction differs by day or wanders, whatever these runs say
-    )
-    mostly_between_runs: bool  # whether as runs or days differ, and not by noise
-    log_likelihood_ratio: float  # log likelihood ratio against none
-    log_variance_inflation: float  # log of by how much its variance exceeds that of the noise model
+    p_value: float  # of a single test
+    run_std: float  # between-run standard deviation of the effect, as a share of the change
+    widening: float  # factor on the half-widths of intervals that have the variance between blocks alone
+    mostly_between_days: bool  # whether between-day variance and the random walk are most of its variance
+    mostly_between_runs: bool  # whether the variance between blocks is less than half of its variance
+    log_likelihood_ratio: float  # of the change against none [nats]
+    log_variance_inflation: float  # log ratio of its variance to that of the noise model
 
 
 def measure_significance(
     gain: float, k: int, blocks: tuple[float, float], null: NullVariance, day: DayToDay, counts: tuple[int, int]
 ) -> Significance:
-    """Holds a change against the runs.
+    """Tests a change by F with Satterthwaite's degrees of freedom.
 
     Args:
-        gain: Squares of whitened noise that it explains.
+        gain: Fall of the whitened misfit by the change.
         k: Number of its coefficients.
-        blocks: Variance of its size by blocks, as a share of its square, and their number.
-        null: By how much more than by noise it gains between sets that are none.
-        day: What it may differ by though nothing was done.
-        counts: Runs of either set.
+        blocks: Variance of its size between blocks, as a share of its square, and the number of blocks.
+        null: Null variance of its gain between permuted sets.
+        day: Variation of friction without a change.
+        counts: Number of runs of either set.
     """
-    if not gain > 0.0:  # of a size that is zero nothing is seen
+    if not gain > 0.0:
         return Significance(1.0, 0.0, 1.0, False, False, 0.0, 0.0)
     by_blocks, by_runs, walk = blocks[0], max(0.0, null.ratio / gain - blocks[0]), day.walk_variance(counts)
-    # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
+    # Only estimated variances limit the degrees of freedom; between-day variance and the walk's step are given.
     estimated = by_blocks**2 / max(blocks[1] - 1.0, 1.0) + (by_runs**2 / null.freedom if by_runs > walk else 0.0)
     variance = by_blocks + max(by_runs, walk) + day.between_day_std**2
     dof = variance**2 / (estimated + 1e-300)
@@ -93,16 +90,16 @@ def measure_significance(
 
 @dataclass(frozen=True, eq=False)
 class TestedChange:
-    """A change and how it stands."""
+    """A change with the result of its test."""
 
     group: Group  # the change
-    significance: Significance  # how it stands against the runs
-    odds: float  # log odds of it against none, beyond those that it must have
+    significance: Significance  # its test
+    odds: float  # log odds of the change against none, less the threshold; positive if it is significant
 
 
 @dataclass(frozen=True, eq=False)
 class LaterHeldOut(HeldOut):
-    """Held-out scores whose sizes are those of the later set."""
+    """Held-out scores of the later set's folds alone."""
 
     later: Bool[Array, " F"]
 
@@ -114,26 +111,26 @@ class LaterHeldOut(HeldOut):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChangeSearch(Search):
-    """Changes by how likely they are."""
+    """Stepwise selection of changes."""
 
     design: PairedDesign  # both sets of runs
-    sessions: tuple[int, int] = (1, 1)  # number of sessions of each
+    sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
 
     @cached_property
     def threshold(self) -> float:
-        """Log evidence that a change must have; of their places and points effects pay for themselves."""
+        """Least log odds of a change, corrected for the number of effects; their grids have a cost of their own."""
         return float(np.log(CHANGE.least_odds * len({group.effect.id for group in self.evidence.layout.groups})))
 
     @cached_property
     def tests(self) -> int:
-        """How many changes may be, whatever their inner parameters."""
+        """Number of changes that are tested, grid points not counted."""
         return len({group.key for group in self.evidence.layout.groups} - self.excluded)
 
     def find(self) -> tuple[list[TestedChange], dict[Key, TestedChange]]:
-        """Changes that stand, and those that explained as much as a change must and did not.
+        """Significant changes, and candidates of enough log evidence that failed the test.
 
-        What did not stand beside few names is tried again beside more: what they explain was chance to it. A name that
-        fell stays out.
+        A candidate that failed beside few changes is tested again beside more, for these explain part of its null
+        variance. A change that was eliminated stays out.
         """
         names: list[Group] = []
         rejected: dict[Key, TestedChange] = {}
@@ -148,7 +145,7 @@ class ChangeSearch(Search):
     def _forward_step(
         self, names: Sequence[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]
     ) -> Group | None:
-        """The likeliest further change that stands beside the names."""
+        """The most likely candidate that is significant beside the changes selected so far; None if none is."""
         tried: dict[Key, TestedChange] = {}
         for one in self.candidates(names):
             if one.key not in eliminated:
@@ -161,7 +158,7 @@ class ChangeSearch(Search):
         return None
 
     def _exceeds_model_error(self, group: Group, names: Sequence[Group]) -> bool:
-        """Whether a change is more than what a larger cause of slightly another law may leave at its joints."""
+        """Whether a change explains more than a larger cause may leave at its joints by the error of its law."""
         models = (project(self.evidence.gram(), self.evidence, self.prior, one) for one in ((), names, (*names, group)))
         none, before, after = (squares_left(self.evidence, model).sum(axis=1) for model in models)
         joints = group.acts_on(self.evidence.layout.n)
@@ -170,14 +167,14 @@ class ChangeSearch(Search):
         return bool(own[most] >= self.settings.least_own_share * all_of_them[most])
 
     def is_friction_drift(self, group: Group, names: Sequence[Group], day_limited: Sequence[Group]) -> bool:
-        """Whether a change says nothing beside friction that differs from day to day: it stands in for it."""
+        """Whether a change loses its log evidence beside candidates that may be between-day variation of friction."""
         gram = self.evidence.gram()
         model = project(gram, self.evidence, self.prior, names)
         others = [one for one in day_limited if not is_gain_by_load(model, group, one)]
         return bool(others) and self.log_evidence_beside(gram, group, [*names, *others]) < self.threshold
 
     def _prune(self, names: list[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]) -> list[Group]:
-        """The names, each at its best point or with a likelier one in its place, without those that do not stand."""
+        """Swaps each change for the most likely rival, and eliminates those that are not significant."""
         for _ in range(CHANGE.rounds):
             before = list(names)
             for slot, own in enumerate(names):
@@ -196,42 +193,43 @@ class ChangeSearch(Search):
         return names
 
     def candidates(self, names: Sequence[Group]) -> dict[Group, float]:
-        """What may have changed beside the names, of that which has enough evidence, most first; with its evidence."""
+        """Candidates of enough log evidence beside the changes, with their log evidence, the most likely first."""
         known = frozenset(names)
         if known not in self._candidate_cache:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
             best = {group: score for score, group in self.best_by_key(model, names).values() if score >= self.threshold}
             joints = {joint_of(group) for group in best}
-            # What counts at a joint is what all laws there gain by chance.
+            # Gains at a joint are compared in units of the null variance of all laws there.
             null_ratio = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
-            counts = {group: score / null_ratio[joint_of(group)] for group, score in best.items()}
+            scaled_scores = {group: score / null_ratio[joint_of(group)] for group, score in best.items()}
             scores = block_scores(self.evidence, model)
 
             def odds(group: Group) -> float:
-                """A test by its blocks, to which what shows in few of them or changes its sign is nothing."""
+                """Log odds by the variance between blocks: low if few blocks show it, or with changing sign."""
                 gain, scaled = self.gain_of(model, group)
                 uneven = float(np.square(scores[:, group.columns] @ scaled).sum()) / gain**2 * len(scores)
                 return 0.5 * (len(scores) + len(group.columns)) * np.log1p(1.0 / uneven) - self.complexity_cost(group)
 
-            tried = (sorted(counts, key=key, reverse=True)[: CHANGE.most_weighed] for key in (counts.__getitem__, odds))
-            likely = sorted({one for some in tried for one in some}, key=lambda one: -counts[one])
+            orders = (sorted(scaled_scores, key=key, reverse=True) for key in (scaled_scores.__getitem__, odds))
+            tried = {one for order in orders for one in order[: CHANGE.most_weighed]}
+            likely = sorted(tried, key=lambda one: -scaled_scores[one])
             self._candidate_cache[known] = {one: best[one] for one in likely}
         return self._candidate_cache[known]
 
     @cached_property
     def _candidate_cache(self) -> dict[frozenset[Group], dict[Group, float]]:
-        """What was found already: it is needed again."""
+        """Candidates by the changes beside which they were evaluated."""
         return {}
 
     def _rivals(self, own: Group, others: Sequence[Group]) -> dict[Group, float]:
-        """What would stand at a change's joints in its place, itself among it; with its evidence."""
+        """Significant candidates at a change's joints in its place, itself among them, with their log evidence."""
         n = self.evidence.layout.n
         here = set(own.acts_on(n))
         near = {one: score for one, score in self.candidates(others).items() if here & set(one.acts_on(n))}
         return {one: score for one, score in near.items() if self.test([*others, one])[-1].odds > 0.0}
 
     def test(self, names: Sequence[Group]) -> list[TestedChange]:
-        """How each name stands beside the others, its variance by blocks counted."""
+        """Tests each change beside the others."""
         known = tuple(names)
         if known not in self._test_cache:
             model = project(self.evidence.gram(), self.evidence, self.prior, names)
@@ -242,20 +240,20 @@ class ChangeSearch(Search):
 
     @cached_property
     def _test_cache(self) -> dict[tuple[Group, ...], list[TestedChange]]:
-        """What was weighed already: it is needed again."""
+        """Test results by the changes that were tested together."""
         return {}
 
     def with_class(
         self, estimate: Estimate, tested: Sequence[TestedChange], slot: int, confounded: Sequence[Group], gain: bool
     ) -> Estimate:
-        """An estimate with how likely it is, and with what else it may be, likeliest first.
+        """An estimate with its probability and its class, the most likely rival first.
 
         Args:
-            estimate: Of one of the names.
-            weighed: All names.
-            slot: Which of them.
-            places: What explains as much elsewhere.
-            gain: Whether a gain would look alike.
+            estimate: Estimate of one of the changes.
+            tested: All changes.
+            slot: Index of the change.
+            confounded: Effects elsewhere that explain as much.
+            gain: Whether a gain error would explain as much.
         """
         others = [one.group for k, one in enumerate(tested) if k != slot]
         own, significance = tested[slot].group, tested[slot].significance
@@ -263,10 +261,10 @@ class ChangeSearch(Search):
         best: dict[str, float] = {name: log_odds}
         evidence = self.log_evidence_beside(self.evidence.gram(), own, others)
         for one, score in self._rivals(own, others).items():
-            # Evidence is worth as much less as the change's variance exceeds that of the noise model.
+            # Log evidence assumes the noise model: it is divided by the change's variance inflation.
             odds = log_odds + CHANGE.against * (score - evidence) / np.exp(significance.log_variance_inflation)
             best[one.effect.id] = max(best.get(one.effect.id, -np.inf), odds)
-        total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # nothing at all is as likely at the threshold
+        total = float(np.logaddexp.reduce([*best.values(), 0.0]))  # no change has odds of one at the threshold
         near = sorted((-best[one], one) for one in best if one != name and best[one] > log_odds - CHANGE.class_nats)
         likely = self.settings.most_sure * float(np.exp(log_odds - total))
         odds = {one: float(np.exp(log_odds + log)) for log, one in near}
@@ -282,7 +280,13 @@ class ChangeSearch(Search):
         beta: Float[Array, " k"],
         cells: Float[Array, "k k"],
     ) -> TestedChange:
-        """A change among names, itself among them, by the model of all, its coefficients and their covariance."""
+        """Tests one of several changes.
+
+        Args:
+            group, names: The change, and all changes.
+            model: The model of all changes.
+            beta, cells: The change's coefficients and their covariance.
+        """
         design, scale, freedom = self.design, self.evidence.scale[group.columns], len(group.columns)
         at = np.flatnonzero(np.isin(model.inside, group.columns))
         along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ (beta * scale)
@@ -296,6 +300,6 @@ class ChangeSearch(Search):
         cost = self.complexity_cost(group) - 0.5 * freedom * significance.log_variance_inflation
         least_cost = self.complexity_cost(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = significance.log_likelihood_ratio - max(cost, least_cost) - self.threshold
-        if not significance.mostly_between_days:  # what decides came of few permutations
+        if not significance.mostly_between_days:  # its variance was estimated from few permutations
             odds -= np.log(CHANGE.few_dealt_odds)
         return TestedChange(group, significance, float(odds))

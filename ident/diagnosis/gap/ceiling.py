@@ -1,8 +1,8 @@
-"""What is left at a joint beside the names, and how much of it a flexible function of the state could explain.
+"""Ceiling of each joint: how much of the residual beside the accepted effects a function of the state could explain.
 
-The discrepancy of the posterior sees what changes slowly over its inputs. What goes up and down a hundred times a turn
-(teeth, a motor's poles) it does not: that repeats wherever the joint passes again, so that neighbours of the angle
-foretell it.
+Two flexible functions are tried. The discrepancy (`regression.posterior`) is smooth over its inputs. A
+nearest-neighbour mean over the joint's angle finds what repeats many times a turn, such as gear teeth; it is tested on
+other runs.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from ident.diagnosis.regression.posterior import LeftAtJoint
 
 @dataclass(frozen=True, eq=False)
 class Ceiling:
-    """How much of what is left at a joint can be explained."""
+    """How much of a joint's residual can be explained."""
 
-    rms: float  # what would be left [N m]
-    before: float  # what is left [N m]
-    kind: str | None  # what it depends on, or None if nothing explains it: state, memory, time, coupling
-    significant: bool  # whether the fall is more than chance
+    rms: float  # residual that the better function would leave [N m]
+    before: float  # residual beside the accepted effects [N m]
+    kind: str | None  # its inputs: state, memory, time or coupling; None if no function explains the residual
+    significant: bool  # whether the fall is significant
     evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
 
 def measure_ceiling(
     series: Sequence[RunResidual], joint: int, left: LeftAtJoint | None, settings: CeilingSettings = USUAL_CEILING
 ) -> Ceiling:
-    """What could be explained of what is left at a joint beside the names.
+    """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
         series: Residuals of all runs.
-        joint: The joint.
-        left: What a discrepancy sees there; None where nothing stands out of the noise.
-        settings: What counts as more than chance.
+        joint: Index of the joint.
+        left: Evidence of a discrepancy at the joint; None where the error is within the noise.
+        settings: Thresholds of significance.
     """
     moving = [item.valid[:, joint] for item in series]
     y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
@@ -64,7 +64,7 @@ def measure_ceiling(
 def _share_repeated_by_angle(
     q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings
 ) -> float:
-    """Share of the mean square that the same angles of other runs foretell; 0 where it is no more than chance."""
+    """Share of the mean square that the same angles of other runs predict; 0 where it is not significant."""
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
@@ -86,7 +86,7 @@ def _share_repeated_by_angle(
 def _neighbours(
     x: Float[Array, "t 1"], y: Float[Array, " t"], other: Float[Array, "s 1"], settings: CeilingSettings
 ) -> Float[Array, " s"]:
-    """Mean of the nearest samples, shrunk as far as one half of the samples foretells the other."""
+    """Mean of the nearest samples, shrunk by the slope with which one half of the samples predicts the other."""
     half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
 
     def nearest(one: Array, there: Array) -> Array:

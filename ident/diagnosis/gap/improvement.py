@@ -1,4 +1,4 @@
-"""How far the gap shrinks: each effect's share, what a learner without names would close, how the motion nears."""
+"""Gain of the accepted effects on held-out runs: Shapley shares, energy errors, a discrepancy instead, replay."""
 
 from __future__ import annotations
 
@@ -22,14 +22,13 @@ from ident.results import ONE_RUN
 
 @dataclass(frozen=True, eq=False)
 class Improvement:
-    """Parameters about the named effects on runs that the fit never saw."""
+    """Gain of the accepted effects on held-out runs."""
 
-    shares: Float[Array, " k"]  # order-free share of the reducible gap of each effect, in the order of the search
-    # RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
-    without_names: Float[Array, " n"]
-    forward: Replay  # the motion replayed, without and with the effects
-    runs_before: Float[Array, "R n"]  # energy error of each run, joint by joint [J]
-    runs_after: Float[Array, "R n"]
+    shares: Float[Array, " k"]  # Shapley share of the reducible gap of each effect, in the order of acceptance
+    without_names: Float[Array, " n"]  # error with a discrepancy in place of the effects, joint by joint [N m]
+    forward: Replay  # the replayed motion, without and with the effects
+    runs_before: Float[Array, "R n"]  # energy error of each run without the effects, joint by joint [J]
+    runs_after: Float[Array, "R n"]  # energy error of each run with the effects, joint by joint [J]
 
     @property
     def energy_before(self) -> Float[Array, " n"]:
@@ -38,11 +37,11 @@ class Improvement:
 
     @property
     def energy_after(self) -> Float[Array, " n"]:
-        """The same with them."""
+        """Mean energy error of a run with the effects, joint by joint [J]."""
         return np.asarray(self.runs_after.mean(axis=0))
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """The record's further entries of `heldout`."""
+        """Its entries of the record's `heldout`."""
 
         def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
@@ -58,12 +57,12 @@ class Improvement:
 
 
 def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | None:
-    """Standard deviation over runs; None of a single run, which says nothing of what runs differ by."""
+    """Standard deviation over runs; None for a single run."""
     return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
 
 
 def spreads(before: Any, after: Any) -> dict[str, Any]:
-    """The record's entries of what energy errors differ by from run to run, or why they are missing."""
+    """The record's standard deviations of energy errors over runs, or the reason why they are missing."""
     found = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
     return found if before is not None else {**found, "energy_error_std_missing": ONE_RUN}
 
@@ -78,15 +77,15 @@ def measure_improvement(
     explained: Float[Array, " n"],
     settings: GapSettings = USUAL_GAP,
 ) -> Improvement:
-    """Measures how far.
+    """Measures the gain of the accepted effects.
 
     Args:
-        search, given: The search, and held-out scores with the URDF as it is.
-        found, series, baseline, settings: What it found, residuals of all runs, the tuned model, the replay.
-        floors: Root mean square that nothing can go below, joint by joint [N m].
-        explained: Share of each joint's mean square that a discrepancy explains in the names' place.
+        search, given: The search, and held-out scores with the untuned URDF.
+        found, series, baseline, settings: Its results, residuals of all runs, the tuned model, settings of the replay.
+        floors: Floor of each joint's error [N m].
+        explained: Share of each joint's mean square that a discrepancy explains in place of the effects.
     """
-    # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF fixed.
+    # An absorbed effect closes nothing beside tuned inertias: its share is computed with the URDF's.
     scorer = given if any(item.absorbed for item in found.accepted) else search.held_out
     rms = found.ladder[0].rms
     return Improvement(
@@ -99,5 +98,5 @@ def measure_improvement(
 
 
 def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
-    """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
+    """Energy error of a run, joint by joint [J]: minus the work of the residual."""
     return -np.trapezoid(left * item.valid * item.speed, dx=item.step, axis=0)

@@ -1,12 +1,11 @@
-"""Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
+"""Ranks the map's cells: joints by their error beyond noise, and of each joint the cells that stand out.
 
-Joints whose whole torque is off by a factor come before all others: every size that is found there is off by it, too.
+Joints whose whole torque is wrong by a factor come first, for every size that is estimated there is wrong by it, too.
 
-A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
-URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. What tuning
-hides of a cause that is reported is added, up to the error of the one that errs more: of a name that it absorbs, what
-the name explains; of inertias beyond the URDF's tolerance, what only they do; of a torque that is off by a factor, for
-which other masses make up, all. Joints without a gap have no place.
+A joint's error beyond noise is √(rms² − noise²) N m. Of the tuned model and the one with the URDF's inertias fixed the
+smaller error counts, for tuning may raise the error of one joint to lower another's. To it is added the torque that
+tuning hides of a reported cause, up to the larger error: that of an absorbed effect, of inertias beyond the URDF's
+tolerance, or all of a torque that is wrong by a factor. Joints without a gap are not ranked.
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 @dataclass(frozen=True)
 class ExcessError:
-    """What a joint's model errs by beyond noise."""
+    """Error of a joint beyond its noise."""
 
     torque: float  # root mean square beyond noise [N m]
-    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF fixed
+    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF's inertias fixed
 
 
 @dataclass(frozen=True)
 class ReportedCause:
-    """Where a cause acts that is reported: a name, or a torque that is off by a factor."""
+    """A reported cause of the gap: a finding, or a torque that is wrong by a factor."""
 
-    joints: tuple[str, ...]  # the joints that it is reported of
-    hidden_torque: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
-    is_factor: bool = False  # whether it is a factor of the whole torque
+    joints: tuple[str, ...]  # joints for which it is reported
+    hidden_torque: Mapping[str, float]  # torque of it that tuning hides, by affected joint [N m]
+    is_factor: bool = False  # whether it scales the whole torque
 
 
 def measure_excess_errors(
@@ -46,14 +45,14 @@ def measure_excess_errors(
     names: Sequence[ReportedCause],
     threshold: float,
 ) -> dict[str, ExcessError]:
-    """Harm of every joint that has a gap, in order of harm; first that of joints whose torque is off by a factor.
+    """Error beyond noise of every joint that has a gap, largest first, after joints whose torque is wrong by a factor.
 
     Args:
-        joints, noise: Their names, and noise floors [N m].
-        errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
-        tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        names: Where what is reported acts.
-        threshold: Error over noise from which on a joint of which nothing is reported has a gap.
+        joints, noise: Joint names, and noise floors [N m].
+        errors: Held-out error of the tuned model, and of the model with the URDF's inertias fixed [N m].
+        tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
+        names: Reported causes.
+        threshold: Least error over noise of a gap at a joint without a reported cause.
     """
     found: dict[str, ExcessError] = {}
     for j, joint in enumerate(joints):
@@ -72,10 +71,10 @@ def measure_excess_errors(
 def rank_places(
     maps: Mapping[View, Sequence[Place]], excess_errors: Mapping[str, ExcessError], settings: MapSettings = USUAL_MAP
 ) -> tuple[Place, ...]:
-    """The cells that stand out, joint by joint in the order of `harm`; of a joint the richest first, one an axis.
+    """The cells that stand out, joint by joint in the order of `excess_errors`; of each joint the densest, one an axis.
 
-    A cell stands out where it is denser in gap than in time by a factor, and by more than chance. A joint whose gap is
-    spread evenly has its densest cell alone. The slowest band of frequencies says of no gap where it lies.
+    A cell stands out if its density exceeds a factor and is significant. If no cell of a joint does, its densest one is
+    taken. The lowest band of frequencies is left out, for it does not locate a gap.
     """
     found: list[Place] = []
     for joint, one in excess_errors.items():
