@@ -34,7 +34,7 @@ from ident.diagnosis.selection.urdf_scale import fit_urdf_error, initial_urdf_er
 from ident.effects.base import SessionContext
 
 # Reason that a law of warmth is rejected for.
-RANDOM_WALK = "friction that wanders from run to run explains it about as well: it may be warmth, or any slow change"
+RANDOM_WALK = "a random walk of friction over the runs explains it about as well: it may be warmth, or any slow change"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,7 @@ def select_effects(search: Search, session: SessionContext, baseline: Baseline) 
     explain is no variance of friction; where its estimate falls clearly, the next round may accept smaller effects.
 
     Args:
-        search: Search over all candidates.
-        session: The runs.
-        baseline: The tuned model.
+        search, session, baseline: Search over all candidates, the runs, and the tuned model.
     """
     prior, settings = search.prior, search.settings
     reservations: tuple[Reservation, ...] = ()
@@ -76,11 +74,8 @@ def select_effects(search: Search, session: SessionContext, baseline: Baseline) 
             start = [item.group for item in selected.found.accepted]
             selected = _select_stepwise(without, session, baseline, selected.reservations, start)
             error, unsupported = _revise_urdf_error(selected.search, selected.found, session, baseline)
-        search, reservations, groups = (
-            selected.search,
-            selected.reservations,
-            [item.group for item in selected.found.accepted],
-        )
+        search, reservations = selected.search, selected.reservations
+        groups = [item.group for item in selected.found.accepted]
         # The first estimate had all slow effects beside it, and none of the others: it may be too small or too large.
         new_spread = estimate_run_spread(free, project(free.gram(), free, prior, groups))
         steady = np.all(np.maximum(new_spread / spread, spread / new_spread) < 1.0 / settings.settled_share)
@@ -95,25 +90,21 @@ def select_effects(search: Search, session: SessionContext, baseline: Baseline) 
 def keep_effects(
     selected: Selection, kept: Sequence[int], session: SessionContext, baseline: Baseline, reason: str
 ) -> Selection:
-    """Reduces a selection to some of its effects and estimates these anew.
+    """Reduces a selection to some of its effects, by index, and estimates these anew.
 
     Args:
-        selected: The selection.
-        kept: Indices of the effects that stay.
-        session, baseline: The runs and the tuned model.
-        reason: Why the others are dropped, for their reservations.
+        selected, kept: The selection, and the indices of the effects that stay.
+        session, baseline, reason: The runs, the tuned model, and why the other effects are dropped.
     """
     search, joints = selected.search, baseline.nominal.joint_names
-    dropped = [k for k in range(len(selected.estimates)) if k not in kept]
-    reservations = tuple(
-        Reservation.of(selected.found.accepted[k], selected.estimates[k], joints, reason) for k in dropped
-    )
+    effects = list(zip(selected.found.accepted, selected.estimates, strict=True))
+    dropped = tuple(Reservation.of(*one, joints, reason) for k, one in enumerate(effects) if k not in kept)
     found = search.only(selected.found, kept)
     if not kept:
-        return Selection(search, found, [], None, selected.reservations + reservations)
+        return Selection(search, found, [], None, selected.reservations + dropped)
     fine = refine(search, session, baseline, [item.group for item in found.accepted])
     estimates = estimate_effects(search, fine, session, found.accepted)
-    return Selection(search, found, estimates, fine, selected.reservations + reservations)
+    return Selection(search, found, estimates, fine, selected.reservations + dropped)
 
 
 def _with_rejected(found: SearchResults, reservations: Sequence[Reservation]) -> SearchResults:
@@ -172,13 +163,7 @@ def _revise_urdf_error(
 
 
 def _find_random_walks(search: Search, groups: Sequence[Group], tested: Sequence[int]) -> list[int]:
-    """Indices of slow effects that are hardly likelier than friction that follows a random walk over the runs.
-
-    Args:
-        search: The search.
-        groups: The accepted effects.
-        tested: Indices of those that are tested.
-    """
+    """Indices of the tested slow effects that are hardly likelier than friction that follows a random walk."""
     slow = [k for k in tested if groups[k].effect.by_run]
     if not slow:
         return []
@@ -206,18 +191,15 @@ def _select_stepwise(
     The same is tried for an effect that a rival outranks, if the rival is accepted then.
 
     Args:
-        search: Search over the candidates.
-        session: The runs.
-        baseline: The tuned model.
-        reservations: Those of earlier rounds.
-        start: Effects to begin with, from the last round.
+        search, session, baseline: Search over the candidates, the runs, and the tuned model.
+        reservations, start: The reservations and the effects of earlier rounds.
     """
     outranked, checked = 0, False
     settings, joints = search.settings, baseline.nominal.joint_names
     found = search.run(start)
     most = settings.most_doubted * len(joints)
     while found.accepted:  # no second pass over the recordings without effects
-        groups = [item.group for item in found.accepted]
+        effects, groups = found.accepted, [item.group for item in found.accepted]
         fine = refine(search, session, baseline, groups)
         redundant = find_redundant(fine)
         if redundant is not None and len(search.excluded) < most:
@@ -227,15 +209,13 @@ def _select_stepwise(
             continue
         estimates = estimate_effects(search, fine, session, found.accepted)
         kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= settings.least_probability]
-        refused = find_implausible({k: (found.accepted[k], estimates[k]) for k in kept}, session)
-        hidden = [k for k in kept if found.accepted[k].absorbed or groups[k].prior is not None]
+        refused = find_implausible({k: (effects[k], estimates[k]) for k in kept}, session)
+        hidden = [k for k in kept if effects[k].absorbed or groups[k].prior is not None]
         refused = refused or find_heterogeneous(search, groups, kept, hidden)
-        reservations += tuple(
-            Reservation.of(found.accepted[k], estimates[k], joints, why) for k, why in refused.items()
-        )
+        reservations += tuple(Reservation.of(effects[k], estimates[k], joints, why) for k, why in refused.items())
         for k in () if refused else _find_random_walks(search, groups, kept):
             refused[k] = RANDOM_WALK
-            doubt = Reservation.of(found.accepted[k], estimates[k], joints, RANDOM_WALK)
+            doubt = Reservation.of(effects[k], estimates[k], joints, RANDOM_WALK)
             reservations += (replace(doubt, candidate=None),)  # friction that varies is no gap
         if refused and len(reservations) <= most:
             keys = {groups[k].key for k in refused}

@@ -64,12 +64,11 @@ class TunedJoint:
 
 
 def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) -> dict[str, TunedJoint]:
-    """The baseline's parameters as a model solved it, by joint name.
+    """The baseline's parameters as a model without effects solved it, by joint name; see also `tuned_beside`.
 
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
-        evidence: Scale and layout of the columns.
-        projection: The solved model, without effects (`tuned_beside` is for a model with effects).
+        evidence, projection: Scale and layout of the columns, and the solved model.
     """
     return _by_joint(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
@@ -82,9 +81,7 @@ def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate
     Negative losses are set to zero, and the part of an effect that equals dry friction is moved to the Coulomb level.
 
     Args:
-        baseline: The user's arm.
-        fine: Sums that hold the effects' columns.
-        estimates: The effects.
+        baseline, fine, estimates: The user's arm, the sums of the effects' columns, and the effects.
     """
     evidence, groups = fine.search.evidence, [one.refined for one in estimates]
     alone = project(evidence.gram(), evidence, fine.search.prior)
@@ -137,13 +134,7 @@ def _without_drive(
 def _by_joint(
     baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, Mapping[str, OpenLaw]]
 ) -> dict[str, TunedJoint]:
-    """Baseline parameters by joint name.
-
-    Args:
-        baseline, evidence: The arm, and the scale and layout of the columns.
-        scaled: Scaled coefficients of the baseline.
-        laws: Open laws by joint and effect.
-    """
+    """Baseline parameters by joint name, from scaled coefficients and the open laws by joint and effect."""
     rank, n = evidence.layout.rank, evidence.layout.n
     scaled_baseline = scaled / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(scaled_baseline[rank : rank + LOSS_PARAMETERS * n].reshape(n, LOSS_PARAMETERS), 0.0)

@@ -44,9 +44,7 @@ class SizeLimit:
     parameter: str  # the reported parameter that is its size
     # Limit in the parameter's unit, an upper one for an inverse parameter (a stiffness); None for an invisible effect.
     value: float | None
-    hidden: (
-        bool  # whether the limit is beyond the plausible range, so that no plausible effect would have been accepted
-    )
+    hidden: bool  # whether the limit is beyond the plausible range: no plausible effect would have been accepted
     bound_by: str  # what hides smaller effects: one of `HIDES`, or `size` if they are too small to matter
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
@@ -65,9 +63,8 @@ class SizeLimit:
         """The entry of `not_testable` for an effect that is hidden."""
         where = f" of {joints[self.joint]}" if self.effect.scope == "joint" else ""
         least = "above" if self.effect.typical.inverse else "below"
-        hidden = (
-            "it whole" if self.value is None else f"{self.parameter} {least} {self.value:.2g}, more than is plausible"
-        )
+        limit = f"{self.parameter} {least} {{:.2g}}, more than is plausible"
+        hidden = "it whole" if self.value is None else limit.format(self.value)
         return NotTestable(self.effect, self.joint, f"{HIDES[self.bound_by]}{where} hides {hidden}")
 
 
@@ -97,11 +94,8 @@ def find_limits(
     """Detection limits of all effects at all joints where they were not accepted.
 
     Args:
-        search: The search.
-        found: Its results.
-        views: The final model, with tuned inertias and with the URDF's fixed.
-        inflation: Variance inflation.
-        session: The runs.
+        search, found, session: The search, its results, and the runs.
+        views, inflation: The final model, with tuned and with fixed inertias, and its variance inflation.
     """
     accepted = {item.group.key[:2] for item in found.accepted}
     places: dict[tuple[str, int], dict[int | None, list[Group]]] = {}
@@ -175,11 +169,10 @@ class _LimitFinder:
 
     def is_impossible(self, one: _TypicalEffect) -> bool:
         """Whether no arm has the effect at the size that it would need."""
-        effect, context, beta = one.group.effect, self._context(one.group), one.multiple * one.beta
-        estimates = effect.parameters(
-            context, one.group.joint, one.group.variant, beta, np.zeros((len(beta), len(beta)))
-        )
-        return impossible(effect, context, one.group.joint, estimates) is not None
+        group, beta = one.group, one.multiple * one.beta
+        certain, context = np.zeros((len(beta), len(beta))), self._context(group)
+        estimates = group.effect.parameters(context, group.joint, group.variant, beta, certain)
+        return impossible(group.effect, context, group.joint, estimates) is not None
 
     def bound_by(self, group: Group) -> str:
         """What hides an effect most."""

@@ -63,7 +63,7 @@ from ident.robot.names import robot_argument
 FIXED_URDF_FACTOR = 1e5
 # Reason that an effect is rejected for if a discrepancy explains its torque at about the same cost.
 NOT_BEYOND_DISCREPANCY = (
-    "a flexible function of the joint's state explains as much about as cheaply: more likely no such law is at work"
+    "a flexible function of the joint's state explains as much at about the same cost: probably no such law acts"
 )
 
 
@@ -152,17 +152,14 @@ def diagnose(
     far = replay_reservation(improvement.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
+    misread = [one.joints for one in telemetry if one.issue == MISREAD]
     excess_errors = measure_excess_errors(
         arm.joint_names,
         {"before": found.ladder[0].rms, "fixed": given.score().rms},
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         noise,
         [ReportedCause(one.joints, one.hidden_torque) for one in findings]
-        + [
-            ReportedCause(one.joints, dict.fromkeys(one.joints, np.inf), True)
-            for one in telemetry
-            if one.issue == MISREAD
-        ],
+        + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
         settings.verdict.loud,
     )
     diagnosis = Diagnosis(

@@ -57,9 +57,8 @@ def diagnose_reports(
     fatal = {issue.issue for issue in collected.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
-        refused = Diagnosis(
-            arm.name, arm.joint_names, verdict, collected.facts, tuple(collected.issues), settings=settings
-        )
+        issues = tuple(collected.issues)
+        refused = Diagnosis(arm.name, arm.joint_names, verdict, collected.facts, issues, settings=settings)
         return refused, None, ()
     if not motions:
         raise no_motion(collected.session, settings.motion)

@@ -14,15 +14,8 @@ from ident.diagnosis.selection.name_probability import Estimate
 from ident.robot.arm import ArmModel
 
 # Units of a revolute joint, longest first, and those of a prismatic one.
-LINEAR_UNITS = {
-    "N m s/rad": "N s/m",
-    "N m/rad": "N/m",
-    "N m": "N",
-    "kg m²": "kg",
-    "mrad": "mm",
-    "rad/s": "m/s",
-    "rad": "m",
-}
+LINEAR_UNITS = {"N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "kg m²": "kg"}
+LINEAR_UNITS |= {"mrad": "mm", "rad/s": "m/s", "rad": "m"}
 # Placeholder for the joint's name, which must not be mistaken for a unit.
 JOINT = "\0"
 

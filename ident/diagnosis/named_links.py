@@ -70,10 +70,9 @@ def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -
     """The search with the usual prior for some links, so that a link error and not tuning explains their deviation."""
     error = replace(search.prior.error, usual=search.prior.error.usual.union(links))
     prior = Prior.believing(search.evidence, baseline, error)
-    excluded = {key for key in search.excluded - search.implausible if key[0] == LinkInertialError.id}
-    return replace(
-        search, prior=prior, held_out=HeldOut(search.evidence, prior), excluded=search.excluded.difference(excluded)
-    )
+    allowed = {key for key in search.excluded - search.implausible if key[0] == LinkInertialError.id}
+    held_out = HeldOut(search.evidence, prior)
+    return replace(search, prior=prior, held_out=held_out, excluded=search.excluded - allowed)
 
 
 def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> list[Group]:
@@ -108,9 +107,7 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     """The estimate of a link error with its class: rivals are the effects that act on the same base parameters.
 
     Args:
-        search: The search.
-        one: The estimate of the link error.
-        groups: All accepted effects, the link error among them.
+        search, one, groups: The search, the estimate of the link error, and all accepted effects.
         trust: Probability that one of the class is the cause.
     """
     evidence = search.evidence
@@ -119,9 +116,8 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     excess = measure_inflation(evidence, project(evidence.gram(), evidence, search.prior, groups))
     # If tuned neighbours explain all of it, they are fixed at the URDF.
     prior = search.prior if search.log_evidence_beside(evidence.gram(), one.group, others) > 0.0 else search.fixed.prior
-    among = replace(
-        search, excluded=search.excluded | laws, implausible=frozenset(), redundant=frozenset(), prior=prior
-    )
+    among = replace(search, excluded=search.excluded | laws, prior=prior)
+    among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
     listed = any(group.effect.id == UnknownPayload.id for group in evidence.layout.groups)

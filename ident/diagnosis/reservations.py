@@ -84,8 +84,7 @@ def find_heterogeneous(
     """At each joint the effect whose size differs most between runs, if by much and significantly, and the reason.
 
     Args:
-        search: The search that selected the effects.
-        groups: All accepted effects.
+        search, groups: The search that selected the effects, and all accepted effects.
         tested: Indices of those that are tested; events, slow effects and effects beyond a bound have no constant size.
         hidden: Indices of those that tuned inertias absorb.
     """
@@ -93,11 +92,8 @@ def find_heterogeneous(
     effects = [group.effect for group in groups]
     constant = [k for k in tested if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
     found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
-    heterogeneous = {
-        k: one
-        for k, one in found.items()
-        if one.between_fold_std > settings.most_uneven and one.p_value < settings.uneven_chance
-    }
+    large = {k: one for k, one in found.items() if one.between_fold_std > settings.most_uneven}
+    heterogeneous = {k: one for k, one in large.items() if one.p_value < settings.uneven_chance}
     worst = sorted(heterogeneous, key=lambda k: -heterogeneous[k].between_fold_std)
     kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
     return {
@@ -128,8 +124,7 @@ def replay_reservation(
         series: Residuals of all runs, for the joints' speeds.
         joints: Joint names.
         rms: Held-out error with the accepted effects [N m].
-        floors: Floor of each joint's error [N m].
-        settings: Thresholds.
+        floors, settings: Floor of each joint's error [N m], and thresholds.
     """
     squares = sum(np.sum(np.where(item.valid, item.speed, 0.0) ** 2, axis=0) for item in series)
     counts = sum(item.valid.sum(axis=0) for item in series)

@@ -65,36 +65,33 @@ class RepeatedLooks:
 
 
 def diagnose_sequentially(
-    look: Callable[[int, DiagnosisSettings], Diagnosis],
-    total: int,
-    confidence: float,
-    settings: DiagnosisSettings = USUAL,
+    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, level: float, settings: DiagnosisSettings = USUAL
 ) -> RepeatedLooks:
     """Diagnoses more and more runs until the result is certain enough.
 
     Args:
         look: Diagnoses the first so many runs with given settings.
         total: Number of runs.
-        confidence: Least probability of each finding, and one minus the probability of a false finding over all looks.
+        level: Least probability of each finding, and one minus the probability of a false finding over all looks.
         settings: Settings of a single diagnosis.
 
     Raises:
         InputError: No finding can have this probability.
     """
     most = settings.selection.most_sure
-    if not 0.5 <= confidence <= most:
-        raise InputError("--until", f"{confidence:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
+    if not 0.5 <= level <= most:
+        raise InputError("--until", f"{level:g}", f"choose between 0.5 and {most:g}: no finding is given more")
     looks: list[RepeatedLook] = []
     for number, runs in enumerate(count_runs(total), start=1):
-        error = min(1.0 - confidence, LIMIT.single_look)
+        error = min(1.0 - level, LIMIT.single_look)
         spent = spend(settings, error, number)
         diagnosis = look(runs, spent)
         seconds = float(diagnosis.session["duration_s"])
-        missing = tuple(find_missing(diagnosis, confidence))
+        missing = tuple(find_missing(diagnosis, level))
         looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, error * share_of_look(number), missing))
         if not missing:
             break
-    return RepeatedLooks(confidence, tuple(looks), diagnosis)
+    return RepeatedLooks(level, tuple(looks), diagnosis)
 
 
 def count_runs(total: int) -> Iterator[int]:
@@ -142,4 +139,4 @@ def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
             rivals = (
                 f", not distinguished from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
             )
-            yield f"{one.effect} of {', '.join(one.joints)} is sure to {one.estimate.probability:.2f}{rivals}"
+            yield f"{one.effect} of {', '.join(one.joints)} has probability {one.estimate.probability:.2f}{rivals}"

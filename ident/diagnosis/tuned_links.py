@@ -100,7 +100,7 @@ class TunedLink:
         along = [(axis, one) for axis, one in self.moment.items() if MOMENT.format(axis) in self.beyond]
         parts += [f"its moment along {axis} by {one.words('kg m')}" for axis, one in along]
         how = f"tuning moved {' and '.join(parts)}"
-        return f"{link} is off by more than URDFs are: {how}; mend its <inertial>, or the gain of {self.joint}"
+        return f"{link} is off by more than URDFs are: {how}; correct its <inertial>, or the gain of {self.joint}"
 
 
 def measure_tuned_links(
@@ -171,12 +171,7 @@ class _Relevance:
         return np.asarray(np.repeat(factors, 10) * self.baseline.number_std)
 
     def best(self, start: Sequence[float] = (), excluded: int = -1) -> tuple[float, ...]:
-        """Factors of greatest log evidence by coordinate ascent, one link after the other.
-
-        Args:
-            start: Factors to begin with; ones if none are given.
-            excluded: Link whose factor stays one; none if negative.
-        """
+        """Factors of greatest log evidence by coordinate ascent from `start` (or ones); link `excluded` has none."""
         factors = tuple(start) or (1.0,) * self.baseline.nominal.n
         reached = self._evidence(factors)
         for _ in range(2 * len(factors)):

@@ -33,9 +33,7 @@ def find_floors(
     return np.minimum(np.maximum(settings.noise_margin * evidence.floor, ratio * last.rms), last.rms)
 
 
-def exceeds_noise(
-    evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings = USUAL_VERDICT
-) -> bool:
+def exceeds_noise(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings) -> bool:
     """Whether a joint's held-out error exceeds its noise floor by the least share that counts as a gap."""
     return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
 
@@ -68,11 +66,8 @@ def find_unexplained(
     effects closed, for no real law is exactly the catalogue's.
 
     Args:
-        found: Accepted effects.
-        ceilings: What a discrepancy explains at each joint.
-        evidence: Noise of each joint.
-        settings: Thresholds.
-        law_share: Share of an effect's mean square that its law may leave.
+        found, ceilings, evidence: Accepted effects; what a discrepancy explains at each joint; the noise.
+        settings, law_share: Thresholds, and the share of an effect's mean square that its law may leave.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     last, steady = found.ladder[-1], np.array([ceiling.before for ceiling in ceilings])
@@ -137,12 +132,12 @@ def discount_by_discrepancy(
     """Estimates with probabilities discounted, and intervals widened, by what a discrepancy explains of the torque.
 
     The discount depends on the log Bayes factor that the law adds to the discrepancy alone, and on what the discrepancy
-    still explains beside it. In the latter case the law's parameters compensate for some of that: their intervals
+    still explains beside it; if that is much, the law's parameters compensate for some of it, and their intervals
     widen.
 
     Args:
-        estimates, settings: The estimates, and the parameters of the discount.
-        laws: For each effect the evidence of its law beside a discrepancy.
+        estimates, laws: The estimates, and for each the evidence of its law beside a discrepancy.
+        settings: Parameters of the discount.
     """
     return [
         replace(
@@ -159,8 +154,7 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
 
     Args:
         verdict, estimates: The verdict, and the estimates with discounted probabilities.
-        closed: Share of the gap that the effects close.
-        leftover: Unexplained residual of each joint in units of its threshold.
+        closed, leftover: Share of the gap that the effects close, and unexplained residual of each joint.
     """
     most = float(leftover.max(initial=0.0))
     if estimates:

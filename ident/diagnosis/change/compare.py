@@ -72,16 +72,14 @@ def compare(
         before, after: Motions of both sets, of the same joints and with the same filter.
         arm: The user's arm, without payload.
         sides: Description of the sets, for the record.
-        seed: Seed of the permutations of runs.
-        settings: Thresholds and priors.
+        seed, settings: Seed of the permutations of runs; thresholds and priors.
         gain_uncertainty: Uncertainty of the gains of the torque readings, which limits that of a body's size.
     """
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
     one_clock = len(sides[1].sessions) <= 1
-    first = replace(
-        build_design(before, after, arm, still=still, one_clock=one_clock), gain_uncertainty=gain_uncertainty, seed=seed
-    )
+    first = build_design(before, after, arm, still=still, one_clock=one_clock)
+    first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}.values()
@@ -158,10 +156,8 @@ def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, d
     """The estimate of a body with each joint's gain uncertain; other estimates as they are.
 
     Args:
-        estimate: The estimate, by the blocks' and runs' differences.
-        widening: Factor by which the differences between runs exceed those between blocks.
-        fine: All changes on fine grids.
-        design: Both sets of runs.
+        estimate, widening: The estimate, and the factor by which differences between runs exceed those between blocks.
+        fine, design: All changes on fine grids, and both sets of runs.
     """
     group = estimate.refined
     if group.effect.id not in BODIES:

@@ -34,8 +34,7 @@ def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple
     """Effects that explain as much as a change, best first: the same one elsewhere, another at its joint, any body.
 
     Args:
-        search: The search that selected the changes.
-        groups: All changes.
+        search, groups: The search that selected the changes, and all changes.
         slot: Index of the change.
     """
     own, evidence, gram = groups[slot], search.evidence, search.evidence.gram()
@@ -68,10 +67,8 @@ def place_bodies(
     """All changes that are tested, each body laid out about the place at which it alone explains most.
 
     Args:
-        search: A search over a first design.
-        others: Changes beside the body.
-        session: The runs.
-        effects: All effects that may have changed.
+        search, others: A search over a first design, and changes beside the body.
+        session, effects: The runs, and all effects that may have changed.
     """
     model = project(search.evidence.gram(), search.evidence, search.prior, others)
     best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]

@@ -53,8 +53,7 @@ def day_to_day(
 
     Args:
         group: The change; the variation is zero if it is not one of friction.
-        session: The runs.
-        beta: Its coefficients.
+        session, beta: The runs, and the change's coefficients.
         spread: Between-run standard deviation of each joint's friction, as a share.
         sessions: Number of sessions of each set.
     """
@@ -77,8 +76,7 @@ def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
     It is if the gain error alone explains nearly all that it explains.
 
     Args:
-        model: The model beside both.
-        gain: The candidate that may be a gain error.
+        model, gain: The model beside both, and the candidate that may be a gain error.
         other: The candidate that may be load-dependent friction at the same joint.
     """
     if (gain.effect.id, other.effect.id, gain.joint) != (GAIN, BY_LOAD, other.joint):
@@ -91,10 +89,8 @@ def may_be_gain(group: Group, session: SessionContext, beta: Array, covariance: 
     """Whether dry and viscous friction change by the same share, at a joint whose torque is mostly friction.
 
     Args:
-        group: The change.
-        session: The runs.
-        beta: Its coefficients.
-        covariance: Their covariance.
+        group, session: The change, and the runs.
+        beta, covariance: The change's coefficients, and their covariance.
     """
     if group.effect.id != FRICTION:
         return False

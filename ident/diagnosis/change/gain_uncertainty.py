@@ -53,10 +53,8 @@ def solve_body(
     """Scaled coefficients of a body and their covariance, with uncertain gains.
 
     Args:
-        evidence: Block sums.
-        model: The baseline with all changes.
-        group: The body.
-        beta: Its scaled coefficients by the model.
+        evidence, model: Block sums, and the baseline with all changes.
+        group, beta: The body, and its scaled coefficients by the model.
         uncertainty: Prior of the gains.
     """
     layout, inside = evidence.layout, model.inside

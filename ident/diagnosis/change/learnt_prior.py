@@ -36,8 +36,7 @@ def learn_prior(
     """The prior with estimated variances, and the residual weights of the model solved with it.
 
     Args:
-        evidence: Block sums.
-        prior: Prior with the largest variances.
+        evidence, prior: Block sums, and prior with the largest variances.
         shared: Number of columns of each shared law, in the order of the baseline's further columns.
         later: For each change its columns, and the prior information on them at its largest plausible size.
     """

@@ -57,8 +57,7 @@ class PermutedSets:
         """Permutes the runs of two sides.
 
         Args:
-            sums: The sums.
-            sides: The side of each run.
+            sums, sides: The sums, and the side of each run.
             seed: Seed of the permutations.
         """
         evidence = sums.evidence
@@ -79,8 +78,7 @@ class PermutedSets:
 
         Args:
             joint: Index of the joint, or -1.
-            prior: Prior of the baseline.
-            names: All changes between the sides.
+            prior, names: Prior of the baseline, and all changes between the sides.
         """
         permuted = self._permuted_laws(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout

@@ -61,12 +61,10 @@ def measure_significance(
     """Tests a change by F with Satterthwaite's degrees of freedom.
 
     Args:
-        gain: Fall of the whitened misfit by the change.
-        k: Number of its coefficients.
+        gain, k: Fall of the whitened misfit by the change, and number of its coefficients.
         blocks: Variance of its size between blocks, as a share of its square, and the number of blocks.
         null: Null variance of its gain between permuted sets.
-        day: Variation of friction without a change.
-        counts: Number of runs of either set.
+        day, counts: Variation of friction without a change, and number of runs of either set.
     """
     if not gain > 0.0:
         return Significance(1.0, 0.0, 1.0, False, False, 0.0, 0.0)
@@ -249,11 +247,8 @@ class ChangeSearch(Search):
         """An estimate with its probability and its class, the most likely rival first.
 
         Args:
-            estimate: Estimate of one of the changes.
-            tested: All changes.
-            slot: Index of the change.
-            confounded: Effects elsewhere that explain as much.
-            gain: Whether a gain error would explain as much.
+            estimate, tested, slot: Estimate of one of the changes, all changes, and its index among them.
+            confounded, gain: Effects elsewhere that explain as much, and whether a gain error would.
         """
         others = [one.group for k, one in enumerate(tested) if k != slot]
         own, significance = tested[slot].group, tested[slot].significance
@@ -280,13 +275,7 @@ class ChangeSearch(Search):
         beta: Float[Array, " k"],
         cells: Float[Array, "k k"],
     ) -> TestedChange:
-        """Tests one of several changes.
-
-        Args:
-            group, names: The change, and all changes.
-            model: The model of all changes.
-            beta, cells: The change's coefficients and their covariance.
-        """
+        """Tests one of several changes by the model of all, its coefficients `beta` and their covariance `cells`."""
         design, scale, freedom = self.design, self.evidence.scale[group.columns], len(group.columns)
         at = np.flatnonzero(np.isin(model.inside, group.columns))
         along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ (beta * scale)

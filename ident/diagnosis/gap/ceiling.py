@@ -36,8 +36,7 @@ def measure_ceiling(
     """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
-        series: Residuals of all runs.
-        joint: Index of the joint.
+        series, joint: Residuals of all runs, and index of the joint.
         left: Evidence of a discrepancy at the joint; None where the error is within the noise.
         settings: Thresholds of significance.
     """

@@ -75,10 +75,8 @@ def map_gap(
     """All cells of every joint whose residual exceeds its noise, joint by joint and axis by axis, in each view.
 
     Args:
-        series: Residuals of all runs.
-        joints: Joint names.
-        noise: Noise model of each joint.
-        rng: Generator of the random signs.
+        series, joints: Residuals of all runs, and joint names.
+        noise, rng: Noise model of each joint, and generator of the random signs.
         settings: Bins, blocks, and the threshold above which a joint is mapped.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)

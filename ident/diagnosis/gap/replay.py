@@ -114,8 +114,7 @@ def integrate(
 
     Args:
         mass, damping, stiffness: Along the k samples of each window.
-        force: Residual torque of m models [N m].
-        free: Joints that may deviate.
+        force, free: Residual torque of m models [N m], and joints that may deviate.
         step: Time between samples [s].
     """
     both = free[:, :, None] & free[:, None, :]

@@ -80,12 +80,9 @@ def compute_residuals(
     """Residuals of every run, or of an even choice of very many.
 
     Args:
-        session: The runs.
-        baseline: The tuned model.
-        evidence: Block sums of the runs.
+        session, baseline, evidence: The runs, the tuned model, and the block sums.
         models: The baseline, the baseline with the effects, and the baseline with the URDF's inertias fixed.
-        groups: The accepted effects.
-        held_out: Solves the first two without each fold.
+        groups, held_out: The accepted effects, and the solver of the first two models without each fold.
     """
     layout = evidence.layout
     whole = [_scatter_weights(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]

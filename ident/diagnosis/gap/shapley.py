@@ -35,8 +35,7 @@ def shapley_shares(
     Args:
         held_out: Held-out scores of models.
         groups: The accepted effects, k of them.
-        floors: Floor of each joint's error [N m].
-        seed: Seed of the drawn orders.
+        floors, seed: Floor of each joint's error [N m], and seed of the drawn orders.
     """
     left: dict[frozenset[int], Float[np.ndarray, " n"]] = {}
     shares = np.zeros(len(groups))

@@ -46,9 +46,7 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
     """Tests whether the folds of a session agree on the size of one of several effects.
 
     Args:
-        search: The block sums and the URDF prior.
-        groups: The effects.
-        slot: Index of the effect that is tested.
+        search, groups, slot: The search, all effects, and the index of the effect that is tested.
         absorbed: Whether tuned inertias absorb it, so that it is estimated with the URDF's inertias fixed.
     """
     along, power = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)

@@ -30,10 +30,9 @@ LEAST_ACTIVE_SHARE = 1e-3
 
 
 class FineGridSums:
-    """Cache of the sums of accepted effects on finer grids.
+    """Cache of the sums of accepted effects on finer grids; the sums of a set of effects serve its subsets as well.
 
-    Selection alternates with variance estimation, so that mostly the same effects come back; the sums of a set of
-    effects serve its subsets as well.
+    Selection alternates with variance estimation, so that mostly the same effects come back.
     """
 
     def __init__(self) -> None:
@@ -41,12 +40,7 @@ class FineGridSums:
         self._evidence: Evidence | None = None
 
     def of(self, groups: Sequence[Group], gathered: Callable[[], Evidence]) -> Evidence:
-        """The sums of effects on finer grids, computed where the cached ones lack an effect.
-
-        Args:
-            groups: The effects at their points of the coarse grid.
-            gathered: Computes the sums, friction the same in all runs.
-        """
+        """The sums of effects on finer grids; `gathered` computes them where the cached ones lack an effect."""
         if self._evidence is None or not set(groups) <= set(self._groups):
             self._groups, self._evidence = tuple(groups), None  # frees memory before the new sums are made
             self._evidence = gathered()
@@ -72,8 +66,7 @@ class Candidates:
         """Evaluates one of several effects beside all the others.
 
         Args:
-            gram: Normal equations of the whole session.
-            groups: The effects.
+            gram, groups: Normal equations of the whole session, and the effects.
             slot: Index of the effect that is evaluated.
         """
         others = [other for k, other in enumerate(groups) if k != slot]
@@ -115,9 +108,7 @@ class Candidates:
         """Cost of coefficients that have a prior of their size [nats].
 
         Args:
-            group: The effect.
-            prior: Prior of its coefficients' size.
-            scaled: Its scaled coefficients.
+            group, prior, scaled: The effect, the prior, and its scaled coefficients.
             known: Information of the recordings about these, after the model.
         """
         scale = self.evidence.scale[group.columns]
@@ -148,8 +139,7 @@ class Candidates:
         """For each effect and joint the best grid point and its log evidence.
 
         Args:
-            projection: The solved model beside which they are evaluated.
-            without: Effects of that model, which are no candidates.
+            projection, without: The model beside which they are evaluated, and its effects, which are no candidates.
             place: Restricts the candidates to those that act at a joint where this effect does; all if None.
         """
         taken, n = {group.key for group in without} | self.excluded, self.evidence.layout.n
@@ -200,8 +190,7 @@ class Candidates:
         """Evaluates candidates beside the chosen effects.
 
         Args:
-            gram, tuned: Normal equations of the whole session, and the model of the chosen effects solved with them.
-            chosen: The effects accepted so far.
+            gram, tuned, chosen: Normal equations of the whole session, and the chosen effects with their model.
             short: The candidates with their log evidence.
         """
         fixed = project(gram, self.evidence, self.fixed.prior, chosen)

@@ -78,12 +78,7 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
 
 
 def floor_at_model_variance(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
-    """A sandwich covariance with variances that are not below the model's own.
-
-    Args:
-        sandwich: Block sandwich.
-        spread: Covariance by the noise model.
-    """
+    """A block sandwich covariance with variances that are not below the model's own, `spread`."""
     own, between = np.diag(spread), np.diag(sandwich)
     # A column that is nearly zero in all blocks has no variance between them: the model's holds.
     silent = between <= LEAST_BLOCK_VARIANCE * own
@@ -107,23 +102,17 @@ def measure_inflation(evidence: Evidence, projection: Projection, known: Float[A
 
 
 def estimate_effects(
-    search: Search,
-    fine: Refined,
-    session: SessionContext,
-    accepted: Sequence[Evaluated],
-    widening: Sequence[float] = (),
+    search: Search, fine: Refined, session: SessionContext, effects: Sequence[Evaluated], widening: Sequence[float] = ()
 ) -> list[Estimate]:
     """Parameters, probability and rivals of every accepted effect.
 
     Args:
-        search: Search on the coarse grids, which holds all rivals.
-        fine: The accepted effects on fine grids.
-        session: The runs.
-        accepted: The accepted effects on the coarse grids.
+        search, fine: Search on the coarse grids, which holds all rivals, and the accepted effects on fine grids.
+        session, effects: The runs, and the accepted effects on the coarse grids.
         widening: For each effect a factor on the standard deviations of its coefficients; ones if empty.
     """
-    groups = [item.group for item in accepted]
-    found = _parameters(fine, session, [item.absorbed for item in accepted], widening or [1.0] * len(accepted))
+    groups = [item.group for item in effects]
+    found = _parameters(fine, session, [item.absorbed for item in effects], widening or [1.0] * len(effects))
     gram = search.evidence.gram()
     inflation = measure_inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
@@ -225,15 +214,10 @@ def _off_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group]) -> li
 
 
 def widen_interval(interval: Interval, doubt: float, place: bool = False) -> Interval:
-    """An interval widened by the difference between an arm's own law of an effect and the catalogue's.
+    """An interval widened by the half-width `doubt`, by which an arm's own law may differ from the catalogue's.
 
-    It is not widened beyond zero if it did not hold zero before, except for positions: the error of a size is a share
-    of it.
-
-    Args:
-        interval: Interval of the parameter.
-        doubt: Half-width of that difference, in the parameter's unit.
-        place: Whether the parameter is a position and not a size.
+    It is not widened beyond zero if it did not hold zero before: the law's error is a share of the effect's size. That
+    is not so for positions (`place`).
     """
     if doubt == 0.0 or not np.isfinite(interval.value):
         return interval
@@ -253,8 +237,7 @@ def _separate_causes(
 
     Args:
         search, group, others: The search, the effect, and the other accepted effects.
-        rivals: The candidates.
-        own: The effect's log evidence [nats].
+        rivals, own: The candidates, and the effect's log evidence [nats].
 
     Returns:
         Candidates beside which the effect keeps most of its log evidence, so that both may be present; and for each
@@ -278,11 +261,10 @@ def _nested_laws(
     apart: Collection[Key],
     unit: float,
 ) -> dict[str, float]:
-    """Log evidence of each effect whose law is a part of this one's and explains most of its torque, by its id.
+    """Log evidence, by id, of each effect that explains most of this one's torque and nothing beside it.
 
     A constant torque with a slight spring is a spring with a distant rest; an encoder offset of the first joint with a
-    slight tilt is a tilt. Together with such a part the effect explains nothing more, so the part costs one effect
-    less.
+    slight tilt is a tilt. Both together explain what this effect does alone, at the cost of one effect more.
     """
     gram, score, found = search.evidence.gram(), best[group.key][0], dict[str, float]()
     whole = project(gram, search.evidence, search.prior, [*others, group])
@@ -302,10 +284,8 @@ def compare_rivals(
     of the whole gain less than a rival: log evidence is divided by that and by the variance inflation.
 
     Args:
-        search: The search.
-        projection: The model of the other accepted effects.
-        group, others: The effect, and the other accepted effects.
-        excess: Variance inflation.
+        search, projection: The search, and the model of the other accepted effects.
+        group, others, excess: The effect, the other accepted effects, and the variance inflation.
     """
     settings, gram = search.settings, search.evidence.gram()
     wider = replace(search, excluded=search.excluded - (search.redundant - search.implausible))
@@ -323,22 +303,18 @@ def compare_rivals(
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
     own = max([scores[group.key], *both])
-    best_of_effect = _nested_laws(search, best, group, others, apart, unit)
+    by_effect = _nested_laws(search, best, group, others, apart, unit)
     for (effect, _, _), score in scores.items():
-        best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
-    best_of_effect[group.effect.id] = own
-    ids = list(best_of_effect)
+        by_effect[effect] = max(by_effect.get(effect, -np.inf), score)
+    by_effect[group.effect.id] = own
+    ids = list(by_effect)
     # A law with implausible parameters that explains it far better points to a cause that the catalogue lacks.
-    implausible = search.best_implausible(projection).values()
-    nameless = [
-        score / unit for score, one in implausible if search.log_evidence_beside(gram, group, [*others, one]) <= 0.0
-    ]
-    logs = settings.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
+    laws = search.best_implausible(projection).values()
+    unknown = [score / unit for score, law in laws if search.log_evidence_beside(gram, group, [*others, law]) <= 0.0]
+    logs = settings.temper * np.array([*by_effect.values(), *unknown, 0.0])
     weights = np.exp(logs - logs.max())
     probability = settings.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
-    ahead_of = {
-        name: settings.temper * (own - score) for name, score in best_of_effect.items() if name != group.effect.id
-    }
+    ahead_of = {name: settings.temper * (own - score) for name, score in by_effect.items() if name != group.effect.id}
     odds = {name: float(np.exp(np.clip(nats, -MOST_LOG_ODDS, MOST_LOG_ODDS))) for name, nats in ahead_of.items()}
     near = sorted((name for name, one in odds.items() if one <= settings.class_odds), key=odds.__getitem__)
     return probability, (group.effect.id, *near), odds

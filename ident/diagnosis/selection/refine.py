@@ -34,17 +34,13 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     """Finds the accepted effects' best points on fine grids.
 
     Args:
-        search: Search on the coarse grids; it caches the sums of the fine ones.
-        session: The runs.
-        baseline: The tuned model.
-        groups: The accepted effects at their points of the coarse grid.
+        search, groups: Search on the coarse grids, which caches the fine ones' sums, and the effects at coarse points.
+        session, baseline: The runs, and the tuned model.
     """
 
     def gather_fine_sums() -> Evidence:
-        grid_points = [
-            group.effect.refined(group.effect.asked(session), group.joint, group.variant) for group in groups
-        ]
-        grids = [(group.effect, group.joint, tuple(finer)) for group, finer in zip(groups, grid_points, strict=True)]
+        points = [group.effect.refined(group.effect.asked(session), group.joint, group.variant) for group in groups]
+        grids = [(group.effect, group.joint, tuple(finer)) for group, finer in zip(groups, points, strict=True)]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         return gather(session, baseline, layout, search.evidence.whitening, rest=True).with_dwells()
 
@@ -85,13 +81,7 @@ def find_redundant(fine: Refined) -> int | None:
 
 
 def _best(fine: Search, start: Mapping[Key, Group], keys: Sequence[Key]) -> tuple[Group, ...]:
-    """Coordinate ascent of effects over their fine grids.
-
-    Args:
-        fine: Search over the sums of the fine grids.
-        start: The effects at their first points, by key.
-        keys: Effects whose points may change.
-    """
+    """Coordinate ascent over fine grids, from the points `start`, of the effects whose keys are given."""
     gram, best = fine.evidence.gram(), dict(start)
     points = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
     for _ in range(fine.settings.refine_rounds):

@@ -28,8 +28,7 @@ class Search(Candidates):
 
         Args:
             start: Effects to begin with; those that are excluded or fail the criteria are left out.
-            known: Effects of `start` that were evaluated before; only those that share a joint with an excluded one are
-                evaluated again.
+            known: Those evaluated before; they are evaluated again only if they share a joint with an excluded one.
         """
         gram = self.evidence.gram()
         removed = [group for group in start if group.key in self.excluded]
@@ -84,10 +83,8 @@ class Search(Candidates):
         """Optimises effects jointly over their grids, and drops those that fail the criteria, the weakest first.
 
         Args:
-            start: The effects.
-            known: Effects of `start` that were evaluated before; if none are given, all are evaluated.
-            changed: Joints where an effect was removed; of the known effects only those that act there are evaluated
-                again.
+            start, known: The effects, and those of them that were evaluated before (none: all are evaluated).
+            changed: Joints where an effect was removed; known effects are evaluated again only if they act there.
         """
         accepted, gram = {item.group: item for item in known}, self.evidence.gram()
         groups = list(start)
@@ -143,8 +140,7 @@ class Search(Candidates):
         A swap needs greater log evidence, and held-out error that is lower by more than one standard error.
 
         Args:
-            gram: Normal equations of the whole session.
-            groups: The effects.
+            gram, groups: Normal equations of the whole session, and the effects.
             changed: Joints where an effect was added or removed; effects that act elsewhere stay as they are.
         """
         current, near = list(groups), set(changed)

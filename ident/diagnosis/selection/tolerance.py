@@ -52,8 +52,7 @@ def measure_tolerance(
     Args:
         evidence: Block sums of the session.
         prior: Prior of the inertias, the URDF's tolerance.
-        projection: The model solved with it.
-        inflation: Variance inflation.
+        projection, inflation: The model solved with it, and variance inflation.
         settings: Thresholds.
     """
     rank = evidence.layout.rank

@@ -49,8 +49,7 @@ def fit_urdf_error(
     Args:
         search: The session's sums.
         baseline: The tuned model, from which priors are built.
-        groups: The effects.
-        inflation: Variance inflation.
+        groups, inflation: The effects, and variance inflation.
         error: Lower bound of the scales; those of the search's prior if None.
     """
     least = search.prior.error if error is None else error
@@ -69,8 +68,7 @@ def initial_urdf_error(search: Search, baseline: Baseline) -> UrdfErrorFit:
     A payload that is not accepted yet would otherwise pass for a URDF that is wrong everywhere.
 
     Args:
-        search: The session's sums.
-        baseline: The tuned model, from which priors are built.
+        search, baseline: The search, and the tuned model, from which priors are built.
     """
     tuned = project(search.evidence.gram(), search.evidence, search.prior)
     inflation = measure_inflation(search.evidence, tuned)
@@ -137,8 +135,7 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
     Args:
         search: The session's sums and prior.
         baseline: The tuned model, from which priors are built.
-        groups: The effects beside which it is tested.
-        inflation: Variance inflation.
+        groups, inflation: The effects beside which it is tested, and variance inflation.
     """
     evidence, settings, error = search.evidence, search.settings, search.prior.error
     everywhere = fit_urdf_error(search, baseline, groups, inflation).log_evidence

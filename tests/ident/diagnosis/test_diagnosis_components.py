@@ -105,9 +105,8 @@ def test_a_link_stands_out_or_all_are_wrong(
 
     analysis = analyse(short_arm, difference, [find_effect("link_inertial_error")])
     search, session = search_of(analysis), analysis.session
-    added = [
-        log_bayes_factor(search, session, analysis.baseline, group, [], 1.0) for group in search.evidence.layout.groups
-    ]
+    groups = search.evidence.layout.groups
+    added = [log_bayes_factor(search, session, analysis.baseline, group, [], 1.0) for group in groups]
     assert bool(max(added) > np.log(USUAL_SELECTION.inertial_odds * len(added))) is one
     assert fit_urdf_error(search, analysis.baseline, [], 1.0).error.scale >= (2.0 if one else 1.0)
 

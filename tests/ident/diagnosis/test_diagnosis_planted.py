@@ -121,9 +121,8 @@ def test_a_name_is_believed_by_what_it_adds_to_a_discrepancy(short_arm: ArmModel
     (finding,) = analyse(short_arm, spring_on_3).diagnosis.findings
 
     def seen(added: float, left: float = 0.0) -> Estimate:
-        return discount_by_discrepancy(
-            [finding.estimate], [Beside(gain=1000.0, left=left, instead=1000.0 + left - added)]
-        )[0]
+        law = Beside(gain=1000.0, left=left, instead=1000.0 + left - added)
+        return discount_by_discrepancy([finding.estimate], [law])[0]
 
     whole, half = seen(1e5), seen(USUAL_VERDICT.trust_nats, 1000.0)
     assert whole.probability == pytest.approx(finding.estimate.probability, abs=0.05)

@@ -86,7 +86,7 @@ def test_a_planted_spring_is_sure_and_is_not_sure_enough_for_more(short_arm: Arm
     (finding,) = found.diagnosis.findings
     doubtful = replace(finding, estimate=replace(finding.estimate, probability=0.7))
     (words,) = find_missing(replace(found.diagnosis, findings=(doubtful,)), SURE)
-    assert words == "spring_torque of joint_3 is sure to 0.70"
+    assert words == "spring_torque of joint_3 has probability 0.70"
 
 
 def test_looks_take_the_first_runs_across_sessions() -> None:

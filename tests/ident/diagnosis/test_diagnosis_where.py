@@ -97,30 +97,30 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
 
-    def excess_errors(*names: ReportedCause, away: Array = none) -> dict[str, ExcessError]:
+    def rank(*names: ReportedCause, away: Array = none) -> dict[str, ExcessError]:
         return measure_excess_errors(JOINTS, errors, away, noise, names, threshold=1.15)
 
-    assert list(excess_errors()) == ["joint_3", "joint_1"]
-    assert excess_errors()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
+    assert list(rank()) == ["joint_3", "joint_1"]
+    assert rank()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
     own = ReportedCause(("joint_1",), {"joint_1": 0.0})
-    assert list(excess_errors(own)) == ["joint_3", "joint_1"]
-    hidden = excess_errors(ReportedCause(("joint_2",), {"joint_2": np.inf, "joint_3": 1.0}))
+    assert list(rank(own)) == ["joint_3", "joint_1"]
+    hidden = rank(ReportedCause(("joint_2",), {"joint_2": np.inf, "joint_3": 1.0}))
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == ExcessError(pytest.approx(np.sqrt(15.0)), "fixed")
     assert hidden["joint_3"] == ExcessError(pytest.approx(5.0), "before")
-    assert list(excess_errors(ReportedCause(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == [
+    assert list(rank(ReportedCause(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == [
         "joint_3",
         "joint_2",
         "joint_1",
     ]
     off = ReportedCause(("joint_1", "joint_2"), {"joint_1": np.inf, "joint_2": np.inf}, is_factor=True)
-    assert list(excess_errors(off)) == ["joint_2", "joint_1", "joint_3"]
-    away = excess_errors(away=np.array([0.0, 2.0, 0.5]))
+    assert list(rank(off)) == ["joint_2", "joint_1", "joint_3"]
+    away = rank(away=np.array([0.0, 2.0, 0.5]))
     assert away["joint_2"] == ExcessError(pytest.approx(np.sqrt(1.05**2 + 3.0)), "fixed")
-    assert away["joint_3"] == excess_errors()["joint_3"]
+    assert away["joint_3"] == rank()["joint_3"]
     errors["fixed"][2] = 1.1
-    assert list(excess_errors()) == ["joint_1"]
-    assert excess_errors(own, ReportedCause(("joint_3",), {"joint_3": 0.0}))["joint_3"].view == "fixed"
+    assert list(rank()) == ["joint_1"]
+    assert rank(own, ReportedCause(("joint_3",), {"joint_3": 0.0}))["joint_3"].view == "fixed"
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
