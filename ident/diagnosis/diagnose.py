@@ -127,9 +127,9 @@ def diagnose(
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
     excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
-    left = excess.present
+    unexplained = excess.present
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    noise = np.where(left, np.minimum(settings.verdict.noise_margin * excess.noise, floors), floors)
+    noise = np.where(unexplained, np.minimum(settings.verdict.noise_margin * excess.noise, floors), floors)
     improvement = measure_improvement(search, given, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
@@ -144,11 +144,11 @@ def diagnose(
     limits = find_limits(search, found, views, inflation, session)
     untuned = search.fixed.score().rms, search.fixed.score(groups).rms
     laws = len(beside.laws)  # the effects after these are link errors
-    names = [*discount_by_discrepancy(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
+    reported = [*discount_by_discrepancy(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     heldout = HeldOutGain(old, new, measure_shrink(old, new, floors) if found.accepted else 0.0, improvement)
-    verdict = decide(found, names, left, noise, tolerance, untuned, settings.verdict)
-    findings = sorted(_findings(found, names, arm, floors, improvement, given), key=lambda one: -one.closed)
+    verdict = decide(found, reported, unexplained, noise, tolerance, untuned, settings.verdict)
+    findings = sorted(_findings(found, reported, arm, floors, improvement, given), key=lambda one: -one.closed)
     far = replay_reservation(improvement.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
@@ -190,7 +190,7 @@ def diagnose(
             baseline=tuned_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
             baseline_alone=tuned_alone(baseline, evidence, before),
             baseline_urdf=tuned_alone(baseline, evidence, fixed),
-            outside_score=score_outside(verdict, names, heldout.shrink, excess.leftover),
+            outside_score=score_outside(verdict, reported, heldout.shrink, excess.leftover),
             leftover=excess.leftover,
             tuned_links=links,
         ),

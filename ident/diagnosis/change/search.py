@@ -2,8 +2,8 @@
 
 The baseline has hundreds of columns that some runs do not determine, so held-out scores are too uncertain here, and the
 evidence with its priors decides. The relative variance V of a change's size is that between blocks, or that of the
-law's gain between permuted sets (`permuted_sets`), whichever is more; for friction between-day variance and a random
-walk are added. With ν degrees of freedom for V, k coefficients have the log likelihood ratio
+law's gain between permuted sets (`permuted_sets`), whichever is more; for friction it is at least that of a random
+walk, and between-day variance is added. With ν degrees of freedom for V, k coefficients have the log likelihood ratio
 
     Λ = ½ (ν + k) log(1 + 1 / (ν V)),
 
@@ -92,7 +92,7 @@ class TestedChange:
 
     group: Group  # the change
     significance: Significance  # its test
-    odds: float  # log odds of the change against none, less the threshold; positive if it is significant
+    log_odds: float  # log odds of the change against none, less the threshold; positive if it is significant
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,78 +127,80 @@ class ChangeSearch(Search):
     def find(self) -> tuple[list[TestedChange], dict[Key, TestedChange]]:
         """Significant changes, and candidates of enough log evidence that failed the test.
 
-        A candidate that failed beside few changes is tested again beside more, for these explain part of its null
-        variance. A change that was eliminated stays out.
+        A candidate that failed is tested again beside more changes, which explain part of its null variance; an
+        eliminated change stays out.
         """
-        names: list[Group] = []
+        changes: list[Group] = []
         rejected: dict[Key, TestedChange] = {}
         eliminated: set[Key] = set()
-        while len(names) < self.settings.most_effects * self.evidence.layout.n:
-            step = self._forward_step(names, rejected, eliminated)
+        while len(changes) < self.settings.most_effects * self.evidence.layout.n:
+            step = self._forward_step(changes, rejected, eliminated)
             if step is None:
                 break
-            names = self._prune([*names, step], rejected, eliminated)
-        return self.test(names), rejected
+            changes = self._prune([*changes, step], rejected, eliminated)
+        return self.test(changes), rejected
 
     def _forward_step(
-        self, names: Sequence[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]
+        self, changes: Sequence[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]
     ) -> Group | None:
         """The most likely candidate that is significant beside the changes selected so far; None if none is."""
         tried: dict[Key, TestedChange] = {}
-        for one in self.candidates(names):
+        for one in self.candidates(changes):
             if one.key not in eliminated:
-                last = self.test([*names, one])[-1]
+                last = self.test([*changes, one])[-1]
                 day_limited = [each.group for each in tried.values() if each.significance.mostly_between_days]
-                stands = last.odds > 0.0 and self._exceeds_model_error(last.group, names)
-                if stands and not self.is_friction_drift(last.group, names, day_limited):
+                significant = last.log_odds > 0.0 and self._exceeds_model_error(last.group, changes)
+                if significant and not self.is_friction_drift(last.group, changes, day_limited):
                     return last.group
                 tried[one.key] = rejected[one.key] = last
         return None
 
-    def _exceeds_model_error(self, group: Group, names: Sequence[Group]) -> bool:
+    def _exceeds_model_error(self, group: Group, changes: Sequence[Group]) -> bool:
         """Whether a change explains more than a larger cause may leave at its joints by the error of its law."""
-        models = (project(self.evidence.gram(), self.evidence, self.prior, one) for one in ((), names, (*names, group)))
+        gram = self.evidence.gram()
+        models = (project(gram, self.evidence, self.prior, one) for one in ((), changes, (*changes, group)))
         none, before, after = (squares_left(self.evidence, model).sum(axis=1) for model in models)
         joints = group.acts_on(self.evidence.layout.n)
         own, all_of_them = (before - after)[joints], (none - after)[joints]
         most = int(np.argmax(own))
         return bool(own[most] >= self.settings.least_own_share * all_of_them[most])
 
-    def is_friction_drift(self, group: Group, names: Sequence[Group], day_limited: Sequence[Group]) -> bool:
+    def is_friction_drift(self, group: Group, changes: Sequence[Group], day_limited: Sequence[Group]) -> bool:
         """Whether a change loses its log evidence beside candidates that may be between-day variation of friction."""
         gram = self.evidence.gram()
-        model = project(gram, self.evidence, self.prior, names)
+        model = project(gram, self.evidence, self.prior, changes)
         others = [one for one in day_limited if not is_gain_by_load(model, group, one)]
-        return bool(others) and self.log_evidence_beside(gram, group, [*names, *others]) < self.threshold
+        return bool(others) and self.log_evidence_beside(gram, group, [*changes, *others]) < self.threshold
 
-    def _prune(self, names: list[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]) -> list[Group]:
+    def _prune(self, changes: list[Group], rejected: dict[Key, TestedChange], eliminated: set[Key]) -> list[Group]:
         """Swaps each change for the most likely rival, and eliminates those that are not significant."""
         for _ in range(CHANGE.rounds):
-            before = list(names)
-            for slot, own in enumerate(names):
-                others = names[:slot] + names[slot + 1 :]
+            before = list(changes)
+            for slot, own in enumerate(changes):
+                others = changes[:slot] + changes[slot + 1 :]
                 rivals = {one: score for one, score in self._rivals(own, others).items() if one.key not in eliminated}
-                names[slot] = max(rivals, key=rivals.__getitem__, default=own)
-            if names == before:
+                changes[slot] = max(rivals, key=rivals.__getitem__, default=own)
+            if changes == before:
                 break
-        while names:
-            weakest = min(self.test(names), key=lambda one: one.odds)
-            if weakest.odds > 0.0:
+        while changes:
+            weakest = min(self.test(changes), key=lambda one: one.log_odds)
+            if weakest.log_odds > 0.0:
                 break
             rejected[weakest.group.key] = weakest
             eliminated.add(weakest.group.key)
-            names = [group for group in names if group is not weakest.group]
-        return names
+            changes = [group for group in changes if group is not weakest.group]
+        return changes
 
-    def candidates(self, names: Sequence[Group]) -> dict[Group, float]:
+    def candidates(self, changes: Sequence[Group]) -> dict[Group, float]:
         """Candidates of enough log evidence beside the changes, with their log evidence, the most likely first."""
-        known = frozenset(names)
+        known = frozenset(changes)
         if known not in self._candidate_cache:
-            model = project(self.evidence.gram(), self.evidence, self.prior, names)
-            best = {group: score for score, group in self.best_by_key(model, names).values() if score >= self.threshold}
+            model = project(self.evidence.gram(), self.evidence, self.prior, changes)
+            scored = self.best_by_key(model, changes).values()
+            best = {group: score for score, group in scored if score >= self.threshold}
             joints = {joint_of(group) for group in best}
             # Gains at a joint are compared in units of the null variance of all laws there.
-            null_ratio = {joint: self.design.permuted.nulls(joint, self.prior, names)[None].ratio for joint in joints}
+            null_ratio = {joint: self.design.permuted.nulls(joint, self.prior, changes)[None].ratio for joint in joints}
             scaled_scores = {group: score / null_ratio[joint_of(group)] for group, score in best.items()}
             scores = block_scores(self.evidence, model)
 
@@ -224,16 +226,16 @@ class ChangeSearch(Search):
         n = self.evidence.layout.n
         here = set(own.acts_on(n))
         near = {one: score for one, score in self.candidates(others).items() if here & set(one.acts_on(n))}
-        return {one: score for one, score in near.items() if self.test([*others, one])[-1].odds > 0.0}
+        return {one: score for one, score in near.items() if self.test([*others, one])[-1].log_odds > 0.0}
 
-    def test(self, names: Sequence[Group]) -> list[TestedChange]:
+    def test(self, changes: Sequence[Group]) -> list[TestedChange]:
         """Tests each change beside the others."""
-        known = tuple(names)
+        known = tuple(changes)
         if known not in self._test_cache:
-            model = project(self.evidence.gram(), self.evidence, self.prior, names)
-            solved = solve_effects(Refined(self, tuple(names)), [False] * len(names))[0] if names else []
-            pairs = zip(names, solved, strict=True)
-            self._test_cache[known] = [self._test_one(group, model, names, *each) for group, each in pairs]
+            model = project(self.evidence.gram(), self.evidence, self.prior, changes)
+            solved = solve_effects(Refined(self, tuple(changes)), [False] * len(changes))[0] if changes else []
+            pairs = zip(changes, solved, strict=True)
+            self._test_cache[known] = [self._test_one(group, model, changes, *each) for group, each in pairs]
         return self._test_cache[known]
 
     @cached_property
@@ -252,7 +254,7 @@ class ChangeSearch(Search):
         """
         others = [one.group for k, one in enumerate(tested) if k != slot]
         own, significance = tested[slot].group, tested[slot].significance
-        name, log_odds = own.effect.id, CHANGE.temper * tested[slot].odds
+        name, log_odds = own.effect.id, CHANGE.temper * tested[slot].log_odds
         best: dict[str, float] = {name: log_odds}
         evidence = self.log_evidence_beside(self.evidence.gram(), own, others)
         for one, score in self._rivals(own, others).items():
@@ -271,7 +273,7 @@ class ChangeSearch(Search):
         self,
         group: Group,
         model: Projection,
-        names: Sequence[Group],
+        changes: Sequence[Group],
         beta: Float[Array, " k"],
         cells: Float[Array, "k k"],
     ) -> TestedChange:
@@ -282,7 +284,7 @@ class ChangeSearch(Search):
         gain = float(beta * scale @ along)
         variance = float(along @ (cells * np.outer(scale, scale)) @ along) / max(gain, 1e-300) ** 2
         day = day_to_day(group, design.session, beta, self.evidence.spread[design.joints_with_rows], self.sessions)
-        nulls = design.permuted.nulls(joint_of(group), self.prior, names)
+        nulls = design.permuted.nulls(joint_of(group), self.prior, changes)
         null = nulls.get(group.key, nulls[None])
         blocks = variance, len(self.evidence.fold_of_block)
         significance = measure_significance(gain, freedom, blocks, null, day, design.sides.counts)

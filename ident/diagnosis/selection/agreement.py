@@ -1,14 +1,13 @@
-"""Heterogeneity test: is an effect's size the same in all folds? A constant of the arm is; a stand-in often is not.
+"""Heterogeneity test: whether an effect's size is the same in all folds, as a constant of the arm is (Cochran's Q).
 
 With x the torque of the effect at its estimate, after the other effects, and e the residual of the whole model, its
 relative size in fold f and the variance of that are
 
     s_f = 1 + Σ_f x e / Σ_f x x,    v_f = k_f / Σ_f x x.
 
-k_f is the variance inflation of the fold's block scores, shrunk towards that of the median fold as a fold has few
-blocks. Cochran's Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between
-folds. Folds with little motion have little weight. Reported sizes are shrunk towards the mean as in the random-effects
-model.
+k_f is the variance inflation of the fold's block scores, shrunk towards that of the median fold, for a fold has few
+blocks. Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between folds.
+Folds with little motion have little weight. Reported sizes are shrunk towards the mean by the random-effects model.
 
 Source: Cochran 1954; DerSimonian and Laird 1986 (combining experiments); Morris 1983 (shrinkage).
 """
@@ -38,8 +37,8 @@ class Agreement:
 
     between_fold_std: float  # standard deviation between folds beyond estimation error, as a share of the size
     p_value: float  # of Cochran's Q, if the size is the same in all folds
-    smallest: float  # smallest and largest size of a fold, shrunk towards the mean, as a share
-    largest: float
+    smallest: float  # smallest size of a fold, shrunk towards the mean, as a share
+    largest: float  # largest size of a fold, shrunk towards the mean, as a share
 
 
 def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorbed: bool = False) -> Agreement:
@@ -78,13 +77,13 @@ def compare_sizes(
         blocks: Number of blocks of each fold.
     """
     shared = float(np.median(scores / information))
-    scores_squared = (blocks * scores / information + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
-    weight = information / np.maximum(scores_squared, 1.0)
+    inflation = (blocks * scores / information + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
+    weight = information / np.maximum(inflation, 1.0)
     mean = float(weight @ size / weight.sum())
     q, freedom = float(weight @ (size - mean) ** 2), len(size) - 1
     between = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
-    drawn = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
-    return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(drawn.min()), float(drawn.max()))
+    shrunk = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
+    return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(shrunk.min()), float(shrunk.max()))
 
 
 def _scores(
@@ -98,7 +97,7 @@ def _scores(
     torque = beside.left_of(columns) @ whole.estimate[whole.places(columns)]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
     for j, local in enumerate(evidence.layout.local):
-        information = evidence.times(j, torque[local])
-        along += information @ whole.weights[local]
-        power += information @ torque[local]
+        product = evidence.times(j, torque[local])
+        along += product @ whole.weights[local]
+        power += product @ torque[local]
     return along, np.maximum(power, 0.0)

@@ -56,16 +56,10 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
 
 
 def find_redundant(fine: Refined) -> int | None:
-    """Index of an effect that adds no log evidence once the others lie on their fine grids.
+    """Index of an effect that adds no log evidence once the others lie on their fine grids, the weakest one, or None.
 
     A coarse grid point near a law's true parameters leaves a small residual of the law's own shape, which another
     effect then explains.
-
-    Args:
-        fine: The effects on fine grids.
-
-    Returns:
-        Of the effects that add no log evidence the one with the least; None if all add some.
     """
     search, groups = fine.search, fine.groups
     if len(groups) < 2:

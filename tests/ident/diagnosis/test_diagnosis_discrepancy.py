@@ -69,13 +69,11 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
 
 def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmModel) -> None:
     """Law: of a name that is believed less than the least, the result says why, and that something is there."""
-    verdict = replace(USUAL.verdict, even_odds=1.1)
-    settings = replace(USUAL, verdict=verdict)
+    settings = replace(USUAL, verdict=replace(USUAL.verdict, even_odds=1.1))
     found = diagnose(record(short_arm, spring_on_3), short_arm, CATALOGUE, common_clock=False, settings=settings)
     assert found.diagnosis.findings == ()
-    assert ("spring_torque", NOT_BEYOND_DISCREPANCY) in {
-        (one.effect, one.reason) for one in found.diagnosis.reservations
-    }
+    reasons = {(one.effect, one.reason) for one in found.diagnosis.reservations}
+    assert ("spring_torque", NOT_BEYOND_DISCREPANCY) in reasons
     assert found.diagnosis.verdict == "none_of_catalogue"
 
 

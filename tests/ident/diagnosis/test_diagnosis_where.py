@@ -88,11 +88,10 @@ def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_va
     return Place(joint, axis, low, low + 1.0, gap, time, None, p_value)
 
 
-def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
-    """Law: by torque beyond noise of the model that errs less, with what tuning hides of a cause.
+def test_joints_rank_by_error_beyond_noise_and_none_without_a_gap() -> None:
+    """Law: joints rank by their error beyond noise; hidden torque adds as squares do, up to the larger error.
 
-    Whoever is named first; what is hidden adds as squares do, never to more than the model errs by that errs more. Only
-    a torque that is off by a factor comes before a larger gap, for all sizes there are off with it.
+    A torque that is wrong by a factor comes first, for all sizes there are wrong with it.
     """
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
@@ -108,11 +107,8 @@ def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
     assert hidden["joint_2"] == ExcessError(pytest.approx(np.sqrt(15.0)), "fixed")
     assert hidden["joint_3"] == ExcessError(pytest.approx(5.0), "before")
-    assert list(rank(ReportedCause(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == [
-        "joint_3",
-        "joint_2",
-        "joint_1",
-    ]
+    both = ReportedCause(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0})
+    assert list(rank(both)) == ["joint_3", "joint_2", "joint_1"]
     off = ReportedCause(("joint_1", "joint_2"), {"joint_1": np.inf, "joint_2": np.inf}, is_factor=True)
     assert list(rank(off)) == ["joint_2", "joint_1", "joint_3"]
     away = rank(away=np.array([0.0, 2.0, 0.5]))
