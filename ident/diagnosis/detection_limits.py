@@ -64,7 +64,7 @@ class SizeLimit:
         where = f" of {joints[self.joint]}" if self.effect.scope == "joint" else ""
         least = "above" if self.effect.typical.inverse else "below"
         limit = f"{self.parameter} {least} {{:.2g}}, more than is plausible"
-        hidden = "it whole" if self.value is None else limit.format(self.value)
+        hidden = "it completely" if self.value is None else limit.format(self.value)
         return NotTestable(self.effect, self.joint, f"{HIDES[self.bound_by]}{where} hides {hidden}")
 
 

@@ -173,7 +173,7 @@ class _Relevance:
     def best(self, start: Sequence[float] = (), excluded: int = -1) -> tuple[float, ...]:
         """Factors of greatest log evidence by coordinate ascent from `start` (or ones); link `excluded` has none."""
         factors = tuple(start) or (1.0,) * self.baseline.nominal.n
-        reached = self._evidence(factors)
+        reached = self._log_evidence(factors)
         for _ in range(2 * len(factors)):
             tried = [
                 (*factors[:k], factor, *factors[k + 1 :])
@@ -181,7 +181,7 @@ class _Relevance:
                 for factor in (1.0, *LIMIT.factors)
                 if k != excluded and factor != factors[k]
             ]
-            found = [self._evidence(one) for one in tried]
+            found = [self._log_evidence(one) for one in tried]
             if max(found) <= reached:
                 break
             reached, factors = max(found), tried[int(np.argmax(found))]
@@ -192,9 +192,10 @@ class _Relevance:
         if factors[link] == 1.0:
             return 0.0
         without = self.best((*factors[:link], 1.0, *factors[link + 1 :]), link)
-        return self._evidence(factors) - self._evidence(without)
+        return self._log_evidence(factors) - self._log_evidence(without)
 
-    def _evidence(self, factors: tuple[float, ...]) -> float:
+    def _log_evidence(self, factors: tuple[float, ...]) -> float:
+        """Log evidence of some factors, with a prior cost for each that is not one [nats]."""
         mapping, std = self.baseline.base.mapping, self.std(factors)
         root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
         half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)

@@ -186,7 +186,7 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
         elif seen[0] >= CHANGE.least_seen:
             continue
         elif seen[1] >= 2.0 * CHANGE.least_seen:
-            reason = "the two sets move too differently for a URDF that may be wrong; one that is right would tell"
+            reason = "the two sets move too differently for a URDF that may be wrong; a correct one would show it"
         elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
             share = 100.0 * used[group.joint].in_motion
             reason = f"in {share:.0f} % of its samples the joint moves far from stops and turns; the rest can't show it"

@@ -100,7 +100,7 @@ class UnlistedChange(Effect):
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         size = estimates["rms_Nm"].words("N m")
-        return f"look at {where}: its torque differs by {size} (rms), by no law that is known here"
+        return f"look at {where}: its torque differs by {size} (rms), as no law of the catalogue does"
 
 
 def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:

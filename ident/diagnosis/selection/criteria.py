@@ -46,6 +46,7 @@ class AcceptanceCriteria:
 
     @property
     def passed(self) -> bool:
+        """Whether the candidate meets all criteria."""
         if self.log_evidence < self.required_log_evidence:
             return False
         if self.event:
