@@ -103,7 +103,7 @@ def find_limits(
         if group.key[:2] not in accepted and not group.effect.event and group.effect.typical.figure:
             places.setdefault(group.key[:2], {}).setdefault(group.variant.other, []).append(group)
     finder = _LimitFinder(search, found, views, inflation, session)
-    limits = (_limit_at(finder, list(mates.values())) for mates in places.values())
+    limits = (_limit_at(finder, list(by_other.values())) for by_other in places.values())
     return tuple(limit for limit in limits if limit is not None)
 
 

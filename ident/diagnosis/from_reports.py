@@ -88,8 +88,8 @@ def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
         words[MISREAD] = (
             "; check the drive gain of {}, too: its torque is off by a factor" if change.body else mend_first
         )
-    doubted = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
-    own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in doubted.items()}
+    affected = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
+    own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in affected.items()}
     return "".join(words[kind].format(names) for kind, names in own.items() if names)
 
 

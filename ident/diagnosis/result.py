@@ -247,10 +247,10 @@ class Diagnosis(Exportable):
 
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]
-        silent = [one.to_dict(self.joints) for one in self.not_testable]
+        untestable = [one.to_dict(self.joints) for one in self.not_testable]
         near = None if self.details is None else self.details.nearest
         loudest = self.where[0].joint if self.where else None
-        advice = next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot, near, loudest)
+        advice = next_experiment(findings, untestable, self.catalogue, self.robot_option or self.robot, near, loudest)
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -262,7 +262,7 @@ class Diagnosis(Exportable):
             "where": [place.to_dict() for place in self.where],
             "findings": findings,
             "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
-            "not_testable": silent,
+            "not_testable": untestable,
             "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": advice,
             **({} if self.details is None else self.details.to_dict(self.joints)),

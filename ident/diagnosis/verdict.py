@@ -81,9 +81,9 @@ def find_unexplained(
     excess = (typical / np.maximum(evidence.floor, 1e-12)) ** 2
     shared = max(float(np.median(excess[moved])), 1.0) if moved.any() else 1.0
     much = excess / min(settings.much_left * shared, settings.far_left)
-    standing = np.maximum(colour / max(settings.stands_out * usual, 1e-12), much)
+    exceedance = np.maximum(colour / max(settings.stands_out * usual, 1e-12), much)
     beyond = typical**2 / np.maximum((1.0 + settings.least_gap_share) * whitening.level**2, 1e-24)
-    leftover = np.maximum(learnt / settings.least_gap_share, np.minimum(beyond, standing))
+    leftover = np.maximum(learnt / settings.least_gap_share, np.minimum(beyond, exceedance))
     return ResidualExcess(np.where(moved, leftover, 0.0), np.minimum(evidence.floor, usual * whitening.innovation))
 
 

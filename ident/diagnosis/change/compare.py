@@ -82,7 +82,7 @@ def compare(
     first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
-        hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}.values()
+        hidden = {one.effect.id + str(one.joint): one for one in (*first.untestable, *few)}.values()
         found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
         return replace(found, still=still, used=used)
     stage("searching what changed", 0.5, 1.0)
@@ -175,7 +175,7 @@ def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, d
 
 def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
     """Changes that these two sets cannot show, with the reason."""
-    evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
+    evidence, found, gram = design.sums.evidence, list(design.untestable), design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
     right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
     first = {group.key: group for group in reversed(evidence.layout.groups)}

@@ -56,7 +56,7 @@ class PairedDesign:
     sides: Sides  # the set of each run
     sums: PairedSums  # block sums of all columns
     held: tuple[float, ...]  # each joint's static friction [N m]
-    silent: tuple[NotTestable, ...]  # effects that cannot be tested in any of these runs
+    untestable: tuple[NotTestable, ...]  # effects that cannot be tested in any of these runs
     gain_uncertainty: GainUncertainty = STATED  # prior of the gains
     effects: tuple[Effect, ...] = ()  # all effects that may have changed
     still: tuple[StaticJoint, ...] = ()  # joints that stand still in one of the sets
@@ -145,9 +145,9 @@ def build_design(
     if effects is None:
         left = leftover_torque(own)
         effects = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
-    silent, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
+    untestable, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
-    layout = layout_of(session, baseline.base.rank, grids, silent)
+    layout = layout_of(session, baseline.base.rank, grids, untestable)
     sides = partition_sides(session, later)
     whitening = None if earlier is None else earlier.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
@@ -167,7 +167,7 @@ def build_design(
     if dispersion is None:
         dispersion = measure_block_dispersion(sums.evidence, _learnt_prior(sums, session, baseline)[1])
     sums = replace(sums, evidence=sums.evidence.with_dispersion(dispersion))
-    return PairedDesign(baseline, session, sides, sums, held, tuple(silent), effects=effects, still=still)
+    return PairedDesign(baseline, session, sides, sums, held, tuple(untestable), effects=effects, still=still)
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:

@@ -119,7 +119,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
         for part, some in change.parts(group.variant):
             groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
         always[columns] = where[group.columns]
-    new = np.arange(start, len(origin) - 1)  # each stands with its joint if its source did
+    new = np.arange(start, len(origin) - 1)  # each belongs to the joint of its source
     layout = replace(
         old,
         groups=tuple(groups),

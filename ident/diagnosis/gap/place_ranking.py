@@ -80,10 +80,10 @@ def rank_places(
     for joint, one in excess_errors.items():
         cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
         cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
-        sure = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
-        sure.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
-        best = {place.axis: place for place in reversed(sure)}
-        chosen = [place for place in sure if best[place.axis] is place][: settings.places_each]
+        significant = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
+        significant.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
+        best = {place.axis: place for place in reversed(significant)}
+        chosen = [place for place in significant if best[place.axis] is place][: settings.places_each]
         chosen = chosen or sorted(cells, key=lambda p: (p.axis == "frequency", -p.density))[:1]
         found += [replace(place, beyond_noise_Nm=one.torque) for place in chosen]
     return tuple(found[: settings.places_told])
