@@ -97,7 +97,7 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     Returns:
         The last look with all that pages need; its diagnosis holds what all looks found.
     """
-    from ident.diagnosis.sequential import look_until
+    from ident.diagnosis.sequential import diagnose_sequentially
 
     sessions = tuple(Given(source, robot, options.topic, options.session_file).parts())
     examined: list[Examined] = []
@@ -108,7 +108,7 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
         return found.diagnosis
 
     total = sum(len(session.runs) for session in sessions)
-    looks = look_until(look, total, sure, options.settings or USUAL)
+    looks = diagnose_sequentially(look, total, sure, options.settings or USUAL)
     (last,) = examined
     return last._replace(diagnosis=replace(last.diagnosis, until=looks))
 

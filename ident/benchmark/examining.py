@@ -95,7 +95,7 @@ def measure_alone(analysis: Analysis, prior: Prior) -> dict[str, Any]:
         inner parameters.
     """
     search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    named = [item.group for item in analysis.search.named]
+    named = [item.group for item in analysis.search.accepted]
     views = {"tuned": search.held_out, "fixed": search.fixed}
     gram, alone = analysis.evidence.gram(), {}
 

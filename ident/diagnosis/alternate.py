@@ -1,4 +1,14 @@
-"""Names, friction's variation between runs and the URDF's error: each is estimated beside the others."""
+"""Stepwise selection of effects, alternated with two kinds of variance components until they agree.
+
+In: a search over all candidates. Out: the accepted effects with their estimates, and why others were not accepted. In
+each round
+
+1. effects are selected, given how much friction varies from run to run and how wrong the URDF is;
+2. the between-run variance of friction and the scales of the URDF's error are estimated anew, given these effects.
+
+The rounds end when both change little. An accepted effect is dropped if it is redundant, outranked by a rival,
+implausible, insignificant, heterogeneous between runs, or no likelier than a random walk of friction.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +17,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.reservations import Reservation, find_heterogeneous, find_implausible
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
-from ident.diagnosis.selection.refine import Refined, find_needless, refine
+from ident.diagnosis.selection.refine import Refined, find_redundant, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
-from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
+from ident.diagnosis.selection.urdf_scale import fit_urdf_error, initial_urdf_error, log_bayes_factor, one_link_is_wrong
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.covariance import measure_inflation
@@ -24,81 +34,93 @@ from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.run_spread import estimate_run_spread
 from ident.regression.wandering import log_odds_of_law
 
-# Why a law of warmth does not stand that is hardly likelier than a random walk.
-WANDERS = "friction that wanders from run to run explains it about as well: it may be warmth, or any slow change"
+# Reason that a law of warmth is rejected for.
+RANDOM_WALK = "a random walk of friction over the runs explains it about as well: it may be warmth, or any slow change"
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
-    """Names that stand, and what was found on the way."""
+class Selection:
+    """Accepted effects with their estimates."""
 
-    search: Search  # the search that gave them, with what it is to do without
-    found: SearchResults  # what it found
-    estimates: list[Estimate]  # of each name
-    fine: Refined | None  # their finer grids, if there are names
-    doubted: tuple[Reservation, ...]  # why further names were not believed
+    search: Search  # the search that selected them, with its variances and excluded candidates
+    found: SearchResults  # accepted effects on the coarse grids
+    estimates: list[Estimate]  # one for each accepted effect
+    fine: Refined | None  # the effects on fine grids; None where there are none
+    reservations: tuple[Reservation, ...]  # effects that were rejected after acceptance, with the reason
 
 
-def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settled:
-    """Names and how much friction varies from run to run: each is estimated beside the other.
+def select_effects(search: Search, session: SessionContext, baseline: Baseline) -> Selection:
+    """Selects effects, the between-run variance of friction and the URDF's error scales in turn.
 
-    Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
-    no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
+    Friction is first taken to vary much, so that an effect must show beside that. The variance that accepted effects
+    explain is no variance of friction; where its estimate falls clearly, the next round may accept smaller effects.
+
+    Args:
+        search, session, baseline: Search over all candidates, the runs, and the tuned model.
     """
     prior, settings = search.prior, search.settings
-    doubted: tuple[Reservation, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
     free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
-    prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
+    prior = Prior.believing(free, baseline, initial_urdf_error(replace(search, evidence=evidence), baseline).error)
     search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
-    left, start = settings.most_settling, search.best_start()
+    rounds_left, start = settings.most_settling, search.best_start()
     while True:
-        left -= 1
-        sure = _sure(search, session, baseline, doubted, start)
-        error, unlikely = _how_wrong(sure.search, sure.found, session, baseline)
-        while unlikely and (error == prior.error or not left):
-            barring = replace(sure.search, barred=sure.search.barred | unlikely)
-            start = [item.group for item in sure.found.named]
-            sure = _sure(barring, session, baseline, sure.doubted, start)
-            error, unlikely = _how_wrong(sure.search, sure.found, session, baseline)
-        search, doubted, groups = sure.search, sure.doubted, [item.group for item in sure.found.named]
-        # Beside slow effects that got no name friction varied too little, beside none of the others too much.
-        now = estimate_run_spread(free, project(free.gram(), free, prior, groups))
-        steady = np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share)
-        if not left or (error == prior.error and steady):
-            return replace(sure, found=_or_doubted(sure.found, sure.doubted))
-        spread, prior, start = now, Prior.believing(free, baseline, error), groups
+        rounds_left -= 1
+        selected = _select_stepwise(search, session, baseline, reservations, start)
+        error, unsupported = _revise_urdf_error(selected.search, selected.found, session, baseline)
+        while unsupported and (error == prior.error or not rounds_left):
+            without = replace(selected.search, excluded=selected.search.excluded | unsupported)
+            start = [item.group for item in selected.found.accepted]
+            selected = _select_stepwise(without, session, baseline, selected.reservations, start)
+            error, unsupported = _revise_urdf_error(selected.search, selected.found, session, baseline)
+        search, reservations = selected.search, selected.reservations
+        groups = [item.group for item in selected.found.accepted]
+        # The first estimate had all slow effects beside it, and none of the others: it may be too small or too large.
+        new_spread = estimate_run_spread(free, project(free.gram(), free, prior, groups))
+        steady = np.all(np.maximum(new_spread / spread, spread / new_spread) < 1.0 / settings.settled_share)
+        if not rounds_left or (error == prior.error and steady):
+            return replace(selected, found=_with_rejected(selected.found, selected.reservations))
+        spread, prior, start = new_spread, Prior.believing(free, baseline, error), groups
         evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
-        del sure  # what was made of the last sums goes before it is made of new ones
+        del selected  # frees the last round's sums before new ones are made
 
 
-def keep_names(sure: Settled, kept: Sequence[int], session: SessionContext, baseline: Baseline, reason: str) -> Settled:
-    """Some of the names, estimated anew without the others, of which it is said why they do not stand."""
-    search, joints = sure.search, baseline.nominal.joint_names
-    dropped = [k for k in range(len(sure.estimates)) if k not in kept]
-    doubted = tuple(Reservation.of(sure.found.named[k], sure.estimates[k], joints, reason) for k in dropped)
-    found = search.only(sure.found, kept)
+def keep_effects(
+    selected: Selection, kept: Sequence[int], session: SessionContext, baseline: Baseline, reason: str
+) -> Selection:
+    """Reduces a selection to some of its effects, by index, and estimates these anew.
+
+    Args:
+        selected, kept: The selection, and the indices of the effects that stay.
+        session, baseline, reason: The runs, the tuned model, and why the other effects are dropped.
+    """
+    search, joints = selected.search, baseline.nominal.joint_names
+    effects = list(zip(selected.found.accepted, selected.estimates, strict=True))
+    dropped = tuple(Reservation.of(*one, joints, reason) for k, one in enumerate(effects) if k not in kept)
+    found = search.only(selected.found, kept)
     if not kept:
-        return Settled(search, found, [], None, sure.doubted + doubted)
-    fine = refine(search, session, baseline, [item.group for item in found.named])
-    estimates = estimate_effects(search, fine, session, found.named)
-    return Settled(search, found, estimates, fine, sure.doubted + doubted)
+        return Selection(search, found, [], None, selected.reservations + dropped)
+    fine = refine(search, session, baseline, [item.group for item in found.accepted])
+    estimates = estimate_effects(search, fine, session, found.accepted)
+    return Selection(search, found, estimates, fine, selected.reservations + dropped)
 
 
-def _or_doubted(found: SearchResults, doubted: Sequence[Reservation]) -> SearchResults:
-    """Results without names in which the best of what was doubted counts as refused: something is there."""
-    shown = [one.shows for one in doubted if one.shows is not None]
-    if found.named or found.hint is not None or not shown:
+def _with_rejected(found: SearchResults, reservations: Sequence[Reservation]) -> SearchResults:
+    """Results without effects, given the best reservation's effect as rejected candidate: a gap is present."""
+    candidates = [one.candidate for one in reservations if one.candidate is not None]
+    if found.accepted or found.near_miss is not None or not candidates:
         return found
-    return replace(found, refused=max(shown, key=lambda item: item.gates.evidence))
+    return replace(found, best_rejected=max(candidates, key=lambda item: item.criteria.log_evidence))
 
 
 def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
     """The baseline with the best candidate of each slow effect at each joint.
 
-    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be seen.
+    Slow effects, such as warming friction, also differ from run to run: were between-run variance estimated without
+    them, it would absorb them.
     """
     gram = evidence.gram()
     alone = project(gram, evidence, prior)
@@ -111,39 +133,39 @@ def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
     return project(gram, evidence, prior, [group for _, group in best.values()])
 
 
-def _how_wrong(
+def _revise_urdf_error(
     search: Search, found: SearchResults, session: SessionContext, baseline: Baseline
 ) -> tuple[UrdfError, set[Key]]:
-    """How far off the URDF must be believed to be before names of the inertias' kind can be judged: mostly as it was.
+    """Checks the accepted inertia-like effects against a URDF whose error is free, and revises its scales.
 
-    Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
-    and the tuned inertias lie beyond the tolerance.
+    They are revised in two cases: the Bayes factor of an absorbed effect is too small; or no effect is absorbed, and
+    the tuned inertias exceed the URDF's tolerance although no single link explains that.
 
     Returns:
-        The error, and the first name that is not likely enough beside it. Where the error is what was believed anyway,
-        another search would give the same name again.
+        The scales of the URDF's error, and the key of the first effect whose Bayes factor is too small. If the scales
+        are those of the prior, another search would select that effect again.
     """
     evidence, prior, settings = search.evidence, search.prior, search.settings
-    groups = [item.group for item in found.named]
-    absorbed = [item.group for item in found.named if item.absorbed]
+    groups = [item.group for item in found.accepted]
+    absorbed = [item.group for item in found.accepted if item.absorbed]
     model = project(evidence.gram(), evidence, prior, groups)
     inflation = measure_inflation(evidence, model)
     if not absorbed:
         exceeded = measure_tolerance(evidence, prior, model, inflation, settings).exceeded
-        # Where something sits at one link that has no name, it must be reported.
+        # A single wrong link must be reported, not absorbed by a wider prior of all links.
         if not exceeded or one_link_is_wrong(search, baseline, groups, inflation):
             return prior.error, set()
-        return best_belief(search, baseline, groups, inflation).error, set()
+        return fit_urdf_error(search, baseline, groups, inflation).error, set()
     for group in absorbed:
         others = [other for other in groups if other is not group]
-        if added_evidence(search, session, baseline, group, others, inflation) < search.inertial_nats:
-            return best_belief(search, baseline, others, inflation).error, {group.key}
+        if log_bayes_factor(search, session, baseline, group, others, inflation) < search.inertial_threshold:
+            return fit_urdf_error(search, baseline, others, inflation).error, {group.key}
     return prior.error, set()
 
 
-def _find_wandering(search: Search, groups: Sequence[Group], asked: Sequence[int]) -> list[int]:
-    """Which of some names are slow laws that are hardly likelier than friction that wanders from run to run."""
-    slow = [k for k in asked if groups[k].effect.by_run]
+def _find_random_walks(search: Search, groups: Sequence[Group], tested: Sequence[int]) -> list[int]:
+    """Indices of the tested slow effects that are hardly likelier than friction that follows a random walk."""
+    slow = [k for k in tested if groups[k].effect.by_run]
     if not slow:
         return []
     settings = search.evidence.settings
@@ -157,67 +179,64 @@ def _find_wandering(search: Search, groups: Sequence[Group], asked: Sequence[int
     return found
 
 
-def _sure(
+def _select_stepwise(
     search: Search,
     session: SessionContext,
     baseline: Baseline,
-    doubted: tuple[Reservation, ...] = (),
+    reservations: tuple[Reservation, ...] = (),
     start: Sequence[Group] = (),
-) -> Settled:
-    """The effects that the search named, without those that are needless, that a rival beats, or that no arm has.
+) -> Selection:
+    """Effects of one round, without those that are redundant, outranked by a rival, or rejected by a later test.
 
-    What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
-    So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
+    An effect with implausible parameters is excluded and the search repeated: another effect may explain what it did.
+    The same is tried for an effect that a rival outranks, if the rival is accepted then.
 
     Args:
-        search: The session's candidates.
-        session: The runs.
-        baseline: The tuned model.
-        doubted: Why names were not believed so far.
-        start: Effects to begin with: those that stood beside another belief about friction and the URDF.
+        search, session, baseline: Search over the candidates, the runs, and the tuned model.
+        reservations, start: The reservations and the effects of earlier rounds.
     """
-    beaten, checked = 0, False
-    held, joints = search.settings, baseline.nominal.joint_names
+    outranked, checked = 0, False
+    settings, joints = search.settings, baseline.nominal.joint_names
     found = search.run(start)
-    most = held.most_doubted * len(joints)
-    while found.named:  # without names there is nothing to refine: no second pass
-        groups = [item.group for item in found.named]
+    most = settings.most_doubted * len(joints)
+    while found.accepted:  # no second pass over the recordings without effects
+        effects, groups = found.accepted, [item.group for item in found.accepted]
         fine = refine(search, session, baseline, groups)
-        needless = find_needless(fine)
-        if needless is not None and len(search.barred) < most:
-            lost = {groups[needless].key}
-            search = replace(search, barred=search.barred | lost, redundant=search.redundant | lost)
-            found = search.run(groups, found.named)
+        redundant = find_redundant(fine)
+        if redundant is not None and len(search.excluded) < most:
+            lost = {groups[redundant].key}
+            search = replace(search, excluded=search.excluded | lost, redundant=search.redundant | lost)
+            found = search.run(groups, found.accepted)
             continue
-        estimates = estimate_effects(search, fine, session, found.named)
-        kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= held.least_probability]
-        refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
-        hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
-        refused = refused or find_uneven(search, groups, kept, hidden)
-        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
-        for k in () if refused else _find_wandering(search, groups, kept):
-            refused[k] = WANDERS
-            # Friction that varies is no gap.
-            doubted += (replace(Reservation.of(found.named[k], estimates[k], joints, WANDERS), shows=None),)
-        if refused and len(doubted) <= most:
+        estimates = estimate_effects(search, fine, session, found.accepted)
+        kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= settings.least_probability]
+        refused = find_implausible({k: (effects[k], estimates[k]) for k in kept}, session)
+        hidden = [k for k in kept if effects[k].absorbed or groups[k].prior is not None]
+        refused = refused or find_heterogeneous(search, groups, kept, hidden)
+        reservations += tuple(Reservation.of(effects[k], estimates[k], joints, why) for k, why in refused.items())
+        for k in () if refused else _find_random_walks(search, groups, kept):
+            refused[k] = RANDOM_WALK
+            doubt = Reservation.of(effects[k], estimates[k], joints, RANDOM_WALK)
+            reservations += (replace(doubt, candidate=None),)  # friction that varies is no gap
+        if refused and len(reservations) <= most:
             keys = {groups[k].key for k in refused}
-            search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
-            found = search.run(groups, found.named)
+            search = replace(search, excluded=search.excluded | keys, implausible=search.implausible | keys)
+            found = search.run(groups, found.accepted)
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            standing = found.named if checked else search.standing(groups)
-            if len(standing) == len(groups):
-                return Settled(search, found, estimates, fine, doubted)
-            # What was named later explained what another had.
-            found, checked = search.run([item.group for item in standing], standing), True
+            remaining = found.accepted if checked else search.backward_elimination(groups)
+            if len(remaining) == len(groups):
+                return Selection(search, found, estimates, fine, reservations)
+            # Effects accepted later explain what an earlier one did.
+            found, checked = search.run([item.group for item in remaining], remaining), True
             continue
-        if not refused and beaten < most:
+        if not refused and outranked < most:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
-            beaten += len(lost)
-            other = replace(search, barred=search.barred | lost).run(groups, found.named)
-            if len(other.named) > len(kept):
-                search, found = replace(search, barred=search.barred | lost), other
+            outranked += len(lost)
+            other = replace(search, excluded=search.excluded | lost).run(groups, found.accepted)
+            if len(other.accepted) > len(kept):
+                search, found = replace(search, excluded=search.excluded | lost), other
                 continue
         found = search.only(found, kept)
-    return Settled(search, found, [], None, doubted)
+    return Selection(search, found, [], None, reservations)

@@ -1,6 +1,6 @@
-"""The tuned baseline as numbers for a simulator: losses of each joint, and change of its link's inertia.
+"""The tuned baseline as parameters for a simulator: losses of each joint, and change of its link's inertia.
 
-A baseline is tuned with the named effects and without them: friction that a Stribeck curve explains must not stand in
+The baseline is tuned beside the accepted effects and without them: friction that a Stribeck law explains must not be in
 the Coulomb level as well.
 """
 
@@ -22,7 +22,7 @@ from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection, project, solve_signed
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
-# Order of a link's ten inertial numbers, about its joint's frame.
+# Order of a link's ten inertial parameters, in its joint's frame.
 LINK_KEYS = (
     "mass_kg",
     *(f"moment_{axis}_kgm" for axis in "xyz"),
@@ -32,10 +32,10 @@ LINK_KEYS = (
 
 @dataclass(frozen=True)
 class OpenLaw:
-    """What the reported parameters of an effect leave open of its law."""
+    """Coefficients of a law whose reported parameters do not determine it completely."""
 
     coefficients: tuple[float, ...]  # of its columns, in their order
-    shape: Mapping[str, float]  # its inner parameters, and what gives its columns their form
+    shape: Mapping[str, float]  # inner parameters and other constants of its columns
 
     def to_dict(self) -> dict[str, Any]:
         return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
@@ -45,14 +45,13 @@ class OpenLaw:
 class TunedJoint:
     """The tuned baseline at one joint."""
 
-    motor_inertia: float  # losses, none negative [kg m², N m s/rad, N m]
-    viscous: float
-    coulomb: float
-    transition: float  # speed over which dry friction turns round where it does not over a range [rad/s]
-    sliding_range: float  # range over which it does, or 0 [rad]
-    # Smallest change of the URDF's link inertias that gives the tuned ones, in the order of `LINK_KEYS`.
-    link_change: Float[Array, " 10"]
-    laws: Mapping[str, OpenLaw]  # by effect, what its reported parameters leave open
+    motor_inertia: float  # reflected rotor inertia, not negative [kg m²]
+    viscous: float  # viscous friction, not negative [N m s/rad]
+    coulomb: float  # Coulomb friction, not negative [N m]
+    transition: float  # speed over which dry friction changes its sign, if it does so by speed [rad/s]
+    sliding_range: float  # travel over which dry friction changes its sign after a reversal, or 0 [rad]
+    link_change: Float[Array, " 10"]  # least change of the URDF's link inertia that gives the tuned one (`LINK_KEYS`)
+    laws: Mapping[str, OpenLaw]  # by effect, the law that its reported parameters do not determine
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -65,28 +64,24 @@ class TunedJoint:
 
 
 def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) -> dict[str, TunedJoint]:
-    """Parameters of the baseline as a model solved it, by joint.
+    """The baseline's parameters as a model without effects solved it, by joint name; see also `tuned_beside`.
 
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
-        evidence: Scale and layout of the columns.
-        projection: The solved model: the baseline alone; beside effects it is `tuned_beside`.
+        evidence, projection: Scale and layout of the columns, and the solved model.
     """
     return _by_joint(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
 
 def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, TunedJoint]:
-    """Parameters of the baseline that goes with the reported ones of effects, as `tuned_alone`.
+    """The baseline's parameters that go with the reported parameters of effects, by joint name.
 
-    Reported parameters are not always those of the model that solves everything at once: what tuning would absorb is
-    reported against the URDF fixed, and inner parameters from a finer grid. What the tuned arm has to explain then is
-    the torque less these effects. Losses that would drive are held at zero, and what of an effect is as well a joint's
-    dry friction is counted there.
+    Reported parameters are not always those of the joint solution: absorbed effects are estimated with the URDF fixed,
+    and inner parameters come from a fine grid. So the baseline is solved again for the torque less these effects.
+    Negative losses are set to zero, and the part of an effect that equals dry friction is moved to the Coulomb level.
 
     Args:
-        baseline: The user's arm.
-        fine: Sums that hold the effects' columns.
-        estimates: The effects.
+        baseline, fine, estimates: The user's arm, the sums of the effects' columns, and the effects.
     """
     evidence, groups = fine.search.evidence, [one.refined for one in estimates]
     alone = project(evidence.gram(), evidence, fine.search.prior)
@@ -117,7 +112,7 @@ def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate
 def _without_drive(
     losses: slice, alone: Projection, columns: Int[Array, " k"], beta: Float[Array, " k"], shaped: Bool[Array, " k"]
 ) -> tuple[Float[Array, " z"], Float[Array, " s"]]:
-    """The baseline with losses that aren't negative, and the coefficients of laws that may follow it."""
+    """The baseline with losses constrained to be non-negative, and the coefficients of open laws that adapt to it."""
     free, held = columns[shaped], columns[~shaped]
     information = np.linalg.inv(alone.spread)
     cross = information @ alone.slopes[:, free]
@@ -139,6 +134,7 @@ def _without_drive(
 def _by_joint(
     baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, Mapping[str, OpenLaw]]
 ) -> dict[str, TunedJoint]:
+    """Baseline parameters by joint name, from scaled coefficients and the open laws by joint and effect."""
     rank, n = evidence.layout.rank, evidence.layout.n
     scaled_baseline = scaled / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(scaled_baseline[rank : rank + LOSS_PARAMETERS * n].reshape(n, LOSS_PARAMETERS), 0.0)

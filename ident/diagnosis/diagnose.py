@@ -1,4 +1,9 @@
-"""The whole diagnosis: from motions and an arm to a verdict with evidence."""
+"""The whole diagnosis: from smoothed motions and an arm to a verdict with its evidence.
+
+The steps: tune the arm (inertias and losses); sum the columns of all candidate effects over blocks; select effects;
+test them against a discrepancy; add wrong links; then measure residuals, held-out gains, detection limits and the gap's
+map.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +14,19 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.checks.report import MISREAD
-from ident.diagnosis.alternate import Settled, keep_names, settle
+from ident.diagnosis.alternate import Selection, keep_effects, select_effects
 from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
-from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
-from ident.diagnosis.gap.place_ranking import NamedPlace, measure_harm, rank_places
+from ident.diagnosis.gap.improvement import Improvement, measure_improvement, run_energy, spread_of_runs
+from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
-from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
-from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.reservations import joints_of, link_reservations, replay_reservation
+from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain, JointGap
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
@@ -29,13 +34,13 @@ from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import measure_tuned_links
 from ident.diagnosis.verdict import (
-    believed,
     decide,
+    discount_by_discrepancy,
+    exceeds_noise,
     find_floors,
     find_nearest,
     find_unexplained,
     score_outside,
-    stands_out,
 )
 from ident.effects.base import Effect, SessionContext
 from ident.model.linearisation import LEAST_MOVING
@@ -55,17 +60,17 @@ from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 
-# By what the URDF's tolerance is divided where it is fixed: more changes no digit of any error.
-AS_GIVEN = 1e5
-# Why a name does not stand that a discrepancy explains about as cheaply.
-NO_LAW = (
-    "a flexible function of the joint's state explains as much about as cheaply: more likely no such law is at work"
+# Divisor of the URDF's tolerance for reported errors of the untuned model: a larger one changes no digit of them.
+FIXED_URDF_FACTOR = 1e5
+# Reason that an effect is rejected for if a discrepancy explains its torque at about the same cost.
+NOT_BEYOND_DISCREPANCY = (
+    "a flexible function of the joint's state explains as much at about the same cost: probably no such law acts"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """All that the diagnosis computed on the way, for reports, the next experiment and patches."""
+    """The diagnosis with its intermediate results, for reports, the next experiment and patches."""
 
     baseline: Baseline
     session: SessionContext
@@ -90,14 +95,14 @@ def diagnose(
     Args:
         motions, catalogue: All runs, smoothed, and the effects to test for.
         arm: The user's arm, without payload.
-        common_clock: Whether time goes on from run to run.
-        telemetry, seed: What the telemetry check found, passed on; seed of the sign flips.
-        inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
-        settings: The numbers by which it decides.
+        common_clock: Whether the clock continues from run to run.
+        telemetry, seed: Issues of the telemetry check, for the record; seed of the sign flips.
+        inertia_share: Standard deviation of the arm's inertias as a share of each link's scale; that of a URDF if None.
+        settings: Thresholds and priors of all stages.
     """
-    still = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
+    static = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
     stage("tuning the arm", 0.2, 0.35)
-    baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still)
+    baseline = fit_baseline(motions, arm, inertia_share, settings.regression, static)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
     screened = [effect.screened(session, leftover) for effect in catalogue]
@@ -108,55 +113,54 @@ def diagnose(
     evidence = evidence.with_dispersion(measure_dispersion(session, baseline, replace(evidence), prior))
     stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
-    sure, beside = _beside_discrepancy(settle(first, session, baseline), session, baseline, settings)
-    sure = name_wrong_links(sure, session, baseline, settings.verdict)
-    search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
+    selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
+    selected = name_wrong_links(selected, session, baseline, settings.verdict)
+    search, found, estimates, fine = selected.search, selected.found, selected.estimates, selected.fine
     evidence, prior = search.evidence, search.prior
-    groups = [item.group for item in found.named]
+    groups = [item.group for item in found.accepted]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
-    # What is reported of the URDF is said of it as it is; the search keeps to a prior that is tight, not singular.
-    given = HeldOut(evidence, search.prior.tightened(AS_GIVEN * search.prior.error.scale))
+    # Errors of the untuned model are reported with the URDF as it is; the search's fixed prior is less tight.
+    given = HeldOut(evidence, search.prior.tightened(FIXED_URDF_FACTOR * search.prior.error.scale))
     fixed = project(gram, evidence, given.prior)
     stage("what is left, and what could have been seen", 0.9, 1.0)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
-    open_gap = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
-    left = open_gap.left
+    excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
+    unexplained = excess.present
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
-    reach = measure_reach(search, given, found, series, baseline, floors, beside.explained, settings.gap)
+    noise = np.where(unexplained, np.minimum(settings.verdict.noise_margin * excess.noise, floors), floors)
+    improvement = measure_improvement(search, given, found, series, baseline, floors, beside.explained, settings.gap)
     inflation = measure_inflation(evidence, after)
     links = measure_tuned_links(baseline, evidence, after, prior, inflation)
-    # How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
+    # Tolerance is tested with the usual prior if a single link is wrong, else with the URDF's error as estimated.
     usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
     model = project(gram, evidence, usual.prior, groups)
-    excess = measure_inflation(evidence, model)
-    alone = one_link_is_wrong(usual, baseline, groups, excess)
-    belief = (usual.prior, model, excess) if alone else (prior, after, inflation)
-    tolerance = measure_tolerance(evidence, *belief, settings.selection)
+    usual_inflation = measure_inflation(evidence, model)
+    alone = one_link_is_wrong(usual, baseline, groups, usual_inflation)
+    view = (usual.prior, model, usual_inflation) if alone else (prior, after, inflation)
+    tolerance = measure_tolerance(evidence, *view, settings.selection)
     views = after, project(gram, evidence, search.fixed.prior, groups)
     limits = find_limits(search, found, views, inflation, session)
     untuned = search.fixed.score().rms, search.fixed.score(groups).rms
-    laws = len(beside.laws)  # names after them are links'
-    names = [*believed(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
+    laws = len(beside.laws)  # the effects after these are link errors
+    reported = [*discount_by_discrepancy(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
     old, new = found.ladder[0].rms, found.ladder[-1].rms
-    heldout = AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)
-    verdict = decide(found, names, left, judged, tolerance, untuned, settings.verdict)
-    findings = sorted(_findings(found, names, arm, floors, reach, given), key=lambda one: -one.closed)
-    far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
+    heldout = HeldOutGain(old, new, measure_shrink(old, new, floors) if found.accepted else 0.0, improvement)
+    verdict = decide(found, reported, unexplained, noise, tolerance, untuned, settings.verdict)
+    findings = sorted(_findings(found, reported, arm, floors, improvement, given), key=lambda one: -one.closed)
+    far = replay_reservation(improvement.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
-    harm = measure_harm(
+    misread = [one.joints for one in telemetry if one.issue == MISREAD]
+    excess_errors = measure_excess_errors(
         arm.joint_names,
         {"before": found.ladder[0].rms, "fixed": given.score().rms},
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
-        judged,
-        [NamedPlace(one.joints, one.hidden) for one in findings]
-        + [
-            NamedPlace(one.joints, dict.fromkeys(one.joints, np.inf), True) for one in telemetry if one.issue == MISREAD
-        ],
+        noise,
+        [ReportedCause(one.joints, one.hidden_torque) for one in findings]
+        + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
         settings.verdict.loud,
     )
     diagnosis = Diagnosis(
@@ -170,15 +174,15 @@ def diagnose(
             "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
         },
         telemetry=tuple(telemetry),
-        gap=_gap(arm, (found.ladder[0].rms, given.score().rms), judged, ceilings, series, tolerance),
-        where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
+        gap=_gap(arm, (found.ladder[0].rms, given.score().rms), noise, ceilings, series, tolerance),
+        where=() if verdict == "no_gap" else rank_places(maps, excess_errors, settings.gap.map),
         findings=tuple(findings),
         heldout=heldout,
         not_testable=(
             *layout.silent,
             *(one.untestable(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
         ),
-        reservations=sure.doubted + doubt_links(links) + far,
+        reservations=selected.reservations + link_reservations(links) + far,
         details=Details(
             nearest=find_nearest(found, arm.joint_names),
             detectable=limits,
@@ -187,8 +191,8 @@ def diagnose(
             baseline=tuned_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
             baseline_alone=tuned_alone(baseline, evidence, before),
             baseline_urdf=tuned_alone(baseline, evidence, fixed),
-            outside_score=score_outside(verdict, names, heldout.shrink, open_gap.leftover),
-            leftover=open_gap.leftover,
+            outside_score=score_outside(verdict, reported, heldout.shrink, excess.leftover),
+            leftover=excess.leftover,
             tuned_links=links,
         ),
         catalogue=tuple(catalogue),
@@ -198,53 +202,54 @@ def diagnose(
 
 
 @dataclass(frozen=True, eq=False)
-class _WithDiscrepancy:
-    """What a discrepancy says of a session."""
+class _DiscrepancyTests:
+    """What a discrepancy (a flexible function of each joint's state) explains of a session."""
 
-    # What it sees at each joint beside the names; None where nothing stands out of the noise.
-    left: tuple[LeftAtJoint | None, ...]
-    laws: tuple[Beside, ...]  # what each name is worth beside it
-    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in the names' place
+    left: tuple[LeftAtJoint | None, ...]  # by joint, beside the effects; None where the error is within the noise
+    laws: tuple[Beside, ...]  # evidence of each effect's law beside it
+    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in place of the effects
 
 
-def _beside_discrepancy(
-    sure: Settled, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
-) -> tuple[Settled, _WithDiscrepancy]:
-    """Names that stand beside a discrepancy, and what it sees; a name that it explains as cheaply is none.
+def _test_against_discrepancy(
+    selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
+) -> tuple[Selection, _DiscrepancyTests]:
+    """Drops effects that a discrepancy explains at about the same cost, and returns the rest with the tests.
 
-    Each is weighed beside all others: what one explains must not count against its neighbour when it goes. A name may
-    be less likely without those that go.
+    All effects are tested together, so that one that is dropped does not count against its neighbours. An effect's
+    class may be less probable without those that were dropped.
     """
-    beside = _weigh(sure, session, baseline, settings)
+    beside = _fit_discrepancies(selected, session, baseline, settings)
     laws = beside.laws
     while True:
-        names = believed(sure.estimates, laws, settings.verdict)
+        names = discount_by_discrepancy(selected.estimates, laws, settings.verdict)
         kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
         if len(kept) == len(names):
             break
         laws = tuple(laws[k] for k in kept)
-        sure = keep_names(sure, kept, session, baseline, NO_LAW)
+        selected = keep_effects(selected, kept, session, baseline, NOT_BEYOND_DISCREPANCY)
     if len(laws) < len(beside.laws):
-        beside = replace(_weigh(sure, session, baseline, settings), laws=laws)
-    return sure, beside
+        beside = replace(_fit_discrepancies(selected, session, baseline, settings), laws=laws)
+    return selected, beside
 
 
-def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings) -> _WithDiscrepancy:
-    """A discrepancy beside the names, and in their place, where anything is named or stands out of the noise."""
-    search, found = sure.search, sure.found
-    loud = [stands_out(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
+def _fit_discrepancies(
+    selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
+) -> _DiscrepancyTests:
+    """Discrepancies beside the effects and in their place, where any is accepted or an error exceeds its noise."""
+    search, found = selected.search, selected.found
+    above_noise = [exceeds_noise(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
     explained = np.zeros(session.n)
-    if not (sure.estimates or any(loud)):
-        return _WithDiscrepancy((None,) * session.n, (), explained)
-    points = [estimate.refined for estimate in sure.estimates]
-    acting = {j for item in found.named for j in item.shown}
-    joints = sorted(acting | set(np.flatnonzero(loud).tolist()))
+    if not (selected.estimates or any(above_noise)):
+        return _DiscrepancyTests((None,) * session.n, (), explained)
+    points = [estimate.refined for estimate in selected.estimates]
+    acting = {j for item in found.accepted for j in item.affected_joints}
+    joints = sorted(acting | set(np.flatnonzero(above_noise).tolist()))
     posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
-    left = tuple(posterior.left_at(j, posterior.names) if one else None for j, one in enumerate(loud))
+    left = tuple(posterior.left_at(j, posterior.names) if one else None for j, one in enumerate(above_noise))
     for j in acting:
         explained[j] = posterior.left_at(j, ()).share
-    laws = [posterior.beside(k, item.shown) for k, item in enumerate(found.named)]
-    return _WithDiscrepancy(left, tuple(laws), explained)
+    laws = [posterior.beside(k, item.affected_joints) for k, item in enumerate(found.accepted)]
+    return _DiscrepancyTests(left, tuple(laws), explained)
 
 
 def _gap(
@@ -255,7 +260,7 @@ def _gap(
     series: Sequence[RunResidual],
     tolerance: Tolerance,
 ) -> dict[str, JointGap]:
-    """The gap of each joint; `rms` is that of the tuned model and of the one with the URDF fixed."""
+    """The gap of each joint; `rms` is the held-out error of the tuned model and of the untuned one."""
     energy = np.array([run_energy(item, item.unseen_before) for item in series])
     return {
         name: JointGap(
@@ -277,25 +282,25 @@ def _findings(
     estimates: Sequence[Estimate],
     arm: ArmModel,
     floors: Float[Array, " n"],
-    reach: Reach,
+    improvement: Improvement,
     given: HeldOut,
 ) -> tuple[Finding, ...]:
-    """Findings of names; what tuning absorbs closes what it closes of the URDF as it is, `given`."""
-    joints, findings, groups = arm.joint_names, [], [item.group for item in found.named]
-    for k, (item, estimate, share) in enumerate(zip(found.named, estimates, reach.shares, strict=True)):
+    """The findings in the order of acceptance; absorbed effects are scored with the untuned URDF, `given`."""
+    joints, findings, groups = arm.joint_names, [], [item.group for item in found.accepted]
+    for k, (item, estimate, share) in enumerate(zip(found.accepted, estimates, improvement.shares, strict=True)):
         sides = (given.score(groups[:k]), given.score(groups[: k + 1])) if item.absorbed else (item.before, item.after)
         old, new = (side.rms for side in sides)
-        acts = item.shown
+        acts = item.affected_joints
         findings.append(
             Finding(
                 estimate=estimate,
-                named=item,
+                evaluated=item,
                 joints=joints_of(item, joints),
                 rms_before={joints[j]: float(old[j]) for j in acts},
                 rms_after={joints[j]: float(new[j]) for j in acts},
-                energy_before=float(reach.energy_before[acts].sum()),
-                energy_after=float(reach.energy_after[acts].sum()),
-                energy_std=(_spread(reach.runs_before[:, acts]), _spread(reach.runs_after[:, acts])),
+                energy_before=float(improvement.energy_before[acts].sum()),
+                energy_after=float(improvement.energy_after[acts].sum()),
+                energy_std=(_spread(improvement.runs_before[:, acts]), _spread(improvement.runs_after[:, acts])),
                 shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
                 slides=slides(item.group, arm),
@@ -305,6 +310,6 @@ def _findings(
 
 
 def _spread(energies: Float[Array, "R k"]) -> float | None:
-    """Standard deviation over the runs of what some joints err by together [J]; None of a single run."""
+    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
     found = spread_of_runs(energies.sum(axis=1))
     return None if found is None else float(found)

@@ -1,4 +1,4 @@
-"""From paths to a diagnosis: refuses what the telemetry check refuses, and says what is too little to judge."""
+"""From telemetry reports to a diagnosis: sessions that the check refuses, or that are too short, are not fitted."""
 
 from __future__ import annotations
 
@@ -36,46 +36,47 @@ def diagnose_reports(
     """Diagnoses inspected sessions of one set-up.
 
     Args:
-        reports: The telemetry check of each session, or of each part of a long one; one without runs only adds issues.
+        reports: Telemetry report of each session, or of each part of a long one; one without runs only adds issues.
         arm, catalogue: The robot, as `ArmModel.load` gives it, and the effects to test for.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders show the motion, that of the
-            settings (25 Hz) at most, if None.
-        seed: Of the sign flips.
-        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is reported
+        cutoff: Corner of the common low-pass filter [Hz]; if None, as the encoders' resolution allows, at most that of
+            the settings (25 Hz).
+        seed: Seed of the sign flips.
+        model: The user's own model of this arm. Its identified inertias are taken as known, and its gap is reported
             beside that of the tuned one.
-        settings: The numbers by which it is decided.
+        settings: Thresholds and priors of all stages.
 
     Returns:
-        The diagnosis; all that was computed on the way, if anything was; the motions.
+        The diagnosis, its intermediate results (None if nothing was fitted), and the motions.
 
     Raises:
         RecordingError: The sessions have different joints, or no run is long enough.
     """
-    heard = _Heard()
+    collected = _Collected()
     stage("reading, checking, smoothing", 0.0, 0.2)
-    held = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
-    fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
+    held = hold(_prepare_in_turn(reports, collected, cutoff, settings.motion))
+    fatal = {issue.issue for issue in collected.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
-        refused = Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues), settings=settings)
+        issues = tuple(collected.issues)
+        refused = Diagnosis(arm.name, arm.joint_names, verdict, collected.facts, issues, settings=settings)
         return refused, None, ()
     if not held.motions:
-        raise no_motion(heard.session, settings.motion)
-    arm = arm.keeping(heard.joints)
-    arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
+        raise no_motion(collected.session, settings.motion)
+    arm = arm.keeping(collected.joints)
+    arm = arm if collected.gravity is None else arm.with_gravity(np.array(collected.gravity))
     motions = held.motions if cutoff is not None else within_band(held.motions, moved_inertia(arm, held.motions))
     if held.in_part:
-        heard.issues.append(_used_in_part(held))
+        collected.issues.append(_used_in_part(held))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share
-    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
+    analysis = diagnose(motions, arm, catalogue, collected.common_clock, collected.issues, seed, share, settings)
     if model is not None:
         from ident.diagnosis.user_model import with_own_model
 
         analysis = with_own_model(analysis, model)
-    findings = tuple(replace(one, caveat=caveat_of(one, heard.issues)) for one in analysis.diagnosis.findings)
-    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings, session=heard.facts))
+    findings = tuple(replace(one, caveat=caveat_of(one, collected.issues)) for one in analysis.diagnosis.findings)
+    analysis = replace(analysis, diagnosis=replace(analysis.diagnosis, findings=findings, session=collected.facts))
     return analysis.diagnosis, analysis, motions
 
 
@@ -88,39 +89,38 @@ def _used_in_part(held: Held) -> TelemetryIssue:
 
 
 def caveat_of(finding: Finding, issues: Sequence[TelemetryIssue]) -> str:
-    """What an action rests on that is in doubt at its joints: a guess, or what their torque reads of gravity's."""
+    """Unmeasured assumptions of a finding's action: a guessed drive gain, or a torque that is off by a factor."""
     words = {"guessed_gains": "; the drive gain of {} is a guess"}
     change = finding.estimate.group.effect.as_change
-    if not change.exact:  # which may be the factor, as a body may
+    if not change.exact:  # an exact change may be that factor itself, and so may a body
         mend_first = "; first mend the factor by which the torque of {} is off, for this size goes with it"
         words[MISREAD] = (
             "; check the drive gain of {}, too: its torque is off by a factor" if change.body else mend_first
         )
-    doubted = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
-    own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in doubted.items()}
+    affected = {kind: {name for issue in issues if issue.issue == kind for name in issue.joints} for kind in words}
+    own = {kind: ", ".join(name for name in finding.joints if name in joints) for kind, joints in affected.items()}
     return "".join(words[kind].format(names) for kind, names in own.items() if names)
 
 
 @dataclass(eq=False)
-class _Heard:
-    """What the reports say together, once all have come."""
+class _Collected:
+    """Accumulates what telemetry reports have in common."""
 
-    joints: tuple[str, ...] = ()  # the joints
-    issues: list[TelemetryIssue] = field(default_factory=list)  # all that the telemetry checks found
-    # Runs, samples, duration.
+    joints: tuple[str, ...] = ()  # joint names
+    issues: list[TelemetryIssue] = field(default_factory=list)  # all issues so far
+    # Number of runs and samples, and duration.
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
-    common_clock: bool = True  # whether time goes on from run to run of a single session
-    session: Path | str = ""  # path or name of the session seen last
-    # Under which the first session was recorded; None for the URDF's [m/s²].
-    gravity: tuple[float, float, float] | None = None
-    # What of each session is among the issues: parts of one that share a fault report it once.
+    common_clock: bool = True  # whether all runs are of one session whose clock continues
+    session: Path | str = ""  # path or name of the last session
+    gravity: tuple[float, float, float] | None = None  # that of the first session [m/s²]; None for the URDF's
+    # Keys of the issues so far: parts of one session report a shared fault once.
     reported: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:
-        """One more session, or one more part of a session.
+        """Adds the report of one more session, or of one more part of a session.
 
         Raises:
-            RecordingError: Its joints are others.
+            RecordingError: Its joints differ from those of the first session.
         """
         session = report.session
         where: str | Path = session.path or session.name
@@ -140,11 +140,11 @@ class _Heard:
 
 
 def _prepare_in_turn(
-    reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float | None, settings: MotionSettings
+    reports: Iterable[TelemetryReport], collected: _Collected, cutoff: float | None, settings: MotionSettings
 ) -> Iterator[Motion]:
-    """Motions of sessions that are all fit for use; from the first that is not, only checks are kept."""
+    """Motions of the sessions up to the first one with a fatal issue; of later ones only issues are collected."""
     for report in reports:
-        heard.take(report)
-        if not any(issue.severity == "fatal" for issue in heard.issues):
+        collected.take(report)
+        if not any(issue.severity == "fatal" for issue in collected.issues):
             yield from prepare_slower(report.session, cutoff, settings)
-        del report  # a part is let go before the next is read
+        del report  # frees this part before the next is read

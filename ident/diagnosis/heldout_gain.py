@@ -1,4 +1,4 @@
-"""What a named effect explains on runs that the fit never saw: of a diagnosis and of a comparison alike."""
+"""A reported effect with its gain on held-out runs; base of a diagnosis's findings and of a comparison's changes."""
 
 from __future__ import annotations
 
@@ -13,32 +13,24 @@ from ident.diagnosis.selection.name_probability import Estimate
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 
-# Units of a joint that turns, longest first, and those of one that slides.
-OF_A_SLIDE = {
-    "N m s/rad": "N s/m",
-    "N m/rad": "N/m",
-    "N m": "N",
-    "kg m²": "kg",
-    "mrad": "mm",
-    "rad/s": "m/s",
-    "rad": "m",
-}
-# Stands for the joint until units are settled.
-HERE = "\0"
+# Units of a revolute joint, longest first, and those of a prismatic one.
+LINEAR_UNITS = {"N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "kg m²": "kg"}
+LINEAR_UNITS |= {"mrad": "mm", "rad/s": "m/s", "rad": "m"}
+# Placeholder for the joint's name, which must not be mistaken for a unit.
+JOINT = "\0"
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
-    """An effect with what it explains."""
+class ReportedEffect:
+    """An accepted effect with its gain on held-out runs."""
 
-    estimate: Estimate  # what it is, its parameters, its rivals
-    joints: tuple[str, ...]  # where it shows
-    rms_before: dict[str, float]  # error on held-out runs without and with it, by joint [N m]
-    rms_after: dict[str, float]
-    shrink: float  # share of what lay above the noise that it closes there
-    slides: bool = field(default=False, kw_only=True)  # whether its joint slides: of forces and metres then
-    # What an action rests on that nobody has measured; empty where there is none.
-    caveat: str = field(default="", kw_only=True)
+    estimate: Estimate  # parameters, probability and rivals
+    joints: tuple[str, ...]  # names of the joints that it affects
+    rms_before: dict[str, float]  # held-out error without it, by joint [N m]
+    rms_after: dict[str, float]  # held-out error with it, by joint [N m]
+    shrink: float  # share of the mean square above the noise that it closes at these joints
+    slides: bool = field(default=False, kw_only=True)  # whether its joint is prismatic: units are N and m then
+    caveat: str = field(default="", kw_only=True)  # an unmeasured assumption of its action; "" if there is none
 
     @property
     def effect(self) -> str:
@@ -46,26 +38,26 @@ class Explained:
 
     @property
     def closed(self) -> float:
-        """Mean square that it closes, its joints together [N² m²]."""
+        """Mean square that it closes, summed over its joints [N² m²]."""
         return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)
 
     @property
     def gain(self) -> float:
-        """Root mean square of the torque that it explains, its joints together [N m]."""
+        """Root mean square of the torque that it explains, over its joints [N m]."""
         return float(np.sqrt(max(self.closed, 0.0)))
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it."""
+        """What a person at the cell can do about it: one sentence."""
         return self.action_at(", ".join(self.joints)) + self.caveat
 
     def action_at(self, where: str) -> str:
-        """The same of joints in these words."""
-        sentence = self.estimate.refined.effect.action(HERE, self.estimate.parameters)
-        return (of_a_slide(sentence) if self.slides else sentence).replace(HERE, where)
+        """The action for other words in place of the joint."""
+        sentence = self.estimate.refined.effect.action(JOINT, self.estimate.parameters)
+        return (in_linear_units(sentence) if self.slides else sentence).replace(JOINT, where)
 
     def shared_record(self) -> dict[str, Any]:
-        """What any record says of it first."""
+        """The entries that findings and changes have in common."""
         return {
             "effect": self.effect,
             "joints": list(self.joints),
@@ -79,22 +71,22 @@ class Explained:
 
 
 def slides(group: Group, arm: ArmModel) -> bool:
-    """Whether an effect is of one joint, and that slides."""
+    """Whether an effect belongs to a single joint that is prismatic."""
     return group.effect.scope == "joint" and bool(arm.sliding_joints[group.joint])
 
 
-def of_a_slide(sentence: str) -> str:
-    """A sentence about a joint that turns, with the units of one that slides."""
-    units = "|".join(re.escape(unit) for unit in OF_A_SLIDE)
-    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: OF_A_SLIDE[found[0]], sentence)
+def in_linear_units(sentence: str) -> str:
+    """A sentence about a revolute joint with its units replaced by those of a prismatic one."""
+    units = "|".join(re.escape(unit) for unit in LINEAR_UNITS)
+    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: LINEAR_UNITS[found[0]], sentence)
 
 
 def measure_shrink(old: Array, new: Array, floor: Array) -> float:
-    """Share of the reducible held-out mean square that is closed.
+    """Share of the reducible held-out mean square that is closed, from −1 to 1.
 
     Args:
-        old, new: Root mean square before and after, by joint [N m].
-        floor: What no model goes below [N m].
+        old, new: Root mean square error before and after, by joint [N m].
+        floor: Floor of the error, by joint [N m].
     """
     reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
     return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))

@@ -1,4 +1,4 @@
-"""What to record next: a rule of thumb from what was found; `plan excite` works the motion itself out."""
+"""What to record next: rules of thumb from the findings; `plan excite` computes the motion itself."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
 
-# Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
+# Words in reasons for "not testable" that no motion removes: they lie in the arm, its URDF or the sensors.
 NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "noisy", "noise hides", "noise of", "tolerance")
-# Words of reasons that more of any motion mends, whatever motion shows the effect, and what tells to record more.
+# Words in reasons that a longer recording of any motion removes, and the advice to record more.
 SHORT, MORE = "the session lasts", "more"
-# After a change of set-up any motion over wide poses will do [min].
+# Length of a recording after a change of set-up, for which any motion over many poses will do [min].
 SETUP_MINUTES = 4.0
 
 
@@ -27,20 +27,21 @@ def next_experiment(
     nearest: Mapping[str, Any] | None = None,
     loudest: str | None = None,
 ) -> dict[str, Any] | None:
-    """The motion that parts the first tied class, or shows what came nearest to a name; else most of the untested.
+    """The next motion to record.
 
-    All of it at the joint of the largest gap first; where that has no likely name and nothing untested, its path in
-    many poses.
+    It distinguishes the effects of the first class with more than one, or shows the best rejected candidate, or else
+    most of the effects that were not testable, each at the joint of the largest gap first. If that joint has neither a
+    likely finding nor an untestable effect, the motion is its path in many poses.
 
     Args:
-        findings, not_testable: Of `ident.diagnosis/1`, in their order.
+        findings, not_testable: Entries of `ident.diagnosis/1`, in their order.
         known: The effects that were tested.
-        robot: What `--robot` takes for the arm: a command that is shown runs as it stands.
-        nearest: What came near to a name and got none.
+        robot: Argument of `--robot`, so that the command can be run as it is shown.
+        nearest: The best rejected candidate, if nothing was accepted.
         loudest: The joint of the largest gap.
 
     Returns:
-        `separates`, `motion` and `minutes`; None if nothing is open that a motion could settle.
+        `separates`, `motion` and `minutes`; None if no motion would help.
     """
     here = [one for one in findings if loudest is None or loudest in joints_shown(one)]
     tied = sorted((one for one in findings if len(one["class"]) > 1), key=lambda one: loudest not in one["joints"])
@@ -57,11 +58,12 @@ def next_experiment(
 
 
 def joints_shown(finding: Mapping[str, Any]) -> set[str]:
-    """The joints that a name's record is about: its own, and those whose error falls by it, as by a link's behind."""
+    """The joints that a finding affects: its own, and those whose error falls by it."""
     return {*finding["joints"], *(finding.get("heldout") or {}).get("rms_before_Nm", ())}
 
 
 def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:
+    """Advice for effects that are not distinguished: a change of set-up where one helps, else a motion."""
     advice = setup_for(effects, known)
     if advice is not None:
         motion = f"Motion alone hardly tells these apart. {advice[0].upper()}{advice[1:]}"
@@ -70,7 +72,7 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: st
 
 
 def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
-    """The kind of motion that shows the most effects, and the joint that lacks it most; after too little, more."""
+    """Advice for untestable effects: the kind of motion that shows most of them, at the joint that lacks it most."""
     shown_by = {effect.id: effect.shown_by for effect in known}
     shown_by |= {one["effect"]: MORE for one in entries if SHORT in one["reason"]}
     families = {one["effect"]: shown_by[one["effect"]] for one in entries if one["effect"] in shown_by}
@@ -83,7 +85,7 @@ def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], r
 
 
 def _advise(effects: Sequence[str], family: str, joint: str, robot: str) -> dict[str, Any]:
-    """A kind of motion in words, and the command that works it out."""
+    """The advice for a kind of motion, with the command that computes it."""
     words, separate = describe_motion(family, joint), f" --separate {','.join(effects)}" if effects else ""
     words = words if words.startswith(joint) else words[0].upper() + words[1:]
     command = f"plan excite --robot {shlex.quote(robot)}{separate} --joint {shlex.quote(joint)} --out next_motion"

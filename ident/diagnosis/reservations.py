@@ -1,4 +1,4 @@
-"""Reasons to doubt: names that were not reported because no arm has such parameters, and replays that end far off."""
+"""Reservations: effects rejected after acceptance, links that tuning moved too far, replays that end far off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.selection.agreement import measure_agreement
-from ident.diagnosis.selection.gates import Named, first_of_each_joint
+from ident.diagnosis.selection.criteria import Evaluated, first_of_each_joint
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -23,21 +23,20 @@ from ident.regression.design import Group
 
 @dataclass(frozen=True, eq=False)
 class Reservation:
-    """A reason to doubt."""
+    """A reason to doubt the diagnosis."""
 
-    effect: str  # the effect that got no name for it; "" where it is about the replay or the URDF
-    joints: tuple[str, ...]  # where
-    reason: str  # in words
-    parameters: dict[str, Interval]  # the parameters that the effect would have had
-    # What it explains, where its parameters or their unevenness speak against the name and not against there being
-    # something; None where it may as well be nothing.
-    shows: Named | None = None
+    effect: str  # id of the rejected effect; "" where it is about the replay or the URDF
+    joints: tuple[str, ...]  # names of the joints concerned
+    reason: str  # the reason as a sentence
+    parameters: dict[str, Interval]  # parameters of the rejected effect
+    # The rejected effect where a cause is present that it does not describe; None where there may be no cause at all.
+    candidate: Evaluated | None = None
 
     @classmethod
-    def of(cls, item: Named, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
-        """About a name that was not believed."""
-        shows = None if estimate.undefined else item
-        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters, shows)
+    def of(cls, item: Evaluated, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
+        """The reservation about an effect that was rejected."""
+        candidate = None if estimate.undefined else item
+        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters, candidate)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -48,68 +47,69 @@ class Reservation:
         }
 
 
-def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
-    """Names of the joint of an effect, or of those where one of the whole arm shows."""
-    own = [item.group.joint] if item.group.effect.scope == "joint" else item.shown
+def joints_of(item: Evaluated, joints: Sequence[str]) -> tuple[str, ...]:
+    """Names of an effect's own joint, or of the joints that an effect of the whole arm affects."""
+    own = [item.group.joint] if item.group.effect.scope == "joint" else item.affected_joints
     return tuple(joints[j] for j in own)
 
 
-def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: SessionContext) -> dict[int, str]:
-    """Which of some names can't be believed, and why.
+def find_implausible(candidates: Mapping[int, tuple[Evaluated, Estimate]], session: SessionContext) -> dict[int, str]:
+    """Effects with implausible or insignificant parameters, and the reason for each.
 
-    All whose parameters no arm has; else, of those that may be zero, at each joint the one of least evidence: two that
-    say nearly the same leave each other open, and one alone may be sure.
+    If any has parameters that no arm has, all of these. Otherwise, of the insignificant effects, the one of least log
+    evidence at each joint: two collinear effects are both insignificant, and one of them alone may be significant.
 
     Args:
-        candidates: Names with their parameters, by number.
+        candidates: Effects with their estimates, by index.
         session: The runs.
     """
-    outside, open_ones = {}, {}
+    outside, insignificant = {}, {}
     for k, (_, estimate) in candidates.items():
         effect = estimate.refined.effect
-        if reason := impossible(effect, session, estimate.refined.joint, estimate.parameters):
+        context = session
+        if reason := impossible(effect, context, estimate.refined.joint, estimate.parameters):
             outside[k] = reason
         elif reason := estimate.undefined:
-            open_ones[k] = reason
-    if outside or not open_ones:
+            insignificant[k] = reason
+    if outside or not insignificant:
         return outside
-    weakest = sorted(open_ones, key=lambda k: candidates[k][0].gates.evidence)
-    kept = first_of_each_joint([(k, candidates[k][0].shown) for k in weakest])
-    return {k: open_ones[k] for k in kept}
+    weakest = sorted(insignificant, key=lambda k: candidates[k][0].criteria.log_evidence)
+    kept = first_of_each_joint([(k, candidates[k][0].affected_joints) for k in weakest])
+    return {k: insignificant[k] for k in kept}
 
 
-def find_uneven(
-    search: Search, groups: Sequence[Group], asked: Sequence[int], hidden: Collection[int] = ()
+def find_heterogeneous(
+    search: Search, groups: Sequence[Group], tested: Sequence[int], hidden: Collection[int] = ()
 ) -> dict[int, str]:
-    """At each joint the name whose size differs most from run to run, if one's does by much, and beyond chance.
+    """At each joint the effect whose size differs most between runs, if by much and significantly, and the reason.
 
     Args:
-        search: The search that gave the names.
-        groups: All names.
-        asked: Which of them are tested; events, what grows in a run and what acts beyond a bound have no one size.
-        hidden: Which of them tuned inertias hide, all or most of it.
+        search, groups: The search that selected the effects, and all accepted effects.
+        tested: Indices of those that are tested; events, slow effects and effects beyond a bound have no constant size.
+        hidden: Indices of those that tuned inertias absorb.
     """
-    held = search.settings
+    settings = search.settings
     effects = [group.effect for group in groups]
-    constant = [k for k in asked if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
+    constant = [k for k in tested if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
     found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
-    uneven = {k: one for k, one in found.items() if one.spread > held.most_uneven and one.p_value < held.uneven_chance}
-    worst = sorted(uneven, key=lambda k: -uneven[k].spread)
+    large = {k: one for k, one in found.items() if one.between_fold_std > settings.most_uneven}
+    heterogeneous = {k: one for k, one in large.items() if one.p_value < settings.uneven_chance}
+    worst = sorted(heterogeneous, key=lambda k: -heterogeneous[k].between_fold_std)
     kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
     return {
-        k: f"its size differs between parts of the recordings by {100 * one.spread:.0f} %, from {one.least:.2g} to "
-        f"{one.most:.2g} of what it is over all: a constant of the arm is the same in each"
-        for k, one in ((k, uneven[k]) for k in kept)
+        k: f"its size differs between parts of the recordings by {100 * one.between_fold_std:.0f} %, from "
+        f"{one.smallest:.2g} to {one.largest:.2g} of what it is over all: a constant of the arm is the same in each"
+        for k, one in ((k, heterogeneous[k]) for k in kept)
     }
 
 
-def doubt_links(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:
-    """One reservation about each link that tuning moved farther than URDFs are off."""
+def link_reservations(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:
+    """One reservation for each link that tuning moved beyond the URDF's tolerance."""
     wrong = [(link, one) for link, one in links.items() if one.beyond_tolerance]
     return tuple(Reservation("", (one.joint,), one.words(link), one.changes()) for link, one in wrong)
 
 
-def doubt_replay(
+def replay_reservation(
     forward: Replay,
     series: Sequence[RunResidual],
     joints: Sequence[str],
@@ -117,30 +117,29 @@ def doubt_replay(
     floors: Float[Array, " n"],
     settings: DiagnosisSettings = USUAL,
 ) -> tuple[Reservation, ...]:
-    """One reservation about the joints whose replay ends far off and whose torque is not explained down to its noise.
+    """One reservation about the joints whose replayed motion ends far off and whose error is above the noise, or none.
 
     Args:
         forward: The replay.
         series: Residuals of all runs, for the joints' speeds.
-        joints: Names of the joints.
-        rms: What the named effects leave on runs that the fit never saw [N m].
-        floors: What nothing can go below [N m].
-        settings: How far is far, and how loud is loud.
+        joints: Joint names.
+        rms: Held-out error with the accepted effects [N m].
+        floors, settings: Floor of each joint's error [N m], and thresholds.
     """
-    squares = sum(np.sum(np.where(item.counts, item.speed, 0.0) ** 2, axis=0) for item in series)
-    counts = sum(item.counts.sum(axis=0) for item in series)
+    squares = sum(np.sum(np.where(item.valid, item.speed, 0.0) ** 2, axis=0) for item in series)
+    counts = sum(item.valid.sum(axis=0) for item in series)
     way = forward.window * np.sqrt(squares / np.maximum(counts, 1))
     far = (
         (forward.windows > 0)
         & (forward.after > settings.gap.replay.far_share * way)
         & (rms > settings.verdict.loud * floors)
     )
-    ends_far = [j for j, one in enumerate(far) if one]
-    if not ends_far:
+    deviating = [j for j, one in enumerate(far) if one]
+    if not deviating:
         return ()
-    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} rad over a way of {way[j]:.2g} rad" for j in ends_far)
+    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} rad over a way of {way[j]:.2g} rad" for j in deviating)
     reason = (
         f"replayed under the recorded torques for {1e3 * forward.window:.0f} ms, the motion ends off ({ends}): "
         "whatever is named, the model does not foretell this arm; check inertias, units and signs"
     )
-    return (Reservation("", tuple(joints[j] for j in ends_far), reason, {}),)
+    return (Reservation("", tuple(joints[j] for j in deviating), reason, {}),)

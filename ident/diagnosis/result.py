@@ -1,4 +1,4 @@
-"""`ident.diagnosis/1`: where the gap lies, which effect causes it, how far it shrinks; or why that is not known."""
+"""Records of a diagnosis (`ident.diagnosis/1`): gap of each joint, findings, reservations, further results."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ident.arrays import Float
 from ident.diagnosis.baseline_record import TunedJoint
 from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.gap.gap_map import Place, maps_record
-from ident.diagnosis.gap.improvement import Reach, spreads
-from ident.diagnosis.heldout_gain import Explained
+from ident.diagnosis.gap.improvement import Improvement, spreads
+from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.gates import Named
+from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Effect
@@ -32,27 +32,27 @@ SCHEMA = "ident.diagnosis/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Finding(Explained):
-    """A named effect with its evidence.
+class Finding(ReportedEffect):
+    """An accepted effect with its evidence.
 
     Attributes:
-        named: How it was judged.
+        evaluated: The effect with its acceptance criteria.
         energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
-        energy_std: Standard deviation over the runs of both [J]; None of a single run.
-        share: Its order-free share of what all names close.
+        energy_std: Standard deviations over the runs of both [J]; None for a single run.
+        share: Its Shapley share of the gap that all effects close.
     """
 
-    named: Named
+    evaluated: Evaluated
     energy_before: float
     energy_after: float
     energy_std: tuple[float | None, float | None]
     share: float
 
     @property
-    def hidden(self) -> dict[str, float]:
-        """What tuning hides of it at each joint where it shows [N m]: if tuning absorbs it, what it explains there."""
+    def hidden_torque(self) -> dict[str, float]:
+        """Torque of an absorbed effect that tuned inertias hide, by joint [N m]; 0 if it is not absorbed."""
         sides = ((joint, old, self.rms_after[joint]) for joint, old in self.rms_before.items())
-        return {joint: self.named.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
+        return {joint: self.evaluated.absorbed * float(np.sqrt(max(old**2 - new**2, 0.0))) for joint, old, new in sides}
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -69,28 +69,27 @@ class Finding(Explained):
                 "share": self.share,
             },
             "evidence": {
-                "log_score_gain": self.named.gates.log_score[0],
-                "log_score_error": self.named.gates.log_score[1],
-                "log_evidence": self.named.gates.evidence,
-                "judged_against": "urdf" if self.named.absorbed else "tuned",
+                "log_score_gain": self.evaluated.criteria.log_score[0],
+                "log_score_error": self.evaluated.criteria.log_score[1],
+                "log_evidence": self.evaluated.criteria.log_evidence,
+                "judged_against": "urdf" if self.evaluated.absorbed else "tuned",
             },
         }
 
 
 @dataclass(frozen=True)
 class JointGap:
-    """What is left at a joint, what is noise, and what could still be explained."""
+    """Errors of a joint: of the models, of the noise, and of the best function of the state."""
 
-    rms: float  # error of the tuned model on held-out runs [N m]
-    fixed_rms: float  # the same with the URDF's inertias fixed [N m]
-    noise_floor: float  # what no model goes below [N m]
-    ceiling_rms: float  # what any function of the state would leave beside the names [N m]
-    unexplained: str | None  # what kind of inputs explain more than the names do, or None where none does
-    tuned_away: float  # what only inertias beyond the URDF's tolerance explain [N m]
-    # Mean and standard deviation over the runs [J]; a single run has no deviation.
-    energy_error: tuple[float, float | None]
-    model_rms: float | None = None  # error of the user's own model [N m], or None where there is none
-    slides: bool = False  # whether the joint slides: [N] then
+    rms: float  # held-out error of the tuned model [N m]
+    fixed_rms: float  # held-out error with the URDF's inertias fixed [N m]
+    noise_floor: float  # floor of any model's error [N m]
+    ceiling_rms: float  # error that a flexible function of the state would leave beside the effects [N m]
+    unexplained: str | None  # kind of inputs on which the residual depends beside the effects; None if on none
+    tuned_away: float  # torque that only inertias beyond the URDF's tolerance explain [N m]
+    energy_error: tuple[float, float | None]  # mean and standard deviation over the runs [J]; None for a single run
+    model_rms: float | None = None  # error of the user's own model [N m]; None without one
+    slides: bool = False  # whether the joint is prismatic: units are N then
 
     def to_dict(self) -> dict[str, Any]:
         mean, std = self.energy_error
@@ -109,38 +108,38 @@ class JointGap:
 
 
 @dataclass(frozen=True, eq=False)
-class AllNames:
-    """All named effects together, on runs that the fit never saw."""
+class HeldOutGain:
+    """Gain of all accepted effects together on held-out runs."""
 
-    rms_before: Float[np.ndarray, " n"]  # error without and with them, joint by joint [N m]
-    rms_after: Float[np.ndarray, " n"]
-    shrink: float  # share of what lay above the noise that they close
-    reach: Reach  # energy, a learner in their place, and the motion replayed
+    rms_before: Float[np.ndarray, " n"]  # error without them, joint by joint [N m]
+    rms_after: Float[np.ndarray, " n"]  # error with them, joint by joint [N m]
+    shrink: float  # share of the mean square above the noise that they close
+    improvement: Improvement  # energy errors, a discrepancy in the effects' place, and the replayed motion
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         return {
             "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
             "rms_after_Nm": dict(zip(joints, map(float, self.rms_after), strict=True)),
             "shrink": self.shrink,
-            **self.reach.to_dict(joints),
+            **self.improvement.to_dict(joints),
         }
 
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """What stands behind a diagnosis, for pages and patches.
+    """Further results of a diagnosis, for pages and patches.
 
     Attributes:
-        nearest: The candidate that came nearest to a name, where nothing was named.
-        detectable: How small each effect without a name would still have been named.
-        maps: All cells of the map of what the tuned model leaves.
-        maps_fixed: The same with the URDF fixed.
-        baseline: The baseline as tuned beside the names, joint by joint.
-        baseline_alone: The same without them.
-        baseline_urdf: The same with the URDF's inertias fixed.
-        outside_score: How much speaks for a cause that the catalogue lacks, from 0 to 1.
-        leftover: How far what is left stands out of the noise at each joint; above 1 it has no name.
-        tuned_links: By link, how far tuning moved it from the URDF.
+        nearest: Record of the best rejected candidate, if nothing was accepted.
+        detectable: Detection limits of the effects that were not accepted.
+        maps: All cells of the gap's map for the tuned model.
+        maps_fixed: All cells for the model with the URDF's inertias fixed.
+        baseline: Parameters of the baseline tuned beside the accepted effects, by joint.
+        baseline_alone: Parameters of the baseline tuned without them.
+        baseline_urdf: Parameters of the baseline with the URDF's inertias fixed.
+        outside_score: Score from 0 to 1 of a cause outside the catalogue.
+        leftover: Unexplained residual of each joint in units of its threshold.
+        tuned_links: Change of each link from the URDF by tuning, by link name.
     """
 
     nearest: Mapping[str, Any] | None
@@ -155,7 +154,7 @@ class Details:
     tuned_links: Mapping[str, TunedLink]
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
-        """Its record, by the names of the joints."""
+        """Its record, with joint names."""
 
         def by_joint(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
             return {name: one.to_dict() for name, one in joints.items()}
@@ -175,7 +174,7 @@ class Details:
 
 
 class Exportable(Result):
-    """A result that can be written for simulators."""
+    """A result whose effects can be exported to simulators."""
 
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
@@ -184,7 +183,7 @@ class Exportable(Result):
 
 @dataclass(frozen=True, eq=False)
 class SavedDiagnosis(Exportable):
-    """A diagnosis from its file: its words, its picture, its page and its patch are those of the diagnosis itself."""
+    """A diagnosis read from its file, with the same sentences, picture, page and patch as the diagnosis itself."""
 
     record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
 
@@ -198,25 +197,25 @@ class SavedDiagnosis(Exportable):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Exportable):
-    """The answer: where, which, how far; or why not.
+    """The result of a diagnosis: where the gap lies, its causes, how far they close it; or why it was refused.
 
     Attributes:
         robot: Name of the robot.
         joints: Joint names.
         verdict: `no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`.
-        session: Runs, samples, duration.
-        telemetry: Findings of the telemetry check.
-        gap: For each joint its residual, noise and ceiling.
-        where: Cells of the map.
-        findings: Named effects.
-        heldout: Before and after, all effects together; None where nothing was fitted.
-        not_testable: What these recordings can't show, and why.
-        reservations: Names that were not believed, and other reasons to doubt.
-        details: What stands behind it; None where nothing was fitted.
+        session: Number of runs and samples, and duration.
+        telemetry: Issues of the telemetry check.
+        gap: Errors of each joint by name.
+        where: Cells of the map in which the gap lies.
+        findings: Accepted effects, in the order of the gap that each closes.
+        heldout: Gain of all effects together; None if nothing was fitted.
+        not_testable: Effects that these recordings cannot show, with the reason.
+        reservations: Rejected effects, and other reasons to doubt.
+        details: Further results; None if nothing was fitted.
         catalogue: The effects that were tested.
-        settings: The numbers by which it was decided.
-        robot_option: What `--robot` takes for the robot.
-        until: The looks at more and more runs of which it is the last (`RepeatedLooks`), or None.
+        settings: Thresholds and priors of all stages.
+        robot_option: Argument of `--robot` for this robot.
+        until: The sequence of diagnoses of which this is the last (`RepeatedLooks`), or None.
     """
 
     robot: str
@@ -227,7 +226,7 @@ class Diagnosis(Exportable):
     gap: Mapping[str, JointGap] = field(default_factory=dict)
     where: tuple[Place, ...] = ()
     findings: tuple[Finding, ...] = ()
-    heldout: AllNames | None = None
+    heldout: HeldOutGain | None = None
     not_testable: tuple[NotTestable, ...] = ()
     reservations: tuple[Reservation, ...] = ()
     details: Details | None = None
@@ -238,20 +237,20 @@ class Diagnosis(Exportable):
 
     @staticmethod
     def load(path: str | Path) -> SavedDiagnosis:
-        """The diagnosis that `save`, or `ident diagnose --json`, wrote.
+        """The diagnosis in a file that `save`, or `ident diagnose --json`, wrote.
 
         Raises:
-            InputError: No such file, or not of a diagnosis.
+            InputError: There is no such file, or it holds no diagnosis.
         """
         remedy = "give the JSON of `ident diagnose`"
         return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))
 
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]
-        silent = [one.to_dict(self.joints) for one in self.not_testable]
+        untestable = [one.to_dict(self.joints) for one in self.not_testable]
         near = None if self.details is None else self.details.nearest
         loudest = self.where[0].joint if self.where else None
-        advice = next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot, near, loudest)
+        advice = next_experiment(findings, untestable, self.catalogue, self.robot_option or self.robot, near, loudest)
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -263,7 +262,7 @@ class Diagnosis(Exportable):
             "where": [place.to_dict() for place in self.where],
             "findings": findings,
             "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
-            "not_testable": silent,
+            "not_testable": untestable,
             "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": advice,
             **({} if self.details is None else self.details.to_dict(self.joints)),

@@ -1,9 +1,9 @@
-"""Looking again and again as runs come in: is enough recorded to be sure, or what is missing?
+"""Group sequential diagnosis: repeated as runs come in, until the result is certain enough.
 
-A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
-once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
-shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Evidence must
-be greater by the share's logarithm.
+A test that is repeated until it rejects has a higher error rate than a single test. So the k-th look is given the share
+6 / (π² k²) of the probability α of a false finding. The shares add up to one over any number of looks, and the
+probability that any look gives a false finding is at most α (Boole's inequality). The threshold of the log evidence
+rises by the logarithm of the share.
 
 Source: Lan and DeMets 1983 (error spending).
 """
@@ -26,13 +26,13 @@ NOISES = ("encoder", "torque")
 
 @dataclass(frozen=True)
 class RepeatedLook:
-    """One look at the first runs."""
+    """A diagnosis of the first runs."""
 
-    runs: int  # how many
+    runs: int  # number of runs
     seconds: float  # their duration together [s]
-    verdict: str  # of the diagnosis
-    family_error: float  # chance of a false name that was spent
-    missing: tuple[str, ...]  # what keeps it from being sure; empty where it is
+    verdict: str  # verdict of the diagnosis
+    family_error: float  # probability of a false finding that this look may spend
+    missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
     def to_dict(self) -> dict[str, Any]:
         record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
@@ -42,60 +42,60 @@ class RepeatedLook:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedLooks:
-    """All looks until the diagnosis was sure, or the runs were at their end."""
+    """All looks until the result was certain enough, or all runs were used."""
 
-    sure: float  # how sure it was to be
+    confidence: float  # required probability
     looks: tuple[RepeatedLook, ...]  # in order
-    diagnosis: Diagnosis  # that of the last look
+    diagnosis: Diagnosis  # the last look's diagnosis
 
     @property
     def enough(self) -> bool:
-        """Whether the last look was sure."""
+        """Whether the last look was certain enough."""
         return not self.looks[-1].missing
 
     def to_dict(self) -> dict[str, Any]:
-        """What a record of the diagnosis holds of it."""
+        """The entry `until` of the diagnosis's record."""
         last = self.looks[-1].to_dict()
         return {
-            "sure": self.sure,
+            "sure": self.confidence,
             "enough": self.enough,
             **{key: last[key] for key in ("runs", "minutes", "missing")},
             "looks": [look.to_dict() for look in self.looks],
         }
 
 
-def look_until(
-    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, sure: float, settings: DiagnosisSettings = USUAL
+def diagnose_sequentially(
+    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, level: float, settings: DiagnosisSettings = USUAL
 ) -> RepeatedLooks:
-    """Looks at more and more runs until the diagnosis is sure.
+    """Diagnoses more and more runs until the result is certain enough.
 
     Args:
-        look: Diagnoses so many of the first runs, by some settings.
-        total: How many there are.
-        sure: Least probability of every name, and one less the chance of a false name over all looks.
-        settings: By which a single look is made.
+        look: Diagnoses the first so many runs with given settings.
+        total: Number of runs.
+        level: Least probability of each finding, and one minus the probability of a false finding over all looks.
+        settings: Settings of a single diagnosis.
 
     Raises:
-        InputError: It can't be so sure.
+        InputError: No finding can have this probability.
     """
     most = settings.selection.most_sure
-    if not 0.5 <= sure <= most:
-        raise InputError("--until", f"{sure:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
+    if not 0.5 <= level <= most:
+        raise InputError("--until", f"{level:g}", f"choose between 0.5 and {most:g}: no finding is given more")
     looks: list[RepeatedLook] = []
     for number, runs in enumerate(count_runs(total), start=1):
-        error = min(1.0 - sure, LIMIT.single_look)
+        error = min(1.0 - level, LIMIT.single_look)
         spent = spend(settings, error, number)
         diagnosis = look(runs, spent)
         seconds = float(diagnosis.session["duration_s"])
-        missing = tuple(find_missing(diagnosis, sure))
+        missing = tuple(find_missing(diagnosis, level))
         looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, error * share_of_look(number), missing))
         if not missing:
             break
-    return RepeatedLooks(sure, tuple(looks), diagnosis)
+    return RepeatedLooks(level, tuple(looks), diagnosis)
 
 
 def count_runs(total: int) -> Iterator[int]:
-    """Numbers of runs at which it is looked; all of them at last."""
+    """Numbers of runs of the successive looks; the last one has all of them."""
     runs = min(LIMIT.first_runs, total)
     while runs < total:
         yield runs
@@ -104,12 +104,12 @@ def count_runs(total: int) -> Iterator[int]:
 
 
 def share_of_look(number: int) -> float:
-    """Share of the chance of a false name that one of many looks, counted from one, may spend."""
+    """Share of the error probability that a look may spend; looks are counted from one."""
     return 6.0 / (pi * number) ** 2
 
 
 def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
-    """Settings of one of many looks, counted from one, that together have the chance `error` of a false name."""
+    """Settings of one look, counted from one, such that all looks together have the error probability `error`."""
     held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
     selection = held.but(
         least_nats=held.least_nats + nats,
@@ -119,11 +119,11 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
     return replace(settings, selection=selection)
 
 
-def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
-    """What keeps a diagnosis from being sure; nothing where it is."""
+def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
+    """Reasons why a diagnosis is not certain enough; none if it is."""
     if diagnosis.verdict == "no_gap":
         limits = () if diagnosis.details is None else diagnosis.details.detectable
-        # What shows nothing at all no amount of runs shows; what shows too little does with more of them.
+        # More runs lower a finite detection limit, but do not show what leaves no trace at all.
         hidden = [one for one in limits if one.hidden and one.bound_by in NOISES and one.value is not None]
         places = sorted({f"{one.effect.id} of {diagnosis.joints[one.joint]}" for one in hidden})
         if places:
@@ -135,8 +135,8 @@ def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
     if diagnosis.verdict != "named":
         yield "part of the gap has no name" if diagnosis.findings else "the gap has no name"
     for one in diagnosis.findings:
-        if one.estimate.probability < sure:
+        if one.estimate.probability < confidence:
             rivals = (
                 f", not distinguished from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
             )
-            yield f"{one.effect} of {', '.join(one.joints)} is sure to {one.estimate.probability:.2f}{rivals}"
+            yield f"{one.effect} of {', '.join(one.joints)} has probability {one.estimate.probability:.2f}{rivals}"

@@ -1,4 +1,4 @@
-"""All numbers that decide a verdict, stage by stage; a result records each by its name."""
+"""Thresholds and priors of all stages of a diagnosis; a result records each by its name."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 class VerdictSettings(Settings, table="verdict"):
-    """What the evidence amounts to."""
+    """Thresholds of the verdict, and the discount of probabilities by a discrepancy."""
 
     def trust(self, law: Beside) -> float:
-        """How far a law is believed at its joints.
+        """Factor on the probability of an effect, from the evidence of a discrepancy at its joints.
 
-        Odds grow with what it adds to the evidence of a flexible function, and with its gain over what the flexible
-        function still finds beside it.
+        With ΔL the log Bayes factor that the law adds to a discrepancy, G the law's gain alone and R what a discrepancy
+        still gains beside it, the odds are (ΔL / `trust_nats`)^`trust_added` (G / R)^`trust_beside`.
 
         Args:
-            law: What it is worth beside a discrepancy.
+            law: Evidence of the law beside a discrepancy.
         """
         beside = max(law.gain, 1.0) / max(law.left, 1e-3 * law.gain, 1.0)
         added = max(law.log_bayes_factor, 1.0) / self.trust_nats
@@ -33,7 +33,7 @@ class VerdictSettings(Settings, table="verdict"):
         return float(odds / (1.0 + odds))
 
     def widening(self, law: Beside) -> float:
-        """By how much a law's intervals widen for what a discrepancy still finds at its joints."""
+        """Factor on the widths of a law's intervals, from what a discrepancy still explains at its joints."""
         return 1.0 + self.widening_per_fold * float(np.log1p(max(law.left, 0.0)))
 
 
@@ -42,15 +42,15 @@ USUAL_VERDICT = VerdictSettings()
 
 @dataclass(frozen=True)
 class DiagnosisSettings(Settings):
-    """Numbers that decide a verdict.
+    """Thresholds and priors of all stages.
 
     Attributes:
-        telemetry: What recordings are refused by: sign, scale and origin of the torque, and too little motion.
-        motion: How recordings become motions: the encoders' band, the common filter, what is settled.
-        regression: What the sums are made of, and what is known beforehand.
-        selection: Which effects get a name.
-        gap: Where the gap lies, what could explain it, how the motion nears.
-        verdict: What it all amounts to.
+        telemetry: The telemetry check: sign, scale and origin of the torque, and excitation.
+        motion: From recordings to motions: the encoders' band and the common filter.
+        regression: The sums and their priors.
+        selection: Acceptance of effects.
+        gap: Map, ceiling and replay of the gap.
+        verdict: From evidence to a verdict.
     """
 
     telemetry: TelemetrySettings = USUAL_TELEMETRY

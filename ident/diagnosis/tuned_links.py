@@ -1,20 +1,22 @@
-"""How far tuning moved each link from its URDF: what it absorbs no residual shows, so it is always reported.
+"""Change of each link's inertia from the URDF by tuning, with a relevance test for each link.
 
-Of the inertial numbers π only the base parameters β = B π act on the torques. The solved model knows their change δ
-with information J, whatever the URDF says. Two things are reported of each link:
+In: the solved model. Out: a `TunedLink` for each link. It is always reported, for tuning leaves no residual.
+
+Of the inertial parameters π only the base parameters β = B π act on the torques. The model knows their change δ with
+information J, that of the recordings alone. Two changes are reported of each link:
 
 - About its joint's axis: the first moment of all that turns with the joint, averaged over full turns of the joints
-  behind it. That is the combination that gravity shows, M = W π with W in the row space of B, so it needs no prior.
-- The link's own mass and first moment. Those are no base parameters: which link a change belongs to hangs on how wrong
-  each may be. Every link has a variance of its own, σ_k, a URDF's usual error unless
+  behind it. Gravity shows this combination, M = W π with W in the row space of B, so it needs no prior.
+- The link's own mass and first moment. These are no base parameters: how a change is divided among links depends on
+  their prior variances. Each link's standard deviation σ_k is the URDF's usual one unless the log evidence
 
       log p(y | σ) = ½ hᵀ (J + C⁻¹)⁻¹ h − ½ log|I + C J|,    C = B S(σ) Bᵀ,  h = J δ,
 
-  speaks for more at that link (automatic relevance determination, one link after the other). Numbers of which the
-  recordings take away less than half of the prior's variance are left out: they are the URDF's word.
+supports a larger one (automatic relevance determination, one link after the other). A parameter whose prior variance
+the recordings reduce by less than half is left out: it is the URDF's.
 
-A link is beyond tolerance where the interval of one of its own numbers lies wholly beyond three standard deviations of
-a usual URDF; or, where its own are not determined and the recordings speak for more at that link, that about its axis.
+A link is beyond tolerance if the interval of one of its own parameters lies wholly beyond three standard deviations of
+a usual URDF; or, where its own are not determined and its σ_k is larger than usual, if that about its axis does.
 
 Source: MacKay 1992 and Tipping 2001 (relevance determination); Gautier 1991 (base parameters).
 """
@@ -38,29 +40,28 @@ from ident.regression.least_squares import Prior, Projection
 from ident.robot.arm import ArmModel
 
 LIMIT = read_group(__file__, "tuned_links")
-# Names of a link's changes.
+# Parameter names of a link's changes.
 MASS, MOMENT, ABOUT = "mass_change_kg", "moment_change_{}_kgm", "about_axis_kgm"
 
 
 @dataclass(frozen=True, eq=False)
 class TunedLink:
-    """Change of a link from its URDF."""
+    """Change of a link's inertia from the URDF."""
 
     joint: str  # the joint that moves it
-    mass: Interval | None  # change of its mass [kg]; None where the recordings don't determine it
-    # Change of its first moment in its joint's frame, by axis, as far as determined [kg m].
-    moment: Mapping[str, Interval]
-    # Change of the first moment about the joint's axis of all that turns with it, along the URDF's own [kg m]; None
-    # where gravity shows nothing of it.
+    mass: Interval | None  # change of its mass [kg]; None where it is not determined
+    moment: Mapping[str, Interval]  # change of its first moment in its joint's frame, by determined axis [kg m]
+    # Change of the first moment of all that turns with the joint, about its axis, along that of the URDF [kg m]; None
+    # where gravity does not determine it.
     about_axis: Interval | None
-    urdf_moment: float  # what the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by
-    beyond: frozenset[str]  # which of its changes, by their names in `changes`, are more than URDFs are wrong by
-    # Log evidence that it is, its neighbours as far off as they like [nats]; 0 where nothing is beyond.
+    urdf_moment: float  # that moment by the URDF [kg m]; 0 where it is below the URDF's usual error
+    beyond: frozenset[str]  # names, as in `changes`, of the changes that exceed the URDF's tolerance
+    # Log Bayes factor of the link's own error scale, its neighbours' scales free [nats]; 0 where nothing is beyond.
     evidence: float = 0.0
 
     @property
     def beyond_tolerance(self) -> bool:
-        """Whether any change is more than URDFs are wrong by."""
+        """Whether any change exceeds the URDF's tolerance."""
         return bool(self.beyond)
 
     @property
@@ -71,7 +72,7 @@ class TunedLink:
         return Interval(*(getattr(self.about_axis, end) / self.urdf_moment for end in ("value", "low", "high")))
 
     def to_dict(self) -> dict[str, Any]:
-        """Its record; what is not determined is left out."""
+        """Its record, without undetermined parameters."""
         record: dict[str, Any] = {"joint": self.joint, "beyond_tolerance": self.beyond_tolerance}
         if self.mass is not None:
             record["mass_kg"] = self.mass.to_dict()
@@ -83,13 +84,13 @@ class TunedLink:
         return record
 
     def changes(self) -> dict[str, Interval]:
-        """Its changes by name."""
-        named = {MASS: self.mass, ABOUT: self.about_axis}
+        """All determined changes by parameter name."""
+        accepted = {MASS: self.mass, ABOUT: self.about_axis}
         moments = {MOMENT.format(axis): one for axis, one in self.moment.items()}
-        return {name: one for name, one in named.items() if one is not None} | moments
+        return {name: one for name, one in accepted.items() if one is not None} | moments
 
     def words(self, link: str) -> str:
-        """What is wrong with the URDF's link, in a sentence."""
+        """The link's error as a sentence."""
         parts = []
         if ABOUT in self.beyond and self.about_axis is not None:
             moved = self.about_axis.words("kg m") if self.share is None else self.share.words("%", 100.0)
@@ -99,20 +100,20 @@ class TunedLink:
         along = [(axis, one) for axis, one in self.moment.items() if MOMENT.format(axis) in self.beyond]
         parts += [f"its moment along {axis} by {one.words('kg m')}" for axis, one in along]
         how = f"tuning moved {' and '.join(parts)}"
-        return f"{link} is off by more than URDFs are: {how}; mend its <inertial>, or the gain of {self.joint}"
+        return f"{link} is off by more than URDFs are: {how}; correct its <inertial>, or the gain of {self.joint}"
 
 
 def measure_tuned_links(
     baseline: Baseline, evidence: Evidence, projection: Projection, prior: Prior, inflation: float
 ) -> dict[str, TunedLink]:
-    """Change of every link, by its name.
+    """Change of every link, by link name.
 
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
         evidence: Scale and layout of the columns.
-        projection: The solved model, the named effects in it.
-        prior: The belief about the URDF that it was solved with.
-        inflation: How many times the modelled variance blocks vary.
+        projection: The solved model with the accepted effects.
+        prior: Prior of the inertias that it was solved with.
+        inflation: Variance inflation.
     """
     arm, mapping = baseline.nominal, baseline.base.mapping
     information, score = _of_recordings(evidence, projection, prior, inflation)
@@ -125,7 +126,7 @@ def measure_tuned_links(
     variance = std**2 - np.sum(lift * (mapping * std**2).T, axis=1) + np.sum((lift @ posterior) * lift, axis=1)
     own = [_interval(value, width) for value, width in zip(change, np.sqrt(np.maximum(variance, 0.0)), strict=True)]
     known = variance < (1.0 - LIMIT.least_share) * std**2
-    # As good as no prior: what the recordings leave open stays far wider than a URDF's error.
+    # A prior so wide that it does not matter where the recordings determine a parameter.
     free = np.linalg.inv(information + base_prior(baseline.base, LIMIT.unknown * baseline.number_std))
     found = {}
     for k, link in enumerate(arm.links):
@@ -139,15 +140,15 @@ def measure_tuned_links(
             wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        apart = relevance.apart(factors, k) if wrong else 0.0
-        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), apart)
+        log_evidence = relevance.log_evidence_of(factors, k) if wrong else 0.0
+        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), log_evidence)
     return found
 
 
 def _of_recordings(
     evidence: Evidence, projection: Projection, prior: Prior, inflation: float
 ) -> tuple[Float[Array, "r r"], Float[Array, " r"]]:
-    """Information of the recordings alone about the base parameters, the model's other columns free, and its score."""
+    """Information and score of the recordings alone about the base parameters, other columns profiled out."""
     rank = evidence.layout.rank
     scale = evidence.scale[:rank]
     whole = np.linalg.inv(projection.spread[:rank, :rank])
@@ -159,46 +160,42 @@ def _of_recordings(
 
 @dataclass(frozen=True, eq=False)
 class _Relevance:
-    """How many times more than a URDF's links usually are each is off, and what the recordings say for it."""
+    """Automatic relevance determination: for each link a factor on the usual standard deviation of its inertia."""
 
-    baseline: Baseline
+    baseline: Baseline  # the arm, and the usual standard deviations
     information: Float[Array, "r r"]  # of the recordings about the base parameters
-    score: Float[Array, " r"]  # its score
+    score: Float[Array, " r"]  # gradient of the log likelihood at the URDF's base parameters
 
     def std(self, factors: Sequence[float]) -> Float[Array, " 10n"]:
-        """Standard deviation of every link's numbers."""
+        """Prior standard deviation of every link's inertial parameters, given the factors."""
         return np.asarray(np.repeat(factors, 10) * self.baseline.number_std)
 
-    def best(self, start: Sequence[float] = (), barred: int = -1) -> tuple[float, ...]:
-        """Factors of most evidence, one link after the other.
-
-        Args:
-            start: To begin with; ones if none are given.
-            barred: Link that has none.
-        """
+    def best(self, start: Sequence[float] = (), excluded: int = -1) -> tuple[float, ...]:
+        """Factors of greatest log evidence by coordinate ascent from `start` (or ones); link `excluded` has none."""
         factors = tuple(start) or (1.0,) * self.baseline.nominal.n
-        reached = self._evidence(factors)
+        reached = self._log_evidence(factors)
         for _ in range(2 * len(factors)):
             tried = [
                 (*factors[:k], factor, *factors[k + 1 :])
                 for k in range(len(factors))
                 for factor in (1.0, *LIMIT.factors)
-                if k != barred and factor != factors[k]
+                if k != excluded and factor != factors[k]
             ]
-            found = [self._evidence(one) for one in tried]
+            found = [self._log_evidence(one) for one in tried]
             if max(found) <= reached:
                 break
             reached, factors = max(found), tried[int(np.argmax(found))]
         return factors
 
-    def apart(self, factors: tuple[float, ...], link: int) -> float:
-        """Log evidence for a link's factor, the others' as they are best without it [nats]."""
+    def log_evidence_of(self, factors: tuple[float, ...], link: int) -> float:
+        """Log Bayes factor of a link's factor against one, the other links' factors maximised in both cases [nats]."""
         if factors[link] == 1.0:
             return 0.0
         without = self.best((*factors[:link], 1.0, *factors[link + 1 :]), link)
-        return self._evidence(factors) - self._evidence(without)
+        return self._log_evidence(factors) - self._log_evidence(without)
 
-    def _evidence(self, factors: tuple[float, ...]) -> float:
+    def _log_evidence(self, factors: tuple[float, ...]) -> float:
+        """Log evidence of some factors, with a prior cost for each that is not one [nats]."""
         mapping, std = self.baseline.base.mapping, self.std(factors)
         root = np.linalg.cholesky((mapping * std**2) @ mapping.T)
         half = np.linalg.cholesky(np.eye(len(root)) + root.T @ self.information @ root)
@@ -208,9 +205,10 @@ class _Relevance:
 
 
 def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
-    """Maps the links' numbers to the first moment, in a joint's frame, of all that turns with it [kg m].
+    """Matrix that maps all inertial parameters to the first moment of all that turns with a joint [kg m].
 
-    Averaged over full turns of the revolute joints behind it, which leaves of each link what lies along its axis.
+    The moment is in the joint's frame and averaged over full turns of the revolute joints behind it, by which only the
+    components along their axes remain.
     """
     mass, moment = np.zeros((1, 10 * arm.n)), np.zeros((3, 10 * arm.n))
     for k in reversed(range(joint, arm.n)):
@@ -226,7 +224,7 @@ def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
 def _about_axis(
     baseline: Baseline, joint: int, covariance: Float[Array, "r r"], change: Float[Array, " r"]
 ) -> tuple[Interval | None, float, float]:
-    """Change of the moment about a joint's axis along the URDF's own, the URDF's, and what a usual URDF is off by."""
+    """The moment about a joint's axis, along the URDF's own: its change, the URDF's value and usual error."""
     arm, mapping = baseline.nominal, baseline.base.mapping
     axis = arm.joint_axes[joint]
     rows = (np.eye(3) - np.outer(axis, axis)) @ turning_moment(arm, joint)
@@ -246,8 +244,10 @@ def _about_axis(
 
 
 def _interval(value: float, std: float) -> Interval:
+    """Normal interval at 95 %."""
     return Interval(float(value), float(value - NORMAL_95 * std), float(value + NORMAL_95 * std))
 
 
 def _is_beyond(change: Interval, usual: float) -> bool:
+    """Whether an interval lies wholly beyond the URDF's tolerance, on either side."""
     return max(change.low, -change.high) > LIMIT.beyond * usual

@@ -1,4 +1,4 @@
-"""The gap against a model that the user has, as it is: nothing of it is tuned."""
+"""The gap against a model that the user has, none of it tuned."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ident.model.hybrid import HybridModel
 
 
 def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
-    """The analysis with what the model's last rung leaves of each joint that it speaks of, `model_rms_Nm`."""
+    """The analysis with the error of the user's model, on its last rung, at each of its joints (`model_rms_Nm`)."""
     squares, counts = (dict.fromkeys(model.joint_names, 0.0) for _ in range(2))
     for item in analysis.series:
         motion = item.run.motion
         trace = trace_run(model, motion.select(model.joint_names))
         left = trace.motion.tau_filtered - trace.filtered[list(trace.rungs)[-1]]
         for k, name in enumerate(model.joint_names):
-            inside = item.counts[:, motion.joints.index(name)]
+            inside = item.valid[:, motion.joints.index(name)]
             squares[name] += float(np.sum(left[inside, k] ** 2))
             counts[name] += float(inside.sum())
     rms = {name: float(np.sqrt(squares[name] / counts[name])) for name in squares if counts[name]}

@@ -1,4 +1,9 @@
-"""What the evidence amounts to: no gap, a name, part of one, none of the catalogue; and what else must be reported."""
+"""Decision rules: from search results to a verdict, and the size of unexplained residuals.
+
+In: held-out scores, noise floors and discrepancies of each joint, and the estimates. Out: one of `no_gap`, `named`,
+`partial`, `none_of_catalogue`; the unexplained residual of each joint; the effects' probabilities discounted by how
+well a discrepancy (a flexible function of the joint's state) explains the same torque.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.ceiling import Ceiling
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance
@@ -23,26 +28,26 @@ from ident.regression.posterior import Beside
 def find_floors(
     evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore, settings: VerdictSettings = USUAL_VERDICT
 ) -> Float[Array, " n"]:
-    """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
-    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
+    """Floor of each joint's error [N m]: its noise, or its ceiling where that is significant and higher."""
+    ratio = np.array([c.rms / c.before if c.before > 0 and c.significant else 0.0 for c in ceilings])
     return np.minimum(np.maximum(settings.noise_margin * evidence.floor, ratio * last.rms), last.rms)
 
 
-def stands_out(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings = USUAL_VERDICT) -> bool:
-    """Whether more is left at a joint than its noise: else there is nothing to explain."""
+def exceeds_noise(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings) -> bool:
+    """Whether a joint's held-out error exceeds its noise floor by the least share that counts as a gap."""
     return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Unexplained:
-    """What is left at each joint, beside what noise and friction that varies would leave."""
+class ResidualExcess:
+    """Residual of each joint beyond noise and the between-run variation of friction."""
 
-    leftover: Float[Array, " n"]  # how far it stands out; above 1 something is there that has no name
-    noise: Float[Array, " n"]  # the noise that the joint's innovation speaks for [N m]
+    leftover: Float[Array, " n"]  # unexplained residual in units of its threshold; above 1 it is significant
+    noise: Float[Array, " n"]  # noise by the joint's innovation variance [N m]
 
     @property
-    def left(self) -> Bool[Array, " n"]:
-        """Where more than noise is left."""
+    def present(self) -> Bool[Array, " n"]:
+        """Joints with a significant unexplained residual."""
         return self.leftover > 1.0
 
 
@@ -52,30 +57,34 @@ def find_unexplained(
     evidence: Evidence,
     settings: VerdictSettings = USUAL_VERDICT,
     law_share: float = USUAL_SELECTION.least_own_share,
-) -> Unexplained:
-    """At which joints more than noise is left, and how far it stands out.
+) -> ResidualExcess:
+    """The unexplained residual of each joint, in units of its threshold.
 
-    Unexplained is what a discrepancy sees; and, whether it does or not, an error over innovation (what can't be
-    foretold from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a
-    run's own level of friction doesn't count: that varies. Neither does `law_share` of the mean square that the names
-    closed: no arm obeys a law to the letter, and for what is smaller no second name is given either.
+    It is the larger of two measures. One is what a discrepancy explains. The other is the error over the innovation
+    (the part that past samples do not predict), if it is far above that of the median joint, or over the noise. The
+    run's own level of friction does not count, for it varies; nor does `law_share` of the mean square that accepted
+    effects closed, for no real law is exactly the catalogue's.
+
+    Args:
+        found, ceilings, evidence: Accepted effects; what a discrepancy explains at each joint; the noise.
+        settings, law_share: Thresholds, and the share of an effect's mean square that its law may leave.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     last, steady = found.ladder[-1], np.array([ceiling.before for ceiling in ceilings])
     misfit = law_share * np.maximum(found.ladder[0].rms ** 2 - last.rms**2, 0.0)
     typical = np.sqrt(np.maximum(np.minimum.reduce([last.rms, last.typical_rms, steady]) ** 2 - misfit, 0.0))
     colour = typical / np.maximum(whitening.innovation, 1e-12)
-    usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
-    seen = np.array([c.sure * (c.before**2 - c.rms**2) for c in ceilings])
+    usual = float(np.median(colour[moved])) if moved.any() else 1.0
+    seen = np.array([c.significant * (c.before**2 - c.rms**2) for c in ceilings])
     learnt = np.maximum(seen - misfit, 0.0) / np.maximum(steady**2, 1e-24)
-    # What all joints have in excess is the noise's estimate, up to a point.
+    # An excess that all joints share is an error of the noise estimate, up to a point.
     excess = (typical / np.maximum(evidence.floor, 1e-12)) ** 2
     shared = max(float(np.median(excess[moved])), 1.0) if moved.any() else 1.0
     much = excess / min(settings.much_left * shared, settings.far_left)
-    standing = np.maximum(colour / max(settings.stands_out * usual, 1e-12), much)
+    exceedance = np.maximum(colour / max(settings.stands_out * usual, 1e-12), much)
     beyond = typical**2 / np.maximum((1.0 + settings.least_gap_share) * whitening.level**2, 1e-24)
-    leftover = np.maximum(learnt / settings.least_gap_share, np.minimum(beyond, standing))
-    return Unexplained(np.where(moved, leftover, 0.0), np.minimum(evidence.floor, usual * whitening.innovation))
+    leftover = np.maximum(learnt / settings.least_gap_share, np.minimum(beyond, exceedance))
+    return ResidualExcess(np.where(moved, leftover, 0.0), np.minimum(evidence.floor, usual * whitening.innovation))
 
 
 def decide(
@@ -87,47 +96,48 @@ def decide(
     given: tuple[Float[Array, " n"], Float[Array, " n"]],
     settings: VerdictSettings = USUAL_VERDICT,
 ) -> str:
-    """How much of the gap at the joints in question the names close, above the noise.
+    """The verdict, by the share of the gap above noise that accepted effects close at the joints in question.
 
-    It is counted from the tuned model and from the model as given, and the larger share counts: a cause that tuning
-    hides in part is named for what it explains of the user's model.
+    The share is computed with tuned inertias and with the URDF's, and the larger one counts: a cause that tuning
+    absorbs in part is credited with what it explains of the user's model.
 
     Args:
-        found, names: What the search found, and the names as far as they are believed.
-        left: Where more than noise is left beside them.
-        floors: What nothing can go below, joint by joint [N m].
-        tolerance: Whether the inertias were tuned beyond what URDFs are wrong by.
-        given: Held-out errors of the model with the URDF's inertias, without and with the names [N m].
-        settings: Which share is which verdict.
+        found, names: Search results, and the estimates with discounted probabilities.
+        left: Joints with a significant unexplained residual.
+        floors: Floor of each joint's error [N m].
+        tolerance: Whether tuned inertias exceed the URDF's tolerance.
+        given: Held-out errors with the URDF's inertias, without and with the effects [N m].
+        settings: Shares that separate the verdicts.
     """
-    if not found.named:
-        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
+    if not found.accepted:
+        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.near_miss else "no_gap"
     joints = left.copy()
-    for item in found.named:
-        joints[item.shown] = True
+    for item in found.accepted:
+        joints[item.affected_joints] = True
     tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
-    # Each joint's mean square in units of its noise.
+    # Mean squares in units of the floor, so that joints of different size add up.
     pairs = [(start[joints] ** 2 / unit, end[joints] ** 2 / unit) for start, end in (tuned, given)]
     share = max(float((old - new).sum() / max(np.maximum(old - 1.0, 0.0).sum(), 1e-12)) for old, new in pairs)
-    if any(item.absorbed for item in found.named) and not left.any():
-        share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
+    if any(item.absorbed for item in found.accepted) and not left.any():
+        share = 1.0  # held-out error does not show what tuning absorbs
     if share >= settings.named_from and not tolerance.exceeded:
         return "named"
     return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
 
 
-def believed(
+def discount_by_discrepancy(
     estimates: Sequence[Estimate], laws: Sequence[Beside], settings: VerdictSettings = USUAL_VERDICT
 ) -> list[Estimate]:
-    """Names as far as they are believed: by what each adds to a flexible function, and what that still finds beside it.
+    """Estimates with probabilities discounted, and intervals widened, by what a discrepancy explains of the torque.
 
-    What is open elsewhere says nothing of a name. Where a flexible function still finds much beside a law, its
-    parameters make up for some of that: their intervals widen.
+    The discount depends on the log Bayes factor that the law adds to the discrepancy alone, and on what the discrepancy
+    still explains beside it; if that is much, the law's parameters compensate for some of it, and their intervals
+    widen.
 
     Args:
-        estimates, settings: The names' estimates, and by what they are believed.
-        laws: What each is worth beside a discrepancy.
+        estimates, laws: The estimates, and for each the evidence of its law beside a discrepancy.
+        settings: Parameters of the discount.
     """
     return [
         replace(
@@ -140,12 +150,11 @@ def believed(
 
 
 def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, leftover: Float[Array, " n"]) -> float:
-    """How much speaks for a cause that the catalogue lacks, from 0 to 1: to rank sessions by, no probability.
+    """Score from 0 to 1 of a cause outside the catalogue, for ranking sessions; it is no probability.
 
     Args:
-        verdict, estimates: The verdict, and the names as far as they are believed, each with its class.
-        closed: Share of the gap that they close.
-        leftover: How far what is left stands out at each joint.
+        verdict, estimates: The verdict, and the estimates with discounted probabilities.
+        closed, leftover: Share of the gap that the effects close, and unexplained residual of each joint.
     """
     most = float(leftover.max(initial=0.0))
     if estimates:
@@ -156,21 +165,21 @@ def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, le
 
 
 def find_nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
-    """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
-    if found.named or found.hint is None:
+    """Record of the best rejected candidate, if nothing was accepted and it is unlikely to be chance."""
+    if found.accepted or found.near_miss is None:
         return None
-    item = found.hint
+    item = found.near_miss
     own = item.group.effect.rows == "own"
     most = item.group.joint if own else int(np.argmax(item.after.fall_from(item.before)))
-    gates = item.gates
+    criteria = item.criteria
     return {
         "effect": item.group.effect.id,
         "joints": [joints[most]],
-        "log_evidence": gates.evidence,
-        "rms_fall": gates.rms_fall,
+        "log_evidence": criteria.log_evidence,
+        "rms_fall": criteria.rms_fall,
     }
 
 
 def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:
-    """Whether a joint's error, as the record of its gap has it, lies clearly above its noise."""
+    """Whether a joint's error, as a diagnosis records its gap, is clearly above its noise."""
     return bool(gap["rms_Nm"] > settings.loud * (gap["noise_floor_Nm"] or np.inf))

@@ -9,34 +9,38 @@ from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.run_spread import block_sums_left
 
-# Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
-SILENT = 1e-9
+# Below this share of the model's variance the variance between blocks is numerically zero.
+LEAST_BLOCK_VARIANCE = 1e-9
 # Columns of a joint that carry less than this share of its largest carry nothing: their scores are no measure of how
 # blocks vary; nor are those of columns of whose scores the model leaves less than the second share.
 LEAST_COLUMN, LEAST_LEFT = 1e-6, 0.05
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
-    """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
+    """Covariance of a model's coefficients by the block sandwich, with variances not below the model's own."""
     part = block_sums_left(evidence, projection)[:, projection.inside]
     blocks = len(part)
     meat = part.T @ part * blocks / max(blocks - 1, 1)
-    return lifted(projection.spread @ meat @ projection.spread, projection.spread)
+    return floor_at_model_variance(projection.spread @ meat @ projection.spread, projection.spread)
 
 
-def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
-    """A block sandwich, its variances never below the model's own."""
+def floor_at_model_variance(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
+    """A block sandwich covariance with variances that are not below the model's own, `spread`."""
     own, between = np.diag(spread), np.diag(sandwich)
-    # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
-    silent = between <= SILENT * own
+    # A column that is nearly zero in all blocks has no variance between them: the model's holds.
+    silent = between <= LEAST_BLOCK_VARIANCE * own
     lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, between))))
     return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
 
 
 def measure_inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
-    """By how much blocks vary more than the noise model says: divides log evidence.
+    """Variance inflation: factor by which block scores vary more than the noise model says; divides log evidence.
 
-    Median over the tuned coefficients of sandwich to model variance; the sandwich is computed where it isn't known.
+    It is the median ratio of sandwich to model variance over the baseline's coefficients, at least 1.
+
+    Args:
+        evidence, projection: Block sums and the solved model.
+        known: Sandwich covariance of its coefficients, if it was computed before.
     """
     tuned = slice(evidence.layout.tuned)
     model = np.diag(projection.spread)[tuned]

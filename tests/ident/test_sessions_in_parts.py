@@ -220,7 +220,7 @@ def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: 
     _, reports = in_parts([tmp_path / "aborted"])
     found = list(reports)
     assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
-    motions = list(command._prepare_in_turn(found, command._Heard(), 25.0, USUAL_MOTION))
+    motions = list(command._prepare_in_turn(found, command._Collected(), 25.0, USUAL_MOTION))
     assert [motion.name for motion in motions] == [f"run_{k}" for k in range(6)]
     shorts = [run.at(slice(k, k + 60)) for run in session.runs for k in (0, 100)]
     with pytest.raises(RecordingError, match="no run lasts 1 s"):

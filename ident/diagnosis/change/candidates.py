@@ -1,4 +1,8 @@
-"""Effects as changes: what may have come, gone, grown or shrunk between two sets of recordings."""
+"""Effects as changes: what may have come, gone, grown or shrunk between two sets of recordings.
+
+Each effect of the catalogue becomes a `ChangeOf` that acts in the later set alone, so that its parameters are after
+minus before. To these are added a change of plain friction, and a change that follows no law of the catalogue.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +19,9 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import Doubt, Range
 from ident.effects.ripple import TorqueRipple
 
-# More than any number of lines that are looked at: the best of them always are candidates.
+# Threshold of a ripple's spectral lines, so large that the strongest lines are always candidates.
 MANY_LINES = 1e9
-# What happens to arms between two recordings: any effect of the catalogue; lines of a ripple are weighed, never barred.
+# Any effect of the catalogue may have changed.
 CHANGEABLE = sorted(
     (replace(one, chance=MANY_LINES) if isinstance(one, TorqueRipple) else one for one in CATALOGUE),
     key=lambda one: one.as_change.order,
@@ -26,29 +30,29 @@ CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
 
 
 def ids(flag: str) -> frozenset[str]:
-    """The changes of which something is known (`AsChange`)."""
+    """Ids of the changes whose `AsChange` has a flag set."""
     return frozenset(one.id for one in CHANGES if getattr(one.as_change, flag))
 
 
-# Those whose own columns, in all runs alike, say nothing that the tuned baseline does not say already.
+# Effects whose columns, shared by all runs, are in the span of the tuned baseline.
 IN_THE_BASELINE = ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
-# What the later set's runs lay out: lines, widths and windows are looked for there.
+# Effects whose grid is found from the later set's runs: spectral lines, widths, windows.
 LATER_ALONE = ids("later_alone")
-# Laws of friction: of one run before and one after, nobody knows what differs from run to run anyhow.
+# Laws of friction, which varies between runs: one run a side does not show a change.
 OF_FRICTION = ids("friction")
-# What a gain that both sets share makes as open as that gain; and the change that says that something is carried.
+# Effects as uncertain as a gain that both sets share; and the change of what the arm carries.
 COMMON_GAIN = ids("common_gain")
 (CARRIED,) = ids("taken_off")
 MASS = "mass_kg"
-# What a change has of its effect as it is.
-KEPT = (
+# Attributes that a change copies from its effect.
+COPIED = (
     *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
     *("as_change", "event", "partner", "remembers"),
 )
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
-    """An even choice of an effect's inner grid; of those that other joints take part in, the neighbours' points."""
+    """An even choice of the points of an effect's grid; of effects with a second joint, those of adjacent joints."""
     grid = effect.variants(session, joint)
     if effect.partner:
         return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
@@ -60,12 +64,12 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
 
 @dataclass(eq=False)
 class ChangeOf(Effect):
-    """An effect that acts in the later set alone: its parameters are after minus before, whatever their signs."""
+    """An effect that acts in the later set alone: its parameters are after minus before, and may have either sign."""
 
     effect: Effect  # the effect
 
     def __post_init__(self) -> None:
-        for name in KEPT:
+        for name in COPIED:
             setattr(self, name, getattr(self.effect, name))
         self.doubt = Doubt(share=0.0) if self.effect.as_change.exact else self.effect.doubt  # type: ignore[misc]
 
@@ -77,24 +81,24 @@ class ChangeOf(Effect):
     ) -> dict[str, Interval]:
         gone = self.as_change.taken_off and coefficients[0] < 0.0
         estimates = self.effect.parameters(session, joint, variant, -coefficients if gone else coefficients, covariance)
-        return self._turned(estimates) if gone else estimates
+        return self._negated(estimates) if gone else estimates
 
-    def _turned(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
-        """The parameters with the sign of what was taken off turned."""
+    def _negated(self, estimates: Mapping[str, Interval]) -> dict[str, Interval]:
+        """The parameters of an amount that was taken off, with its sign reversed."""
         name = self.as_change.taken_off
         return {**estimates, name: Interval(-estimates[name].value, -estimates[name].high, -estimates[name].low)}
 
     def physical(self, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> dict[str, Range]:
         if self.as_change.friction and self.id != FrictionChange.id:
-            return {}  # bounds by the friction that there was: what came may be more
+            return {}  # the effect's bounds follow from the friction before, which a change may exceed
         if self.as_change.taken_off and estimates[self.as_change.taken_off].value < 0.0:
-            estimates = self._turned(estimates)
+            estimates = self._negated(estimates)
         found = {
-            # What an effect may be is also what it may lose.
+            # An effect may vanish, so the negative of its largest size is plausible.
             name: replace(one, low=min(one.low, -one.high)) if np.isfinite(one.high) else one
             for name, one in self.effect.physical(session, joint, estimates).items()
         }
-        # What is hardly determined may be as it should: its whole interval must speak against it.
+        # A parameter is outside its bounds only if its whole interval is.
         outside = {n for n, one in found.items() if estimates[n].high < one.low or estimates[n].low > one.high}
         return {name: one for name, one in found.items() if name in outside or not np.isfinite(estimates[name].value)}
 

@@ -1,9 +1,8 @@
-"""What changed between two sets of recordings of one arm: from motions to changes with evidence.
+"""What changed between two sets of recordings of one arm: from motions to changes with their evidence.
 
-Both sets share one baseline: the arm's inertias, tuned and hardly held by the URDF, its losses, and every law that is
-tested, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
-the same laws in the later set alone, selected as a diagnosis selects effects; and each must stand out
-against what the runs of one set differ by among themselves.
+Both sets share one baseline: the arm's inertias with a loose prior, its losses, and every law in all runs alike. Errors
+of the model that are the same before and after cancel in it. The candidates are the same laws in the later set alone.
+They are selected stepwise as in a diagnosis, but by a test against the differences between runs of one set (`search`).
 """
 
 from __future__ import annotations
@@ -16,18 +15,18 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.confounded_links import open_places, place_bodies
+from ident.diagnosis.change.confounded_links import find_confounded, place_bodies
 from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Standing
+from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Significance
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -47,15 +46,15 @@ TOO_FEW = "both sets together have fewer samples in the encoders' band than the 
 
 @dataclass(frozen=True, eq=False)
 class _Changes:
-    """Changes that stand, with all that goes with them."""
+    """Significant changes, and what else the search found."""
 
-    found: SearchResults
-    estimates: tuple[Estimate, ...]
-    standings: tuple[Standing, ...]
-    doubted: tuple[Reservation, ...]
-    places: tuple[tuple[Group, ...], ...]  # of each, where it may sit as well
-    unlawful: bool  # something stood out whose parameters no arm has
-    asked: int  # how many changes may have been
+    found: SearchResults  # the changes
+    estimates: tuple[Estimate, ...]  # one for each change
+    significances: tuple[Significance, ...]  # one for each change
+    reservations: tuple[Reservation, ...]  # rejected changes
+    confounded: tuple[tuple[Group, ...], ...]  # for each change the effects and places that explain it as well
+    implausible: bool  # whether a significant change was rejected for parameters that no arm has
+    tests: int  # number of changes that were tested
 
 
 def compare(
@@ -65,25 +64,25 @@ def compare(
     sides: tuple[Side, Side],
     seed: int = 0,
     settings: DiagnosisSettings = USUAL,
-    doubt: GainUncertainty = STATED,
+    gain_uncertainty: GainUncertainty = STATED,
 ) -> ArmComparison:
     """Compares two sets of runs.
 
     Args:
-        before, after: Motions of both sets, of the same joints and filtered alike.
+        before, after: Motions of both sets, of the same joints and with the same filter.
         arm: The user's arm, without payload.
-        sides: What the sets are, for the record.
-        seed: Of how runs are dealt into sets that are none.
-        settings: The numbers by which it decides.
-        doubt: How well the gains are known by which torques are read: a body is no better known.
+        sides: Description of the sets, for the record.
+        seed, settings: Seed of the permutations of runs; thresholds and priors.
+        gain_uncertainty: Uncertainty of the gains of the torque readings, which limits that of a body's size.
     """
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
     one_clock = len(sides[1].sessions) <= 1
-    first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt, seed=seed)
+    first = build_design(before, after, arm, still=still, one_clock=one_clock)
+    first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
-        hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}.values()
+        hidden = {one.effect.id + str(one.joint): one for one in (*first.untestable, *few)}.values()
         found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
         return replace(found, still=still, used=used)
     stage("searching what changed", 0.5, 1.0)
@@ -91,75 +90,74 @@ def compare(
     changes = _find_changes(search)
     if any(one.group.effect.id in BODIES for one in changes.estimates):
         others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
-        asked = place_bodies(search, others, first.session, first.asked)
-        first = build_design(before, after, arm, known=first.known, asked=asked, still=first.still)
-        first = replace(first, doubt=doubt, seed=seed)
+        effects = place_bodies(search, others, first.session, first.effects)
+        first = build_design(before, after, arm, earlier=first.estimates, effects=effects, still=first.still)
+        first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
         changes = _find_changes(_search(first, settings.selection, sides))
     sliding = tuple(compress(arm.joint_names, arm.sliding_joints))
-    return replace(_result(changes, first, arm, sides, _hidden(first, used)), used=used, slides=sliding)
+    return replace(_result(changes, first, arm, sides, _find_untestable(first, used)), used=used, slides=sliding)
 
 
 def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
-    """The search over a design; one run a side shows no law of friction."""
+    """The search over a design, laws of friction excluded at joints that move in one run a side at most."""
     evidence = design.sums.evidence
     once = design.moves_once
-    barred = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
+    excluded = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
-        evidence, design.prior, held_out, 0, frozenset(barred), settings=settings, design=design, sessions=sessions
+        evidence, design.prior, held_out, 0, frozenset(excluded), settings=settings, design=design, sessions=sessions
     )
 
 
 def _find_changes(search: ChangeSearch) -> _Changes:
-    """Changes that stand and whose parameters arms can have, each with its class and with where it may be as well."""
+    """Significant and plausible changes, each with its class and with the places that it is confounded with."""
     design, joints = search.design, search.design.baseline.nominal.joint_names
-    doubted: list[Reservation] = []
-    unlawful = False
+    reservations: list[Reservation] = []
+    implausible = False
     while True:
-        weighed, failed = search.find()
-        found = _results(search, [one.group for one in weighed])
-        fine = Refined(search, tuple(item.group for item in found.named))
-        wider = [one.standing.widening for one in weighed]
-        raw = estimate_effects(search, fine, design.later_session, found.named, wider) if weighed else []
-        estimates = [_as_read(*each, fine, design) for each in zip(raw, wider, strict=True)]
-        refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
+        tested, failed = search.find()
+        found = _results(search, [one.group for one in tested])
+        fine = Refined(search, tuple(item.group for item in found.accepted))
+        wider = [one.significance.widening for one in tested]
+        raw = estimate_effects(search, fine, design.later_session, found.accepted, wider) if tested else []
+        estimates = [_with_gain_uncertainty(*each, fine, design) for each in zip(raw, wider, strict=True)]
+        refused = find_implausible(dict(enumerate(zip(found.accepted, estimates, strict=True))), design.session)
         if not refused:
             break
-        unlawful |= any(estimates[k].undefined is None for k in refused)
-        doubted += [Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items()]
-        search = replace(search, barred=search.barred | {found.named[k].group.key for k in refused})
-    named = [item.group for item in found.named]
-    keys = {group.key for group in named}
-    for group, standing in ((one.group, one.standing) for key, one in failed.items() if key not in keys):
+        implausible |= any(estimates[k].undefined is None for k in refused)
+        reservations += [Reservation.of(found.accepted[k], estimates[k], joints, why) for k, why in refused.items()]
+        search = replace(search, excluded=search.excluded | {found.accepted[k].group.key for k in refused})
+    accepted = [item.group for item in found.accepted]
+    keys = {group.key for group in accepted}
+    for group, significance in ((one.group, one.significance) for key, one in failed.items() if key not in keys):
         where = (joints[group.joint],) if group.effect.scope == "joint" else joints
-        why = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
-        doubted.append(Reservation(group.effect.id, where, why, {}))
-    places = tuple(open_places(search, named, slot) for slot in range(len(named)))
+        why = ANOTHER_RUN if significance.mostly_between_runs else TOO_UNSURE
+        why = ANOTHER_DAY if significance.mostly_between_days else why
+        reservations.append(Reservation(group.effect.id, where, why, {}))
+    confounded = tuple(find_confounded(search, accepted, slot) for slot in range(len(accepted)))
     gains = [may_be_gain(one.refined, design.session, one.coefficients, one.covariance) for one in estimates]
-    estimates = [search.with_class(one, weighed, k, places[k], gains[k]) for k, one in enumerate(estimates)]
-    standings = tuple(one.standing for one in weighed)
-    return _Changes(found, tuple(estimates), standings, tuple(doubted), places, unlawful, search.asked)
+    estimates = [search.with_class(one, tested, k, confounded[k], gains[k]) for k, one in enumerate(estimates)]
+    significances = tuple(one.significance for one in tested)
+    return _Changes(found, tuple(estimates), significances, tuple(reservations), confounded, implausible, search.tests)
 
 
 def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
-    """The names as a search's results, each beside those before it."""
+    """The changes as results of a search, each scored beside those before it."""
     found, gram = [], search.evidence.gram()
     ladder = [search.held_out.score(names[:k]) for k in range(len(names) + 1)]
     for slot in range(len(names)):
-        item = search.judged_beside(gram, names, slot)
+        item = search.evaluate_beside(gram, names, slot)
         found.append(replace(item, before=ladder[slot], after=ladder[slot + 1]))
     return SearchResults(tuple(found), tuple(ladder), None)
 
 
-def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
-    """A body's parameters where every joint's gain may be off by some per cent; other estimates as they are.
+def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:
+    """The estimate of a body with each joint's gain uncertain; other estimates as they are.
 
     Args:
-        estimate: As the blocks and the runs have it.
-        widening: By how much more runs differ than blocks: that is beside what gains are off by.
-        fine: All names on their finer grids.
-        design: Both sets of runs.
+        estimate, widening: The estimate, and the factor by which differences between runs exceed those between blocks.
+        fine, design: All changes on fine grids, and both sets of runs.
     """
     group = estimate.refined
     if group.effect.id not in BODIES:
@@ -167,16 +165,17 @@ def _as_read(estimate: Estimate, widening: float, fine: Refined, design: PairedD
     evidence = fine.search.evidence
     model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
     scale = evidence.scale[group.columns]
-    scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.doubt)
+    scaled, covariance = solve_body(evidence, model, group, estimate.coefficients * scale, design.gain_uncertainty)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     cells = cells + (1.0 - widening**-2.0) * estimate.covariance
-    estimates = group.effect.parameters(design.later_session, group.joint, group.variant, beta, cells)
+    context = design.later_session
+    estimates = group.effect.parameters(context, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(estimates), coefficients=beta, covariance=cells)
 
 
-def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
-    """Changes that these two sets can't show, and why."""
-    evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
+def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
+    """Changes that these two sets cannot show, with the reason."""
+    evidence, found, gram = design.sums.evidence, list(design.untestable), design.sums.evidence.gram()
     loose = project(gram, evidence, design.prior)
     right = project(gram, evidence, design.prior.tightened(CHANGE.urdf_share / USUAL_REGRESSION.inertia_share))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
@@ -187,7 +186,7 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
         elif seen[0] >= CHANGE.least_seen:
             continue
         elif seen[1] >= 2.0 * CHANGE.least_seen:
-            reason = "the two sets move too differently for a URDF that may be wrong; one that is right would tell"
+            reason = "the two sets move too differently for a URDF that may be wrong; a correct one would show it"
         elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
             share = 100.0 * used[group.joint].in_motion
             reason = f"in {share:.0f} % of its samples the joint moves far from stops and turns; the rest can't show it"
@@ -200,11 +199,12 @@ def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestab
 def _result(
     changes: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
 ) -> ArmComparison:
+    """The comparison's record from the changes."""
     joints, floor = arm.joint_names, design.sums.evidence.floor
     found = []
-    each = zip(changes.found.named, changes.estimates, changes.standings, changes.places, strict=True)
-    for item, estimate, standing, places in each:
-        acts = item.shown
+    each = zip(changes.found.accepted, changes.estimates, changes.significances, changes.confounded, strict=True)
+    for item, estimate, significance, confounded in each:
+        acts = item.affected_joints
         old, new = item.before.rms[acts], item.after.rms[acts]
         names = [joints[j] for j in acts]
         found.append(
@@ -215,23 +215,23 @@ def _result(
                 rms_after=dict(zip(names, map(float, new), strict=True)),
                 shrink=measure_shrink(old, new, floor[acts]),
                 slides=slides(item.group, arm),
-                p_value=min(1.0, changes.asked * standing.p_value),
-                log_score=item.gates.log_score,
-                evidence=item.gates.evidence,
-                run_spread=standing.spread,
+                p_value=min(1.0, changes.tests * significance.p_value),
+                log_score=item.criteria.log_score,
+                evidence=item.criteria.log_evidence,
+                run_spread=significance.run_std,
                 elsewhere=tuple(
-                    (one.effect.id, joints[one.joint] if one.effect.scope == "joint" else "") for one in places
+                    (one.effect.id, joints[one.joint] if one.effect.scope == "joint" else "") for one in confounded
                 ),
             )
         )
     found.sort(key=lambda change: -change.closed)
-    judged = design.judged
+    with_rows = design.joints_with_rows
 
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
-        return {joints[j]: float(values[j]) for j in judged}
+        return {joints[j]: float(values[j]) for j in with_rows}
 
     verdict = "not_testable" if design.sides.too_short else "no_change"
-    verdict = "changed_unexplained" if found or changes.unlawful else verdict
+    verdict = "changed_unexplained" if found or changes.implausible else verdict
     return ArmComparison(
         robot=arm.name,
         joints=joints,
@@ -243,6 +243,6 @@ def _result(
         noise=by_joint(floor),
         run_spread=by_joint(design.sums.evidence.spread),
         not_testable=tuple(hidden),
-        reservations=changes.doubted,
+        reservations=changes.reservations,
         still=design.still,
     )

@@ -1,13 +1,12 @@
-"""Bodies of several links that these recordings confound, and the place of each.
+"""Confounded changes: effects and places that these recordings do not distinguish from a change.
 
-A body on one link and one on the next pull alike at every joint below them; what distinguishes them is what they do at
-the joint between, and their inertia. Two models of as many columns, neither part of the other, are compared by what
-each leaves of every block, d their difference: Σ d / (√B std d) is a standard normal if both are as far from the truth,
-whatever the truth and however far. Log evidence takes the model's own errors for noise: of small differences it is too
-sure.
+A body on one link and one on the next act alike on all joints below them; only the joint between them and their inertia
+distinguish them. Two non-nested models of as many columns are compared by the difference d of their misfits in each
+block: Σ d / (√B std d) is a standard normal variable if both are equally far from the truth (Vuong's test). Log
+evidence would be too certain here, for it takes the model's errors for noise.
 
-What a body's second moments lack about a place known beforehand, a second body elsewhere makes up for, and is then
-reported beside the true one (`ident.effects.added_body`). So each is laid out once more about where it was found.
+The columns of a body are laid out about an assumed place; if that is wrong, their second moments are, and a second body
+elsewhere compensates (`ident.effects.added_body`). So they are laid out again about the estimated place.
 
 Source: Vuong 1989 (likelihood ratio tests for model selection and non-nested hypotheses).
 """
@@ -31,13 +30,12 @@ from ident.regression.least_squares import project
 from ident.regression.run_spread import squares_left
 
 
-def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
-    """What explains as much as a change, nearest first: the same effect elsewhere, another at its joint, any body.
+def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
+    """Effects that explain as much as a change, best first: the same one elsewhere, another at its joint, any body.
 
     Args:
-        search: The search that gave the names.
-        groups: All names.
-        slot: which of them is tested.
+        search, groups: The search that selected the changes, and all changes.
+        slot: Index of the change.
     """
     own, evidence, gram = groups[slot], search.evidence, search.evidence.gram()
     others = [group for k, group in enumerate(groups) if k != slot]
@@ -58,21 +56,19 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
 
 
 def distinguished(difference: Float[Array, " B"]) -> bool:
-    """Whether one model leaves more than another beyond what blocks differ by."""
+    """Whether one model's misfit exceeds another's significantly, by the differences of their blocks (Vuong's test)."""
     blocks = len(difference)
     return bool(difference.sum() > CHANGE.apart * np.sqrt(blocks) * difference.std(ddof=1))
 
 
 def place_bodies(
-    search: Search, others: Sequence[Group], session: SessionContext, asked: Sequence[Effect]
+    search: Search, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
 ) -> tuple[Effect, ...]:
-    """All changes that are tested, each body about the place at which it alone would explain most.
+    """All changes that are tested, each body laid out about the place at which it alone explains most.
 
     Args:
-        search: A search over a first design.
-        others: What changed beside the body.
-        session: The runs.
-        asked: All that may have changed.
+        search, others: A search over a first design, and changes beside the body.
+        session, effects: The runs, and all effects that may have changed.
     """
     model = project(search.evidence.gram(), search.evidence, search.prior, others)
     best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]
@@ -87,13 +83,14 @@ def place_bodies(
             places[group.effect.id][link] = place
     payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
     placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
-    return tuple(placed.get(effect.id, effect) for effect in asked)
+    return tuple(placed.get(effect.id, effect) for effect in effects)
 
 
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:
-    """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
+    """Estimated centre of mass of a body, no farther out than a tool's centre; None if its mass is zero."""
     arm = session.runs[0].arm
-    estimates = group.effect.parameters(session, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
+    context = session
+    estimates = group.effect.parameters(context, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
     if group.effect.id == UnknownPayload.id:
         mass = estimates[MASS].value
         moment = abs(mass) * np.array([estimates[f"com_{axis}_m"].value for axis in "xyz"])

@@ -1,10 +1,10 @@
-"""What a change of friction may be besides: another day, or another gain of the reading.
+"""Alternatives to a change of friction: variation from day to day and from run to run, or a changed gain.
 
 Friction differs between two sessions though nothing was done to the arm: joints are some kelvin warmer, grease has
-settled. A mean of few sessions is no better known than that, however many runs they have. From run to run it wanders:
-a session of R runs that set out where the last one did has a mean that is off by R / 3 of a step's variance. And where
-friction is most of a joint's torque, a gain that changed scales it as more friction would: nothing in the recordings
-distinguishes the two.
+settled. So the mean of few sessions is uncertain by a between-day variance, however many runs they have. From run to
+run friction follows a random walk: the mean of R runs that start from a common level is off by R / 3 of a step's
+variance. And where friction is most of a joint's torque, a changed gain scales it as a change of friction would: the
+recordings do not distinguish the two.
 
 Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
 of a UR10e differ by 2 to 5 % of their friction.
@@ -30,57 +30,54 @@ FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, CO
 
 @dataclass(frozen=True)
 class DayToDay:
-    """What friction differs by though nothing was done, as shares of a change."""
+    """Variation of friction without a change of the arm, as shares of an estimated change."""
 
-    error: float = 0.0  # standard deviation between any two sets of sessions, whatever their runs say
-    step: float = 0.0  # usual standard deviation from a run to the next; 0 for what does not wander
+    between_day_std: float = 0.0  # standard deviation of the difference of two sets, by the days of their sessions
+    walk_std: float = 0.0  # standard deviation of the random walk's step from run to run
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
 
-    def walk(self, runs: tuple[int, int]) -> float:
-        """Variance of the difference of both sets' means, whose sessions each set out where friction was [1].
+    def walk_variance(self, runs: tuple[int, int]) -> float:
+        """Variance of the difference of both sets' means by the random walk, all sessions starting at one level.
 
         Args:
             runs: Number of runs of each set.
         """
         pairs = zip(runs, self.sessions, strict=True)
-        return self.step**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
+        return self.walk_std**2 * sum(count / sessions**2 for count, sessions in pairs) / 3.0
 
 
 def day_to_day(
     group: Group, session: SessionContext, beta: Array, spread: Float[Array, " n"], sessions: tuple[int, int]
 ) -> DayToDay:
-    """What friction differs by though nothing was done to the arm, as shares of the change found.
+    """Variation of friction without a change of the arm, as shares of an estimated change.
 
     Args:
-        group: The change; of one that is not of friction nothing is expected.
-        session: The runs.
-        beta: Its coefficients.
-        spread: By how much each joint's friction differs from run to run of one set, as a share.
+        group: The change; the variation is zero if it is not one of friction.
+        session, beta: The runs, and the change's coefficients.
+        spread: Between-run standard deviation of each joint's friction, as a share.
         sessions: Number of sessions of each set.
     """
     if group.effect.id not in OF_FRICTION:
         return DayToDay()
-    # Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
-    # differs between directions or places, unless the joint moves so little that they look alike.
+    # A relative change of the friction f appears in the law's torque c as ⟨f, c⟩ / ⟨c, c⟩ of it: fully in a level,
+    # little in an asymmetry or a dependence on position, unless the joint moves so little that these are collinear.
     columns = group.effect.columns(session, group.joint, group.variant)
     change = np.concatenate(columns) @ beta
     friction = np.concatenate([run.friction[:, group.joint] for run in session.runs])
     share = max(float(change @ change / max(abs(float(friction @ change)), 1e-300)), 1e-12)
     between = CHANGE.day_to_day * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
-    # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
+    # Few runs determine one joint's step badly: the median over the arm's joints is used.
     return DayToDay(float(between / share), float(np.median(spread) / share), sessions)
 
 
 def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
-    """Whether friction by load is a gain in disguise: beside both directions of load it holds the load itself.
+    """Whether load-dependent friction is a gain error, for over both directions of load it holds the load itself.
 
-    Where the gain alone explains nearly all that it explains, nothing of it is friction, and no day's friction stands
-    behind the gain.
+    It is if the gain error alone explains nearly all that it explains.
 
     Args:
-        model: All that is known beside both.
-        gain: What may be a gain.
-        other: What may be friction by load at the same joint.
+        model, gain: The model beside both, and the candidate that may be a gain error.
+        other: The candidate that may be load-dependent friction at the same joint.
     """
     if (gain.effect.id, other.effect.id, gain.joint) != (GAIN, BY_LOAD, other.joint):
         return False
@@ -89,13 +86,11 @@ def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
 
 
 def may_be_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:
-    """Whether a change of friction is the same share of all friction, at a joint whose torque is mostly friction.
+    """Whether dry and viscous friction change by the same share, at a joint whose torque is mostly friction.
 
     Args:
-        group: The change.
-        session: The runs.
-        beta: Its coefficients.
-        covariance: Theirs.
+        group, session: The change, and the runs.
+        beta, covariance: The change's coefficients, and their covariance.
     """
     if group.effect.id != FRICTION:
         return False

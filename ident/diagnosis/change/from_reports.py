@@ -1,4 +1,4 @@
-"""From inspected sessions to a comparison: refuses what the telemetry check refuses, and filters both sets alike."""
+"""From telemetry reports of two sets to a comparison; sets that the check refuses are not compared."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def compare_reports(
     """Compares two sets of inspected sessions.
 
     Args:
-        before, after: The telemetry checks of the sessions of each set.
+        before, after: Telemetry reports of the sessions of each set.
         arm: The robot, as `ArmModel.load` gives it.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders of both sets show the motion, 25 Hz at most,
-            if None.
-        seed: Of how runs are dealt into sets that are none.
+        cutoff: Corner of the common low-pass filter [Hz]; if None, as the encoders' resolution of both sets allows, at
+            most 25 Hz.
+        seed: Seed of the permutations of runs.
 
     Raises:
         RecordingError: The sessions have different joints, no run of a set is long enough, or the corner is too high.
@@ -52,7 +52,7 @@ def compare_reports(
         if report.session.joints != joints:
             where = report.session.path or report.session.name
             raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
-    # What one set's filter passes and the other's does not would be a change.
+    # Different filters of the two sets would look like a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []
@@ -65,19 +65,19 @@ def compare_reports(
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
     currents = any(run.current is not None for report in reports for run in report.session.runs)
-    doubt = BY_CURRENT if currents else STATED
+    gain_uncertainty = BY_CURRENT if currents else STATED
     sets = motions[:earlier], motions[earlier:]
-    found = compare(*sets, arm.keeping(joints), sides, seed, doubt=doubt)
+    found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
     return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
 
 
 def as_compared(
     issue: TelemetryIssue, before: Sequence[TelemetryReport], after: Sequence[TelemetryReport]
 ) -> TelemetryIssue:
-    """An issue as it matters to a comparison: what is wrong before and after alike is no change.
+    """An issue with its severity for a comparison: a fault that is the same before and after is no change.
 
-    Torque that does not follow the model on both sides may be a URDF of guessed masses; joints that stand still show
-    what exceeds their static friction.
+    Torque that does not follow the model in either set may be due to a URDF of guessed masses; joints that stand still
+    show torque beyond their static friction.
     """
     sides = [{i.issue for report in side for i in report.issues if i.severity == "fatal"} for side in (before, after)]
     alike = issue.issue == "effort_not_torque" and all(issue.issue in found for found in sides)
@@ -88,6 +88,7 @@ def as_compared(
 
 
 def _side(reports: Sequence[TelemetryReport]) -> Side:
+    """Description of one set."""
     sessions = [report.session for report in reports]
     return Side(
         sessions=tuple(session.name for session in sessions),

@@ -1,11 +1,10 @@
-"""How large a body is where each joint's torque is read by a gain of its own, known within some per cent.
+"""Size of a body when each joint's torque is read with an uncertain gain.
 
-A body's torque at a joint is read as (1 + γ_j) times what it is, γ ~ N(0, own² I + common² 11ᵀ). Joints then need not
-agree to the last per cent on a mass, and none of them counts for more than its gain is known: with e_j the body's
-torque at joint j, the columns e_j stand beside the body's own, with that prior. What both sets have in common does not
-enter: it was read by the same gains.
+A body's torque at joint j is read as (1 + γ_j) times its value, γ ~ N(0, own² I + common² 11ᵀ). With e_j the body's
+torque at joint j, the columns e_j with that prior stand beside the body's own: joints need not agree on a mass to the
+last per cent. The torque that both sets have in common does not matter, for it is read with the same gains.
 
-Source: Gautier and Briot 2011 (drive gains from a known load) for how far gains are off; data sheets of brushless
+Source: Gautier and Briot 2011 (drive gains from a known load) for the size of gain errors; data sheets of brushless
 motors state torque constants within ± 10 %; the remanence of neodymium magnets falls by 0.11 % a kelvin.
 """
 
@@ -18,48 +17,45 @@ from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
 from ident.effects.catalogue import CATALOGUE
-from ident.regression.covariance import lifted
+from ident.regression.covariance import floor_at_model_variance
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.positive import positive
 from ident.regression.run_spread import block_sums_left
 
-# Effects whose size is known by how large a torque is read: bodies.
+# Effects whose size is proportional to the gains of the readings: bodies.
 BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)
 
 
 @dataclass(frozen=True)
 class GainUncertainty:
-    """How well the gains are known by which torques are read."""
+    """Prior standard deviations of the gains of the torque readings."""
 
     own: float  # standard deviation of each joint's own error [1]
     common: float = 0.0  # standard deviation of the error that all joints share [1]
 
     def information(self, n: int) -> Float[Array, "n n"]:
-        """Inverse of the covariance of the errors of n joints."""
+        """Inverse of the covariance of the gain errors of n joints."""
         return np.asarray(np.linalg.inv(self.own**2 * np.eye(n) + self.common**2 * np.ones((n, n))))
 
 
-# A torque that the drive or a sensor states: below that nobody calls a gain wrong, beyond that it is an error of the
-# catalogue's (2 to 10 %), which a diagnosis names.
+# Torque by the drive or a sensor: larger errors (2 to 10 %) are an effect of the catalogue.
 STATED = GainUncertainty(own=0.02)
-# A current times a gain: each motor's constant is within ± 10 % (two deviations) of its data sheet, and magnets that
-# are 30 K warmer than there make all of them weaker alike.
+# Current times a gain: each motor's constant is within ± 10 % (two standard deviations) of its data sheet, and magnets
+# that are 30 K warmer weaken all of them alike.
 BY_CURRENT = GainUncertainty(own=0.05, common=0.033)
 
 
 def solve_body(
-    evidence: Evidence, model: Projection, group: Group, beta: Float[Array, " k"], doubt: GainUncertainty = STATED
+    evidence: Evidence, model: Projection, group: Group, beta: Float[Array, " k"], uncertainty: GainUncertainty = STATED
 ) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
-    """Scaled coefficients of a body and their covariance, gains that may be off counted.
+    """Scaled coefficients of a body and their covariance, with uncertain gains.
 
     Args:
-        evidence: The sums.
-        model: The baseline with all named changes.
-        group: The body.
-        beta: Its scaled coefficients as the model has them.
-        doubt: How well the gains are known.
+        evidence, model: Block sums, and the baseline with all changes.
+        group, beta: The body, and its scaled coefficients by the model.
+        uncertainty: Prior of the gains.
     """
     layout, inside = evidence.layout, model.inside
     size, n = len(inside), layout.n
@@ -73,13 +69,13 @@ def solve_body(
     cross, power = sums[inside], body @ sums
     scores = np.concatenate([block_sums_left(evidence, model)[:, inside], torques], axis=1)
     information = np.linalg.inv(model.spread)
-    gains = doubt.information(n)
+    gains = uncertainty.information(n)
     whole = np.block([[information, cross], [cross.T, np.diag(power) + gains]])
     bread = np.linalg.inv(positive(0.5 * (whole + whole.T)))
-    # The model's own estimate zeroes its own scores: what moves it is what the gains' columns say.
+    # The model's scores are zero at its estimate, so only those of the gains' columns shift it.
     shift = bread @ np.concatenate([np.zeros(size), scores[:, size:].sum(axis=0)])
     meat = scores.T @ scores * blocks / max(blocks - 1, 1)
     meat += block_diag(np.zeros((size, size)), gains)
-    covariance = lifted(bread @ meat @ bread, bread)
+    covariance = floor_at_model_variance(bread @ meat @ bread, bread)
     own = model.places(group.columns)
     return beta + shift[own], covariance[np.ix_(own, own)]

@@ -1,4 +1,4 @@
-"""Laws of change that the catalogue has no effect for: more or less plain friction, and what follows no law at all."""
+"""Changes that are no effects of the catalogue: of plain friction, and of torque that follows no known law."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ident.effects.effect_info import AsChange, Doubt, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import friction_level, hardly_moves, travel
 
-# What stands in for every change that has no name.
+# Id of a change that follows no law of the catalogue.
 UNLISTED = "unlisted_change"
 
 
 class FrictionChange(Effect):
-    """Plain friction of another size: τ = f s + c v, changes of the Coulomb level and of the viscous slope.
+    """Change of plain friction, τ = f s + c v: f of the Coulomb level, c of the viscous slope, s the direction.
 
-    In one recording that is a matter of tuning; between two of them it is a finding.
+    In one recording these are tuned as losses of the baseline; only between two is their change a finding.
     """
 
     id = "friction_change"
@@ -39,7 +39,7 @@ class FrictionChange(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        """The two changes, and what they amount to as a share of the friction at the joint's usual speed."""
+        """The two changes, and their sum as a share of the friction at the joint's mean speed."""
         coulomb, viscous = friction_level(session, joint)
         speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.runs]))
         rest = min(float(run.motion.rest_speed[joint]) for run in session.runs)
@@ -66,7 +66,7 @@ class FrictionChange(Effect):
 
 
 class UnlistedChange(Effect):
-    """Torque that follows no law of the catalogue: any curve over the joint's angle, another with its direction."""
+    """Torque that follows no law of the catalogue: piecewise linear in the angle, with a part odd in the direction."""
 
     id = UNLISTED
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
@@ -100,10 +100,10 @@ class UnlistedChange(Effect):
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
         size = estimates["rms_Nm"].words("N m")
-        return f"look at {where}: its torque differs by {size} (rms), by no law that is known here"
+        return f"look at {where}: its torque differs by {size} (rms), as no law of the catalogue does"
 
 
 def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:
-    """Functions that are one at a point, zero at all others and straight between, over [0, 1]."""
+    """Piecewise linear basis functions over [0, 1], each one at its own node and zero at all others."""
     at = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at - np.arange(points))))

@@ -1,14 +1,14 @@
-"""How large the laws are that both sets share, how far off the URDF is, and how loud each joint, as recordings show it.
+"""Empirical Bayes prior of the shared laws and of the URDF's error, and variance inflation of each joint's blocks.
 
-Hundreds of columns stand in the baseline. At their largest plausible size they explain whatever short recordings hold,
-and nothing of a change is left to be seen; but most arms have few of these laws. So each law at each joint has a
-variance of its own, and the URDF's error has one:
+The baseline has hundreds of columns. At their largest plausible size they would explain whatever short recordings hold,
+and leave nothing of a change; but most arms have few of these laws. So each law g at each joint has a variance λ_g of
+its own, and the URDF's error has one:
 
     β_g ~ N(0, λ_g s_g²),    λ_g ← min(1, |μ_g / s_g|² / γ_g),    γ_g = k_g − tr Σ_gg / (λ_g s_g²),
 
 with s the largest plausible size of its k coefficients, μ and Σ their posterior. Every change, at one point of its
-grid, stands beside them with a variance of its own: what is in the later set alone makes no shared law larger. Beside
-all of them, what blocks of a joint vary by more than its whitened noise would is noise that whitening does not know.
+grid, stands beside them with a variance of its own, so that a change does not enlarge a shared law. The variation of a
+joint's block scores beyond its whitened noise is an error of the noise model.
 
 Source: MacKay 1992 (evidence framework, fixed point of the variances); Tipping 2001 (one variance a term).
 """
@@ -33,13 +33,12 @@ def learn_prior(
     shared: Sequence[int],
     later: Sequence[tuple[Int[Array, " k"], Float[Array, " k"]]],
 ) -> tuple[Prior, Float[Array, " P"]]:
-    """The prior with the variances that the recordings support, and the weights of what is then left of a row.
+    """The prior with estimated variances, and the residual weights of the model solved with it.
 
     Args:
-        evidence: Sums.
-        prior: The loosest belief.
+        evidence, prior: Block sums, and prior with the largest variances.
         shared: Number of columns of each shared law, in the order of the baseline's further columns.
-        later: Of each change its columns and the information on them at its largest plausible size.
+        later: For each change its columns, and the prior information on them at its largest plausible size.
     """
     layout, gram = evidence.layout, evidence.gram()
     first, tuned, rank = layout.tuned - layout.further, layout.tuned, layout.rank
@@ -70,9 +69,9 @@ def learn_prior(
         new = np.where(variance > PRIOR.absent, free, PRIOR.absent)
         links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
         error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, PRIOR.least_urdf, 1.0))
-        settled = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
+        converged = np.abs(np.log(new / variance)).max() < PRIOR.close and abs(np.log(error / urdf)) < PRIOR.close
         variance, urdf = new, error
-        if settled:
+        if converged:
             break
         kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > PRIOR.absent)])
     weights = np.zeros(layout.size + 1)
@@ -82,11 +81,11 @@ def learn_prior(
 
 
 def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
-    """By how much more each joint's blocks vary than whitened noise would, one at the least: of all columns the median.
+    """Variance inflation of each joint's block scores over whitened noise: the median over its columns, at least one.
 
     Args:
-        evidence: Sums.
-        weights: What a model leaves of a row is their product.
+        evidence: Block sums.
+        weights: Residual weights of a model: its residual of a row is their product.
     """
     layout, found = evidence.layout, np.ones(evidence.layout.n)
     for j, local in enumerate(layout.local):

@@ -1,8 +1,8 @@
-"""Two sets of runs in one regression: the baseline that both share, and the sums of every change that is tested.
+"""The regression design of two sets of runs: a shared baseline, and the block sums of every candidate change.
 
-The baseline holds every law in all runs alike, hundreds of columns, of which short or slow recordings tell a part. With
-nothing known of the rest it takes any size, passes through every sample, and runs away on those that it has not seen:
-so each law's coefficients have a prior of their largest plausible size.
+The baseline holds every law in all runs alike: hundreds of columns, of which short or slow recordings determine only
+some. Without a prior the others would fit the noise, and predict unseen runs badly: so each law's coefficients have a
+prior of their largest plausible size.
 """
 
 from __future__ import annotations
@@ -38,74 +38,74 @@ from ident.robot.arm import ArmModel
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What an earlier design found."""
+class EarlierEstimates:
+    """Variances that an earlier design estimated."""
 
-    spread: Float[Array, " n"]  # friction's variation from run to run
-    whitening: Whitening  # the noise
-    held: tuple[float, ...]  # each joint's level of static friction [N m]
-    dispersion: Float[Array, " n"]  # by how much each joint's blocks vary more than whitened noise
+    spread: Float[Array, " n"]  # between-run standard deviation of each joint's friction, as a share
+    whitening: Whitening  # noise model
+    held: tuple[float, ...]  # each joint's static friction [N m]
+    dispersion: Float[Array, " n"]  # variance inflation of each joint's block scores
 
 
 @dataclass(frozen=True, eq=False)
 class PairedDesign:
-    """Two sets of runs, seen through one baseline."""
+    """Two sets of runs with a shared baseline."""
 
     baseline: Baseline  # tuned on the larger set
     session: SessionContext  # the runs of both sets
-    sides: Sides  # which runs are of which set
-    sums: PairedSums  # the sums
-    held: tuple[float, ...]  # each joint's level of static friction [N m]
-    silent: tuple[NotTestable, ...]  # what can't be seen in any of these runs
-    doubt: GainUncertainty = STATED  # how well the gains are known
-    asked: tuple[Effect, ...] = ()  # all that may have changed
-    still: tuple[StaticJoint, ...] = ()  # joints of whose own torque nothing is known
-    seed: int = 0  # of how runs are dealt into sets that are none
+    sides: Sides  # the set of each run
+    sums: PairedSums  # block sums of all columns
+    held: tuple[float, ...]  # each joint's static friction [N m]
+    untestable: tuple[NotTestable, ...]  # effects that cannot be tested in any of these runs
+    gain_uncertainty: GainUncertainty = STATED  # prior of the gains
+    effects: tuple[Effect, ...] = ()  # all effects that may have changed
+    still: tuple[StaticJoint, ...] = ()  # joints that stand still in one of the sets
+    seed: int = 0  # seed of the permutations of runs
 
     @property
-    def known(self) -> Known:
-        """What a further design need not find again."""
+    def estimates(self) -> EarlierEstimates:
+        """The variances that a further design need not estimate again."""
         evidence = self.sums.evidence
-        return Known(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
+        return EarlierEstimates(evidence.spread, evidence.whitening, self.held, evidence.dispersion)
 
     @cached_property
     def later_session(self) -> SessionContext:
-        """The runs of the later set, in which what changed acts."""
+        """The runs of the later set, in which changes act."""
         runs = [run for run, is_later in zip(self.session.runs, self.sides.later, strict=True) if is_later]
         return replace(self.session, runs=runs)
 
     @property
-    def judged(self) -> list[int]:
-        """Joints of which there are rows."""
+    def joints_with_rows(self) -> list[int]:
+        """Indices of the joints that have rows in the regression."""
         return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
 
     @cached_property
     def moves_once(self) -> Bool[Array, " n"]:
-        """Which joints move in one run of either side at most: what their friction differs by is not known."""
+        """Joints that move in one run of either side at most, so that their between-run variance is unknown."""
         moves = np.array([run.motion.moving.sum(axis=0) >= LEAST_MOVING for run in self.session.runs])
         return np.maximum(moves[self.sides.later].sum(axis=0), moves[~self.sides.later].sum(axis=0)) <= 1
 
     @cached_property
     def permuted(self) -> PermutedSets:
-        """The runs, dealt into other sets."""
+        """The runs permuted between the sets."""
         return PermutedSets.of(self.sums, self.sides, self.seed)
 
     @cached_property
     def prior(self) -> Prior:
-        """How far off the URDF is, and how large the laws are that both sets share, as these runs show it."""
-        return _learnt(self.sums, self.session, self.baseline)[0]
+        """Prior with the estimated variances of the URDF's error and of the shared laws."""
+        return _learnt_prior(self.sums, self.session, self.baseline)[0]
 
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
-    """What is known of the baseline beforehand."""
+    """Prior with the largest plausible variances of the baseline's coefficients."""
     layout, scale = sums.evidence.layout, sums.evidence.scale
     sizes = np.concatenate([*(_largest(group, session) for group in sums.common), np.zeros(0)])
     std = CHANGE.shared_laws * sizes * scale[layout.tuned - layout.further : layout.tuned]
     return replace(Prior.of(sums.evidence, baseline.prior), further=1.0 / std**2)
 
 
-def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
-    """The prior that the recordings support, every change beside it, and the weights of what is then left."""
+def _learnt_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
+    """The prior with estimated variances, every change beside it, and the residual weights of its model."""
     scale = sums.evidence.scale
     first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
     sizes = [CHANGE.shared_laws * _largest(one, session) * scale[one.columns] for one in first.values()]
@@ -118,20 +118,20 @@ def build_design(
     before: Sequence[Motion],
     after: Sequence[Motion],
     arm: ArmModel,
-    known: Known | None = None,
-    asked: tuple[Effect, ...] | None = None,
+    earlier: EarlierEstimates | None = None,
+    effects: tuple[Effect, ...] | None = None,
     still: tuple[StaticJoint, ...] = (),
     one_clock: bool = True,
 ) -> PairedDesign:
-    """Tunes the baseline and sums all columns.
+    """Tunes the baseline and sums all columns over blocks.
 
     Args:
         before, after: The runs of both sets.
         arm: The user's arm.
-        known: What an earlier design found, if there was one.
-        asked: All that may have changed; the catalogue's if None.
-        still: Joints of whose own torque nothing is known.
-        one_clock: Whether time goes on from run to run of the later set.
+        earlier: Variances that an earlier design estimated; estimated here if None.
+        effects: All effects that may have changed; the catalogue's if None.
+        still: Joints that stand still in one of the sets.
+        one_clock: Whether the clock continues from run to run of the later set.
     """
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
@@ -142,50 +142,52 @@ def build_design(
     session = build_session(baseline, motions, common_clock=False)
     own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
     own = replace(own, common_clock=one_clock)
-    if asked is None:
+    if effects is None:
         left = leftover_torque(own)
-        asked = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
-    silent, grids = find_grids(asked, lambda effect: own if effect.id in LATER_ALONE else session, points)
+        effects = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
+    untestable, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
-    layout = layout_of(session, baseline.base.rank, grids, silent)
+    layout = layout_of(session, baseline.base.rank, grids, untestable)
     sides = partition_sides(session, later)
-    whitening = None if known is None else known.whitening
+    whitening = None if earlier is None else earlier.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
     sums = pair_sums(both, sides)
-    held = known.held if known else tuple(one.friction for one in sums.evidence.dwells)
+    held = earlier.held if earlier else tuple(one.friction for one in sums.evidence.dwells)
     evidence = sums.evidence.with_held(held)
     sums = replace(sums, evidence=evidence.with_dwells())
     prior = loose_prior(sums, session, baseline)
-    if known is not None:
-        spread = known.spread
+    if earlier is not None:
+        spread = earlier.spread
     else:
         held = estimate_held(sums.evidence, evidence.dwells, _with_all(sums, prior))
         sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
         spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
-    loud = known.dispersion if known else measure_block_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
-    sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
-    return PairedDesign(baseline, session, sides, sums, held, tuple(silent), asked=asked, still=still)
+    dispersion = None if earlier is None else earlier.dispersion
+    if dispersion is None:
+        dispersion = measure_block_dispersion(sums.evidence, _learnt_prior(sums, session, baseline)[1])
+    sums = replace(sums, evidence=sums.evidence.with_dispersion(dispersion))
+    return PairedDesign(baseline, session, sides, sums, held, tuple(untestable), effects=effects, still=still)
 
 
 def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
-    """By how much friction varies from run to run of either set, whatever changed between them.
+    """Between-run standard deviation of each joint's friction within either set, as a share.
 
-    Of a single run a side nobody knows: then it is taken to vary much.
+    With a single run a side it cannot be estimated and is taken to be large.
     """
     wide = np.full(sums.evidence.layout.n, sums.evidence.settings.wide_spread)
     runs = len(sides.later)
     if runs <= 2:
         return wide
     model = _with_all(sums, prior)
-    # Each set has its own level: one degree of freedom more than a lone session takes.
+    # Each set has a mean of its own, which costs one more degree of freedom than a single session.
     evidence = sums.evidence.with_run_spread(wide)
     found = estimate_run_spread(evidence, model) * np.sqrt((runs - 1) / (runs - 2))
     return np.minimum(found, wide)
 
 
 def _with_all(sums: PairedSums, prior: Prior) -> Projection:
-    """A model with every change that has a law, each at one point of its grid; friction may vary much."""
+    """The model with every change that has a law, each at one grid point; friction may vary much."""
     evidence = sums.evidence
     evidence = evidence.with_run_spread(np.full(evidence.layout.n, evidence.settings.wide_spread))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
@@ -194,7 +196,7 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
 
 
 def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:
-    """Largest plausible size of a law's coefficients; of one of which nothing is known, what its joint can give."""
+    """Largest plausible size of a law's coefficients; the joint's rated torque if the law has no prior."""
     sizes = group.effect.prior_scale(session, group.joint, group.variant)
     if sizes is None:
         return np.full(len(group.columns), rated_torque(session, group.joint))

@@ -1,8 +1,7 @@
-"""From sums of columns in all runs to sums of the same columns in the later set alone.
+"""Block sums of every candidate in all runs, and in the later set alone, from one pass over the recordings.
 
-Every candidate has its columns in all runs; in the later set alone they are what changed. Both kinds are
-columns of one regression: the first stand in the baseline, for what is wrong with the model before is wrong after, the
-second are the candidates. A block lies in one set, so the sums of the second follow from those of the first.
+A candidate's columns in all runs belong to the shared baseline; its columns in the later set alone are the change. A
+block lies in one set, so the sums of the second kind are those of the first with the earlier set's blocks set to zero.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Which runs and blocks are of the later set."""
+    """The set to which each run and each block belongs."""
 
     later: Bool[Array, " R"]  # whether each run is of the later set
     run_of_block: Int[Array, " B"]  # run of each block
-    partition: Partition  # how time is cut; no fold holds runs of both sets
+    partition: Partition  # blocks and folds; no fold holds runs of both sets
 
     @property
     def later_blocks(self) -> Bool[Array, " B"]:
@@ -42,13 +41,13 @@ class Sides:
 
     @property
     def too_short(self) -> bool:
-        """Whether one of the sets is too short for any test."""
+        """Whether one of the sets has too few blocks for any test."""
         blocks = int(self.later_blocks.sum())
         return min(blocks, len(self.run_of_block) - blocks) < CHANGE.fewest_blocks
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Runs of the earlier and of the later set."""
+        """Number of runs of the earlier and of the later set."""
         return int((~self.later).sum()), int(self.later.sum())
 
 
@@ -57,7 +56,7 @@ def partition_sides(
 ) -> Sides:
     """Cuts the runs of both sets, which follow each other, into blocks and folds.
 
-    Each set has blocks of its own length: a short one must speak as often as a long one, or no test could hear it.
+    Each set has its own block length, so that a short set has enough blocks for a test.
     """
     motions = [run.motion for run in session.runs]
     lengths = np.array([motion.filtered_length for motion in motions])
@@ -69,7 +68,7 @@ def partition_sides(
 
 
 def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Array, " B"]:
-    """Fold of each block: whole runs of one set, or pieces where a set has few runs."""
+    """Fold of each block: whole runs of one set, or pieces of runs where a set has few."""
     folds = np.zeros(len(run_of_block), dtype=int)
     first = 0
     for side in (False, True):
@@ -83,11 +82,11 @@ def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Arra
 
 @dataclass(frozen=True, eq=False)
 class PairedSums:
-    """The sums of both kinds of columns."""
+    """Block sums of both kinds of columns."""
 
     evidence: Evidence  # its layout's groups are the changes; the same effects in all runs are part of the baseline
-    always: Int[Array, " P"]  # for each change's column that which holds the same in all runs
-    common: tuple[Group, ...]  # the effects whose columns in all runs are the baseline's further ones, in their order
+    always: Int[Array, " P"]  # for each column of a change, the same effect's column in all runs
+    common: tuple[Group, ...]  # effects whose columns in all runs are the baseline's further ones, in their order
 
 
 def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
@@ -95,16 +94,16 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
 
     Args:
         evidence: Sums of all candidates' columns in all runs.
-        sides: Which blocks are of which set.
+        sides: The set of each block.
     """
     old = evidence.layout
-    asked = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]  # that is no change
+    candidates = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]
     further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
     common = [group for group in further if not group.variant.shape.get("mix")]
     known = {int(group.columns[0]) for group in common}
     shadows = [group for group in old.groups if int(group.columns[0]) not in known]
     start = old.rank + LOSS_PARAMETERS * old.n
-    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
+    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *candidates))]
     origin = np.append(np.concatenate(source), old.size)
     first = np.cumsum([len(columns) for columns in source])
     always = np.zeros(len(origin), dtype=int)
@@ -112,7 +111,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
     where = np.zeros(old.size, dtype=int)
     where[origin[start:split]] = np.arange(start, split)
     groups, at = [], split
-    for group in asked:
+    for group in candidates:
         columns = at + np.arange(len(group.columns))
         at += len(columns)
         change = ChangeOf(group.effect)
@@ -120,7 +119,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
         for part, some in change.parts(group.variant):
             groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
         always[columns] = where[group.columns]
-    new = np.arange(start, len(origin) - 1)  # each stands with its joint if its source did
+    new = np.arange(start, len(origin) - 1)  # each belongs to the joint of its source
     layout = replace(
         old,
         groups=tuple(groups),
@@ -133,7 +132,7 @@ def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
 
 
 def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
-    """The sums in the new layout: those of the later set's columns are zero in blocks of the earlier set."""
+    """The sums in the new layout: those of a change's columns are zero in blocks of the earlier set."""
     white: list[SymmetricSums] = []
     plain: list[SymmetricSums] = []
     friction: list[Array] = []

@@ -1,15 +1,15 @@
-"""How much a law gains between sets of runs that are none: the null of a change, from the recordings themselves.
+"""Null distribution of a change's gain, by permutation of the recordings' own runs.
 
-No model of a real arm holds everywhere. What it lacks shows another face in each run's motion, and between two sets of
-few runs that is a difference, which some law explains. The same runs are dealt into two other sets, half of each side
-in either: whatever came between the sides came to both, and what a law then gains is by chance and misfit alone. With k
-columns and noise of its known size it would be k. Of each law its mean gain a column, s², is an estimate of by how much
-more it gains on this arm; few dealings say little of it, so it is drawn to that of all laws at the same joint,
+No model of a real arm is complete. Its residuals differ with each run's motion, and some law explains that difference
+between two sets of few runs. So the runs are permuted into two other sets that each hold half of either side: any
+change is then the same in both, and a law's gain is due to noise and model error alone. With k columns and noise of the
+modelled size it would be k. A law's mean gain a column, s², estimates its null variance with f degrees of freedom. With
+few permutations that is uncertain, so it is shrunk towards that of all laws at the same joint,
 
     c = (f₀ s₀² + f s²) / (f₀ + f),
 
-with s₀² and f₀ fitted to them as a scaled inverse chi² distribution. A change's own gain counts as gain / c, with
-f₀ + f degrees of freedom. An arm of which the model is right has c near one, and loses nothing.
+with s₀² and f₀ fitted to them as a scaled inverse χ² distribution. A change's gain is divided by c, with f₀ + f degrees
+of freedom. If the model is right c is near one, and no power is lost.
 
 Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and how their prior is fitted).
 """
@@ -36,7 +36,7 @@ from ident.regression.positive import factorise
 
 @dataclass(frozen=True)
 class NullVariance:
-    """Mean square that a law gains by chance and misfit, over what noise alone would give."""
+    """Mean gain a column of a law without a change, in units of the noise's."""
 
     ratio: float  # one where the model leaves nothing but noise
     freedom: float  # degrees of freedom of that estimate
@@ -44,22 +44,21 @@ class NullVariance:
 
 @dataclass(frozen=True, eq=False)
 class PermutedSets:
-    """Sums of some parts of the runs, dealt into other sets than before and after."""
+    """Sums of parts of the runs, permuted between the two sets."""
 
     sums: PairedSums  # the sums of both sides
     parts: tuple[Float[Array, "K p p"], ...]  # for each joint, its whitened sums over each part
     whole: Float[Array, "P P"]  # all joints' sums over all parts
-    dealings: tuple[Int[Array, " h"], ...]  # of each the parts that stand for the later set
+    permutations: tuple[Int[Array, " h"], ...]  # for each permutation the parts that form the later set
     freedom: int  # number of parts, less the two sides' means
 
     @classmethod
     def of(cls, sums: PairedSums, sides: Sides, seed: int = 0) -> PermutedSets:
-        """Deals the runs of two sides.
+        """Permutes the runs of two sides.
 
         Args:
-            sums: The sums.
-            sides: Which runs are of which side.
-            seed: Which of all ways to deal them.
+            sums, sides: The sums, and the side of each run.
+            seed: Seed of the permutations.
         """
         evidence = sums.evidence
         label = _parts(sides)
@@ -70,19 +69,18 @@ class PermutedSets:
             own = np.stack([evidence.free[j].over(blocks) for blocks in members])
             parts.append(evidence.friction.part(own, j, float(evidence.spread[j]), label)[1])
             whole[np.ix_(local, local)] += parts[j].sum(axis=0)
-        return cls(sums, tuple(parts), whole, _deal(later, seed), len(members) - 2)
+        return cls(sums, tuple(parts), whole, _draw_permutations(later, seed), len(members) - 2)
 
     def nulls(self, joint: int, prior: Prior, names: Sequence[Group]) -> dict[Key | None, NullVariance]:
-        """By how much more each law of one joint's rows, or of several joints' (-1), gains between sets that are none.
+        """Null variance of each law of one joint's rows, or of several joints' (-1), by the law's key.
 
-        It is given by a law's key; by None of one that is not seen, as all of them together say.
+        The key None has that of a law whose columns are not visible: the prior fitted to all of them.
 
         Args:
-            joint: The joint.
-            prior: What is known of the baseline.
-            names: All that changed between the sides.
+            joint: Index of the joint, or -1.
+            prior, names: Prior of the baseline, and all changes between the sides.
         """
-        dealt = self._dealt(joint)
+        permuted = self._permuted_laws(joint)
         evidence, layout = self.sums.evidence, self.sums.evidence.layout
         inside = np.concatenate([np.arange(layout.tuned), *(one.columns for one in names)]).astype(int)
         information = self.whole[np.ix_(inside, inside)].copy()
@@ -90,14 +88,14 @@ class PermutedSets:
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = factorise(information)
         gains: dict[Key, list[tuple[float, int]]] = {}
-        for across, own in dealt.sums:
+        for across, own in permuted.sums:
             slopes = factor.solve(across[inside])
             rest, power = own - across[inside].T @ slopes, np.diag(own)
             left = np.diag(rest)[:-1]
-            noise = carried_noise(evidence, dealt.columns, inside, slopes[:, :-1])
+            noise = carried_noise(evidence, permuted.columns, inside, slopes[:, :-1])
             buried = evidence.settings.least_over_noise * noise
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
-            for key, places in dealt.laws:
+            for key, places in permuted.laws:
                 at = places[seen[places]]
                 if len(at):
                     matrix = rest[np.ix_(at, at)] + RIDGE * np.diag(power[at])
@@ -105,7 +103,7 @@ class PermutedSets:
                     gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
-        many = min(len(self.dealings), self.freedom)
+        many = min(len(self.permutations), self.freedom)
         freedom = many * np.array([float(np.mean([width for _, width in gains[key]])) for key in keys])
         usual = fit_scaled_f(squares, freedom)
         found: dict[Key | None, NullVariance] = {None: NullVariance(max(1.0, usual.ratio), usual.freedom)}
@@ -116,24 +114,24 @@ class PermutedSets:
         return found
 
     @cached_property
-    def _known(self) -> dict[int, _Dealt]:
+    def _cache(self) -> dict[int, _PermutedLaws]:
         return {}
 
-    def _dealt(self, joint: int) -> _Dealt:
-        """Sums of all laws of a joint's rows alone, or of those of several joints (-1), in each dealing."""
-        if joint not in self._known:
+    def _permuted_laws(self, joint: int) -> _PermutedLaws:
+        """Sums of all laws of a joint's rows alone, or of several joints' rows (-1), in each permutation."""
+        if joint not in self._cache:
             layout, always = self.sums.evidence.layout, self.sums.always
             laws = [one for one in layout.groups if not one.borrows]
             laws = [one for one in laws if joint_of(one) == joint]
             columns = np.unique(np.concatenate([one.columns for one in laws]))
             found = []
-            for dealing in self.dealings:
+            for permutation in self.permutations:
                 across, own = np.zeros((layout.size + 1, len(columns) + 1)), np.zeros((len(columns) + 1,) * 2)
                 for parts, local, places in zip(self.parts, layout.local, layout.places, strict=True):
                     there = np.array([k for k, column in enumerate(columns) if int(column) in places], dtype=int)
                     if len(there):
                         source = np.array([places[int(always[columns[k]])] for k in there])
-                        here = parts[dealing].sum(axis=0)
+                        here = parts[permutation].sum(axis=0)
                         across[np.ix_(local, there)] += here[:, source]
                         own[np.ix_(there, there)] += here[np.ix_(source, source)]
                         own[there, -1] += here[source, -1]
@@ -141,25 +139,25 @@ class PermutedSets:
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
             at = [(one.key, np.searchsorted(columns, one.columns)) for one in laws]
-            self._known[joint] = _Dealt(columns, tuple(at), tuple(found))
-        return self._known[joint]
+            self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
+        return self._cache[joint]
 
 
-class _Dealt(NamedTuple):
-    """Some laws in sets that are none."""
+class _PermutedLaws(NamedTuple):
+    """Sums of some laws in permuted sets."""
 
-    columns: Int[Array, " c"]  # of all of them
-    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # of each its key and which of the columns are its own
-    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by dealing: with all columns, with themselves
+    columns: Int[Array, " c"]  # columns of all laws
+    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # for each law its key, and the indices of its columns
+    sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by permutation: with all columns, with these
 
 
 def joint_of(group: Group) -> int:
-    """The joint whose rows alone speak of a law; -1 for several."""
+    """The joint whose rows alone determine a law; -1 for several joints."""
     return group.joint if group.effect.rows == "own" else -1
 
 
 def _parts(sides: Sides) -> Int[Array, " B"]:
-    """Part of each block."""
+    """Part of each block: a run, several runs, or a piece of the only run."""
     found = np.zeros(len(sides.run_of_block), dtype=int)
     first = 0
     for side in (False, True):
@@ -172,8 +170,8 @@ def _parts(sides: Sides) -> Int[Array, " B"]:
     return found
 
 
-def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
-    """Sets that hold half of each side; not the same twice, nor what is left of another."""
+def _draw_permutations(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
+    """Sets that hold half of the parts of each side; no set twice, nor the complement of another."""
     sides = [np.flatnonzero(later == side) for side in (False, True)]
     halves = [list(itertools.combinations(some.tolist(), (len(some) + up) // 2)) for up, some in enumerate(sides)]
     rng, every = np.random.default_rng(seed), frozenset(range(len(later)))
@@ -187,7 +185,7 @@ def _deal(later: Bool[Array, " K"], seed: int) -> tuple[Int[Array, " h"], ...]:
 
 
 def fit_scaled_f(squares: Float[Array, " k"], freedom: Float[Array, " k"]) -> NullVariance:
-    """Scale and degrees of freedom of a prior of variances, by the moments of their logarithms."""
+    """Scale and degrees of freedom of a scaled inverse χ² prior of variances, by the moments of their logarithms."""
     if len(squares) < 3:
         return NullVariance(max(1.0, float(np.mean(squares)) if len(squares) else 1.0), PERMUTED.prior_freedom)
     logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)

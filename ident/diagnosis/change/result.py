@@ -1,4 +1,4 @@
-"""`ident.comparison/1`: what changed, at which joint, by how much; or why that is not known."""
+"""Records of a comparison (`ident.comparison/1`): what changed, at which joint, by how much; or why there are none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
-from ident.diagnosis.heldout_gain import Explained
+from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.design import NotTestable
@@ -18,31 +18,30 @@ from ident.results import Result
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two sets."""
+    """Description of one of the two sets."""
 
     sessions: tuple[str, ...] = ()  # names of its sessions
     runs: int = 0  # number of runs
     samples: int = 0  # number of samples
-    duration_s: float = 0.0  # time that was recorded [s]
+    duration_s: float = 0.0  # duration of its runs together [s]
 
     def to_dict(self) -> dict[str, Any]:
         return {**vars(self), "sessions": list(self.sessions)}
 
 
 @dataclass(frozen=True, eq=False)
-class ArmChange(Explained):
-    """A change with its evidence; parameters are after minus before, errors those of the later set."""
+class ArmChange(ReportedEffect):
+    """A change with its evidence; parameters are after minus before, errors are those of the later set."""
 
-    p_value: float  # of so large a change by chance, all that were tested counted
+    p_value: float  # of the change, corrected for the number of tests
     log_score: tuple[float, float]  # gain on held-out runs with its standard error [nats]
     evidence: float  # log evidence [nats]
-    run_spread: float  # how much the effect differs from run to run of one set, as a share of the change
-    # Effects and joints ("" for the whole arm) at which it explains these recordings as well.
-    elsewhere: tuple[tuple[str, str], ...] = ()
+    run_spread: float  # between-run standard deviation of the effect, as a share of the change
+    elsewhere: tuple[tuple[str, str], ...] = ()  # confounded effects, each with its joint ("" for the whole arm)
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, other places named where recordings leave them open."""
+        """What a person at the cell can do about it, with the other joints where it may be."""
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if len(where) and self.estimate.refined.effect.scope == "joint" else self.joints
         sentence = self.action_at((" or " if where else ", ").join(joints))
@@ -71,27 +70,24 @@ class ArmChange(Explained):
 
 @dataclass(frozen=True, eq=False)
 class ArmComparison(Result):
-    """The answer."""
+    """The result of a comparison."""
 
     robot: str  # name of the robot
     joints: tuple[str, ...]  # joint names
     verdict: str  # `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`
     sides: tuple[Side, Side] = (Side(), Side())  # the earlier and the later set
-    telemetry: tuple[TelemetryIssue, ...] = ()  # findings of the telemetry checks of both
-    changes: tuple[ArmChange, ...] = ()  # what changed, what explains most first
-    # Error of the common model on held-out runs of the later set, without and with the changes [N m].
-    rms_before: dict[str, float] = field(default_factory=dict)
-    rms_after: dict[str, float] = field(default_factory=dict)
-    noise: dict[str, float] = field(default_factory=dict)  # what no model goes below [N m]
-    # By how much each joint's friction differs from run to run within a set, as a share.
-    run_spread: dict[str, float] = field(default_factory=dict)
-    not_testable: tuple[NotTestable, ...] = ()  # what these recordings can't show, and why
-    reservations: tuple[Reservation, ...] = ()  # changes that were not believed
+    telemetry: tuple[TelemetryIssue, ...] = ()  # issues of the telemetry checks of both
+    changes: tuple[ArmChange, ...] = ()  # changes, in the order of the torque that they explain
+    rms_before: dict[str, float] = field(default_factory=dict)  # held-out error of the later set, no change [N m]
+    rms_after: dict[str, float] = field(default_factory=dict)  # held-out error of the later set, with changes [N m]
+    noise: dict[str, float] = field(default_factory=dict)  # floor of each joint's error [N m]
+    run_spread: dict[str, float] = field(default_factory=dict)  # between-run variation of friction, as a share
+    not_testable: tuple[NotTestable, ...] = ()  # effects that these recordings cannot show, with the reason
+    reservations: tuple[Reservation, ...] = ()  # rejected changes, with the reason
     cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
-    # Joints that stood still in one of the sets: of their own torque only what exceeds static friction shows.
-    still: tuple[StaticJoint, ...] = ()
-    used: tuple[SamplesUsed, ...] = ()  # what each joint's samples are to the comparison
-    slides: tuple[str, ...] = ()  # joints that slide: of forces and metres, whatever a key's name says
+    still: tuple[StaticJoint, ...] = ()  # joints that stood still in one of the sets
+    used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
+    slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
 
     def to_dict(self) -> dict[str, Any]:
         return {

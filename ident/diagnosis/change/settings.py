@@ -1,4 +1,4 @@
-"""The numbers by which two sets of recordings are compared."""
+"""Settings of a comparison: its search, its prior, and the permutation of runs."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What of each joint's samples is evidence, and joints that stand still in one of two sets of recordings.
+"""Use of each joint's samples in a comparison, and joints that stand still in one of two sets.
 
-At rest dry friction holds any torque up to its level: of such a joint's own torque only what goes beyond that shows.
+At rest dry friction balances any torque up to its level: of such a joint only torque beyond that is evidence.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ WHEN = {(True, False): "before", (False, True): "after", (True, True): "before a
 
 @dataclass(frozen=True)
 class StaticJoint:
-    """A joint of whose torque only what goes beyond its static friction shows."""
+    """A joint that stands still in one of the sets, so that only torque beyond its static friction is evidence."""
 
-    joint: int  # its number
+    joint: int  # its index
     name: str  # its name
     when: str  # `before`, `after`, or `before and after`
     crept: bool  # whether it moved, but no faster than its encoder's noise
 
     @property
     def reason(self) -> str:
-        """Why, and what would tell."""
+        """The reason as a sentence, with the remedy."""
         how = "moved no faster than its encoder's noise" if self.crept else "stood still"
         return f"it {how} {self.when}; record runs that move it faster"
 
@@ -41,17 +41,17 @@ class StaticJoint:
 
 @dataclass(frozen=True)
 class SamplesUsed:
-    """What a joint's samples are to a comparison, as shares of all of them."""
+    """Use of a joint's samples in a comparison, as shares of all samples."""
 
     joint: str  # its name
-    in_motion: float  # where it moves and its friction is known: each sample is a row
-    at_rest: float  # in holds: each of them is one observation within static friction
-    holds: int  # their number
-    turning: float  # near a stop or a turn: each such stretch is one observation within static friction
+    in_motion: float  # samples in steady motion: each is a row
+    at_rest: float  # samples in holds: each hold is one observation within static friction
+    holds: int  # number of holds
+    turning: float  # samples near a stop or a reversal: each such stretch is one observation within static friction
 
     @property
     def left_out(self) -> float:
-        """The share that is no evidence."""
+        """Share of the samples that are not used."""
         return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
 
     def to_dict(self) -> dict[str, Any]:
@@ -59,7 +59,7 @@ class SamplesUsed:
 
 
 def count_samples(motions: Sequence[Motion]) -> tuple[SamplesUsed, ...]:
-    """What each joint's samples are to a comparison.
+    """Use of each joint's samples in a comparison.
 
     Args:
         motions: The runs of both sets.

@@ -1,4 +1,4 @@
-"""The axes of the map: what was going on at each instant, joint by joint."""
+"""Axes of the gap's map: for each sample of a joint its speed, load, position, time since a reversal, and so on."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.residuals import RunResidual
 
-# The reach changes slowly: it is computed this often and interpolated [1/s], and no more often than this in all.
+# The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and interpolated.
 REACH_RATE, MOST_REACHES = 10.0, 20_000
 
 Axis = Callable[[RunResidual, int], Float[Array, " t"]]
 
 
 def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
-    """The axes that these recordings have, by the contract's names."""
+    """The axes for which these recordings have data, by their names in the record."""
     duration = sum(item.time[-1] - item.time[0] for item in series)
     rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
 
-    @cache  # kinematics of thousands of poses: only where a joint has a gap, and once
+    @cache  # expensive kinematics, shared by all joints
     def reached(item: RunResidual) -> Float[Array, " t"]:
         return reach(item, rate)
 
@@ -40,14 +40,14 @@ def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
 
 
 def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
-    """Time since the joint last reversed [s]."""
+    """Time since the joint last changed its direction [s]."""
     speed = item.speed[:, joint]
     turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(speed)) != 0) + 1])
     return item.time - item.time[turns[np.searchsorted(turns, np.arange(len(speed)), side="right") - 1]]
 
 
 def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
-    """Distance of the last link from the base [m]: how far the arm is stretched out."""
+    """Distance of the last link from the base [m]."""
     every = max(1, round(1.0 / (rate * item.step)))
     at = np.unique(np.append(np.arange(0, len(item.time), every), len(item.time) - 1))
     arm = item.run.arm

@@ -1,8 +1,8 @@
-"""What is left at a joint beside the names, and how much of it a flexible function of the state could explain.
+"""Ceiling of each joint: how much of the residual beside the accepted effects a function of the state could explain.
 
-The discrepancy of the posterior sees what changes slowly over its inputs. What goes up and down a hundred times a turn
-(teeth, a motor's poles) it does not: that repeats wherever the joint passes again, so that neighbours of the angle
-foretell it.
+Two flexible functions are tried. The discrepancy (`regression.posterior`) is smooth over its inputs. A
+nearest-neighbour mean over the joint's angle finds what repeats many times a turn, such as gear teeth; it is tested on
+other runs.
 """
 
 from __future__ import annotations
@@ -21,27 +21,26 @@ from ident.regression.posterior import LeftAtJoint
 
 @dataclass(frozen=True, eq=False)
 class Ceiling:
-    """How much of what is left at a joint can be explained."""
+    """How much of a joint's residual can be explained."""
 
-    rms: float  # what would be left [N m]
-    before: float  # what is left [N m]
-    kind: str | None  # what it depends on, or None if nothing explains it: state, memory, time, coupling
-    sure: bool  # whether the fall is more than chance
+    rms: float  # residual that the better function would leave [N m]
+    before: float  # residual beside the accepted effects [N m]
+    kind: str | None  # its inputs: state, memory, time or coupling; None if no function explains the residual
+    significant: bool  # whether the fall is significant
     evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
 
 def measure_ceiling(
     series: Sequence[RunResidual], joint: int, left: LeftAtJoint | None, settings: CeilingSettings = USUAL_CEILING
 ) -> Ceiling:
-    """What could be explained of what is left at a joint beside the names.
+    """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
-        series: Residuals of all runs.
-        joint: The joint.
-        left: What a discrepancy sees there; None where nothing stands out of the noise.
-        settings: What counts as more than chance.
+        series, joint: Residuals of all runs, and index of the joint.
+        left: Evidence of a discrepancy at the joint; None where the error is within the noise.
+        settings: Thresholds of significance.
     """
-    moving = [item.counts[:, joint] for item in series]
+    moving = [item.valid[:, joint] for item in series]
     y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
     q = np.concatenate(
         [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
@@ -50,19 +49,21 @@ def measure_ceiling(
         [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
     )
     before = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
-    share, kind, sure, evidence = 0.0, None, False, 0.0
+    share, kind, significant, evidence = 0.0, None, False, 0.0
     if left is not None:
         evidence = left.evidence
-        sure = evidence >= settings.least_nats and left.share >= settings.least_fall
-        share, kind = (left.share, left.kind) if sure else (0.0, None)
-    repeated = _repeated(q, y, piece, settings)
+        significant = evidence >= settings.least_nats and left.share >= settings.least_fall
+        share, kind = (left.share, left.kind) if significant else (0.0, None)
+    repeated = _share_repeated_by_angle(q, y, piece, settings)
     if repeated > share:
-        share, kind, sure = repeated, "state", True
-    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, sure, evidence)
+        share, kind, significant = repeated, "state", True
+    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, significant, evidence)
 
 
-def _repeated(q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings) -> float:
-    """Share of the mean square that the same angles of other runs foretell; 0 where it is no more than chance."""
+def _share_repeated_by_angle(
+    q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings
+) -> float:
+    """Share of the mean square that the same angles of other runs predict; 0 where it is not significant."""
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
@@ -84,13 +85,13 @@ def _repeated(q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settin
 def _neighbours(
     x: Float[Array, "t 1"], y: Float[Array, " t"], other: Float[Array, "s 1"], settings: CeilingSettings
 ) -> Float[Array, " s"]:
-    """Mean of the nearest samples, shrunk as far as one half of the samples foretells the other."""
+    """Mean of the nearest samples, shrunk by the slope with which one half of the samples predicts the other."""
     half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
 
     def nearest(one: Array, there: Array) -> Array:
         return np.asarray(y[one][KDTree(x[one]).query(there, settings.neighbours)[1]].mean(axis=1))
 
-    foretold = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
+    predicted = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
     true = np.concatenate([y[~half], y[half]])
-    shrink = np.clip(foretold @ true / max(float(foretold @ foretold), 1e-300), 0.0, 1.0)
+    shrink = np.clip(predicted @ true / max(float(predicted @ predicted), 1e-300), 0.0, 1.0)
     return np.asarray(shrink * nearest(np.ones(len(y), dtype=bool), other))

@@ -1,15 +1,15 @@
-"""Where the gap lies: its shares over speed, direction, load, position, reach, reversal age, frequency and time.
+"""Map of the gap: its share in cells of speed, direction, load, position, reach, reversal age, frequency and time.
 
-A cell is a stretch of one axis at one joint. It holds a share of the gap's variance and of its work, and a share of the
-time (of the bandwidth, along frequency). Whether the gap is denser inside than outside is tested block by block,
+A cell is a bin of one axis at one joint. It holds a share of the residual's power and work, and a share of the time (of
+the noise's power, along frequency). Whether the gap is denser inside the cell than outside is tested block by block,
+with
 
     d_b = n_in n_out / (n_in + n_out) · (mean |r| inside − mean |r| outside)  over block b,
 
-or, along axes that stand still within a block, by the block's excess over its share of the time. Were density the same,
-d_b would as often fall below zero as rise above it: the studentised sum is held against its like under random signs of
-the blocks. The largest of a joint's cells sets the level, so that p ≤ 0.05 holds for all cells of a joint together.
-Sums of |r| and not of r² are tested: a few peaks would else drown the rest. Along frequency, where the noise is not
-white either, the gap is held against the noise's own spectrum.
+or, along axes that hardly vary within a block, with the block's excess over its share of the time. Under the null d_b
+has a symmetric distribution: the studentised sum is compared with its distribution under random signs of the blocks.
+The maximum over a joint's cells sets the level, so p-values hold for all cells of a joint together. |r| is used and not
+r², which few peaks would dominate. Along frequency the residual is compared with the spectrum of the coloured noise.
 
 Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign flips of exchangeable blocks).
 """
@@ -39,15 +39,14 @@ class Place:
     """One cell of the map."""
 
     joint: str  # joint name
-    axis: str  # what is binned
-    low: float  # the bin [rad/s, N m, rad, m, s, degC or Hz]
-    high: float
-    share_of_gap: float  # share of the joint's residual power that falls into it
-    share_of_time: float  # share of the samples that do; along frequency, of the noise
-    energy_J: float | None  # work of the residual in it, over the session [J]; None along frequency
-    p_value: float  # of its being denser in gap than the rest, for all cells of the joint together
-    # What the model errs by at the joint, beyond noise [N m]; None where the cell is not ranked.
-    beyond_noise_Nm: float | None = None
+    axis: str  # name of the axis
+    low: float  # lower edge of the bin [rad/s, N m, rad, m, s, degC or Hz]
+    high: float  # upper edge of the bin, in the same unit
+    share_of_gap: float  # share of the joint's residual power
+    share_of_time: float  # share of the samples; along frequency, of the noise's power
+    energy_J: float | None  # work of the residual over the session [J]; None along frequency
+    p_value: float  # of the gap's density in the cell, corrected for all cells of the joint
+    beyond_noise_Nm: float | None = None  # the joint's error beyond noise [N m]; None if the cell is not ranked
 
     @property
     def density(self) -> float:
@@ -60,10 +59,10 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """A cell before its test: what it holds, and its contrast in every block."""
+    """A cell before its test."""
 
-    place: Place
-    contrast: Float[Array, " B"]
+    place: Place  # its contents
+    contrast: Float[Array, " B"]  # excess of the residual inside over outside, block by block
 
 
 def map_gap(
@@ -73,14 +72,12 @@ def map_gap(
     rng: np.random.Generator,
     settings: MapSettings = USUAL_MAP,
 ) -> dict[View, list[Place]]:
-    """All cells of every joint that has a gap, joint by joint and axis by axis, in each view.
+    """All cells of every joint whose residual exceeds its noise, joint by joint and axis by axis, in each view.
 
     Args:
-        series: Residuals of all runs.
-        joints: Joint names.
-        noise: Noise of each joint.
-        rng: For the signs.
-        settings: How time and the axes are cut, and where a joint is on the map.
+        series, joints: Residuals of all runs, and joint names.
+        noise, rng: Noise model of each joint, and generator of the random signs.
+        settings: Bins, blocks, and the threshold above which a joint is mapped.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
     labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
@@ -97,7 +94,7 @@ def map_gap(
 
 
 def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
-    """The full map: one entry a joint and axis."""
+    """Record of the whole map: one entry for each joint and axis."""
     strips: dict[tuple[str, str], list[Place]] = {}
     for place in places:
         strips.setdefault((place.joint, place.axis), []).append(place)
@@ -117,7 +114,7 @@ def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class _JointMap:
-    """What a model leaves at a joint, to be cut along one axis after the other."""
+    """Residual of one model at one joint, which is binned along each axis."""
 
     series: Sequence[RunResidual]
     labels: Sequence[Int[Array, " t"]]  # block of each sample, run by run
@@ -127,12 +124,12 @@ class _JointMap:
     settings: MapSettings
 
     def _of_runs(self, pick: Axis) -> Array:
-        """Values of all runs where they count."""
-        return np.concatenate([pick(item, self.j)[item.counts[:, self.j]] for item in self.series])
+        """Values of all runs at the joint's valid samples."""
+        return np.concatenate([pick(item, self.j)[item.valid[:, self.j]] for item in self.series])
 
     @cached_property
     def left(self) -> Float[Array, " t"]:
-        """What is left [N m]."""
+        """Residual [N m]."""
         return self._of_runs(lambda item, j: getattr(item, self.view)[:, j])
 
     @cached_property
@@ -142,14 +139,14 @@ class _JointMap:
     @cached_property
     def _block(self) -> Int[Array, " t"]:
         each = zip(self.labels, self.series, strict=True)
-        return np.concatenate([label[item.counts[:, self.j]] for label, item in each])
+        return np.concatenate([label[item.valid[:, self.j]] for label, item in each])
 
     @property
     def _blocks(self) -> int:
         return int(self.labels[-1][-1]) + 1
 
     def along(self, axis: str, pick: Axis) -> list[_Cell]:
-        """Cells of an axis: some of equal time, or the two directions."""
+        """Cells of an axis: bins of equal time, or the two directions."""
         values, left = self._of_runs(pick), self.left
         bins = np.linspace(0.0, 1.0, self.settings.bins + 1)
         edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else np.unique(np.quantile(values, bins))
@@ -167,10 +164,10 @@ class _JointMap:
         return cells
 
     def along_frequency(self, whitening: Float[Array, " p"]) -> list[_Cell]:
-        """Cells of frequency, held against the noise's share of each band.
+        """Cells of frequency, compared with the noise's share of each band.
 
         Args:
-            whitening: Coefficients of the filter that makes the joint's noise white.
+            whitening: Coefficients of the filter that whitens the joint's noise.
         """
         series = self.series
         edges = np.unique(
@@ -178,7 +175,7 @@ class _JointMap:
         )
         power = np.zeros((self._blocks, len(edges) - 1))
         for item, label in zip(series, self.labels, strict=True):
-            left = getattr(item, self.view)[:, self.j] * item.counts[:, self.j]
+            left = getattr(item, self.view)[:, self.j] * item.valid[:, self.j]
             for piece in np.unique(label):
                 part = left[label == piece]
                 frequency = np.fft.rfftfreq(len(part), item.step)
@@ -196,7 +193,7 @@ class _JointMap:
 def _contrast(
     inside: Array, size: Array, block: Int[Array, " t"], blocks: int, within_from: float
 ) -> Float[Array, " B"]:
-    """By how much denser the gap is inside, block by block; compared from the inside where blocks hold both."""
+    """Excess of the residual inside a cell, block by block; compared within blocks where these hold both sides."""
 
     def total(weights: Array) -> Array:
         return np.bincount(block, weights=weights, minlength=blocks)
@@ -210,7 +207,7 @@ def _contrast(
 
 
 def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int) -> list[Place]:
-    """Family-wise p-values over a joint's cells, by sign flips of whole blocks."""
+    """Cells with p-values, corrected over all cells of the joint, by sign flips of whole blocks."""
     contrast = np.stack([cell.contrast for cell in cells], axis=1)
     size = np.maximum(np.sqrt(np.sum(contrast**2, axis=0)), 1e-300)
     signs = rng.choice([-1.0, 1.0], size=(flips, len(contrast)))

@@ -1,4 +1,4 @@
-"""How far the gap shrinks: each effect's share, what a learner without names would close, how the motion nears."""
+"""Gain of the accepted effects on held-out runs: Shapley shares, energy errors, a discrepancy instead, replay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ident.diagnosis.gap.replay import Replay, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.gap.shapley import shapley_shares
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.search import Search
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
@@ -21,15 +21,14 @@ from ident.results import ONE_RUN
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
-    """Parameters about the named effects on runs that the fit never saw."""
+class Improvement:
+    """Gain of the accepted effects on held-out runs."""
 
-    shares: Float[Array, " k"]  # order-free share of the reducible gap of each effect, in the order of the search
-    # RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
-    without_names: Float[Array, " n"]
-    forward: Replay  # the motion replayed, without and with the effects
-    runs_before: Float[Array, "R n"]  # energy error of each run, joint by joint [J]
-    runs_after: Float[Array, "R n"]
+    shares: Float[Array, " k"]  # Shapley share of the reducible gap of each effect, in the order of acceptance
+    without_names: Float[Array, " n"]  # error with a discrepancy in place of the effects, joint by joint [N m]
+    forward: Replay  # the replayed motion, without and with the effects
+    runs_before: Float[Array, "R n"]  # energy error of each run without the effects, joint by joint [J]
+    runs_after: Float[Array, "R n"]  # energy error of each run with the effects, joint by joint [J]
 
     @property
     def energy_before(self) -> Float[Array, " n"]:
@@ -38,37 +37,37 @@ class Reach:
 
     @property
     def energy_after(self) -> Float[Array, " n"]:
-        """The same with them."""
+        """Mean energy error of a run with the effects, joint by joint [J]."""
         return np.asarray(self.runs_after.mean(axis=0))
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """The record's further entries of `heldout`."""
+        """Its entries of the record's `heldout`."""
 
-        def named(values: Array) -> dict[str, float]:
+        def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
 
         stds = (spread_of_runs(energies) for energies in (self.runs_before, self.runs_after))
         return {
-            "without_names_rms_Nm": named(self.without_names),
-            "energy_error_before_J": named(self.energy_before),
-            "energy_error_after_J": named(self.energy_after),
-            **spreads(*(None if std is None else named(std) for std in stds)),
+            "without_names_rms_Nm": by_joint(self.without_names),
+            "energy_error_before_J": by_joint(self.energy_before),
+            "energy_error_after_J": by_joint(self.energy_after),
+            **spreads(*(None if std is None else by_joint(std) for std in stds)),
             "forward": self.forward.to_dict(joints),
         }
 
 
 def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | None:
-    """Standard deviation over runs; None of a single run, which says nothing of what runs differ by."""
+    """Standard deviation over runs; None for a single run."""
     return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
 
 
 def spreads(before: Any, after: Any) -> dict[str, Any]:
-    """The record's entries of what energy errors differ by from run to run, or why they are missing."""
+    """The record's standard deviations of energy errors over runs, or the reason why they are missing."""
     found = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
     return found if before is not None else {**found, "energy_error_std_missing": ONE_RUN}
 
 
-def measure_reach(
+def measure_improvement(
     search: Search,
     given: HeldOut,
     found: SearchResults,
@@ -77,20 +76,20 @@ def measure_reach(
     floors: Float[Array, " n"],
     explained: Float[Array, " n"],
     settings: GapSettings = USUAL_GAP,
-) -> Reach:
-    """Measures how far.
+) -> Improvement:
+    """Measures the gain of the accepted effects.
 
     Args:
-        search, given: The search, and held-out scores with the URDF as it is.
-        found, series, baseline, settings: What it found, residuals of all runs, the tuned model, the replay.
-        floors: Root mean square that nothing can go below, joint by joint [N m].
-        explained: Share of each joint's mean square that a discrepancy explains in the names' place.
+        search, given: The search, and held-out scores with the untuned URDF.
+        found, series, baseline, settings: Its results, residuals of all runs, the tuned model, settings of the replay.
+        floors: Floor of each joint's error [N m].
+        explained: Share of each joint's mean square that a discrepancy explains in place of the effects.
     """
-    # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF fixed.
-    scorer = given if any(item.absorbed for item in found.named) else search.held_out
+    # An absorbed effect closes nothing beside tuned inertias: its share is computed with the URDF's.
+    scorer = given if any(item.absorbed for item in found.accepted) else search.held_out
     rms = found.ladder[0].rms
-    return Reach(
-        shares=shapley_shares(scorer, [item.group for item in found.named], floors, search.seed),
+    return Improvement(
+        shares=shapley_shares(scorer, [item.group for item in found.accepted], floors, search.seed),
         without_names=np.maximum(rms * np.sqrt(1.0 - explained), np.minimum(rms, floors)),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
@@ -99,5 +98,5 @@ def measure_reach(
 
 
 def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
-    """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
-    return -np.trapezoid(left * item.counts * item.speed, dx=item.step, axis=0)
+    """Energy error of a run, joint by joint [J]: minus the work of the residual."""
+    return -np.trapezoid(left * item.valid * item.speed, dx=item.step, axis=0)

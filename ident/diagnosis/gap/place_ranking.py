@@ -1,12 +1,11 @@
-"""Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
+"""Ranks the map's cells: joints by their error beyond noise, and of each joint the cells that stand out.
 
-Joints whose whole torque is off by a factor come before all others: every size that is found there is off by it, too.
+Joints whose whole torque is wrong by a factor come first, for every size that is estimated there is wrong by it, too.
 
-A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model and the one with the
-URDF fixed, that which errs less, for what tuning to another joint's gap makes worse is no gap of this one. What tuning
-hides of a cause that is reported is added, up to the error of the one that errs more: of a name that it absorbs, what
-the name explains; of inertias beyond the URDF's tolerance, what only they do; of a torque that is off by a factor, for
-which other masses make up, all. Joints without a gap have no place.
+A joint's error beyond noise is √(rms² − noise²) N m. Of the tuned model and the one with the URDF's inertias fixed the
+smaller error counts, for tuning may raise the error of one joint to lower another's. To it is added the torque that
+tuning hides of a reported cause, up to the larger error: that of an absorbed effect, of inertias beyond the URDF's
+tolerance, or all of a torque that is wrong by a factor. Joints without a gap are not ranked.
 """
 
 from __future__ import annotations
@@ -22,69 +21,69 @@ from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 
 @dataclass(frozen=True)
-class Harm:
-    """What a joint's model errs by beyond noise."""
+class ExcessError:
+    """Error of a joint beyond its noise."""
 
     torque: float  # root mean square beyond noise [N m]
-    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF fixed
+    view: View = "before"  # the model: `before` for the tuned one, `fixed` for that with the URDF's inertias fixed
 
 
 @dataclass(frozen=True)
-class NamedPlace:
-    """Where a cause acts that is reported: a name, or a torque that is off by a factor."""
+class ReportedCause:
+    """A reported cause of the gap: a finding, or a torque that is wrong by a factor."""
 
-    joints: tuple[str, ...]  # the joints that it is reported of
-    hides: Mapping[str, float]  # by joint where it shows, the torque of it that tuning hides [N m]
-    is_factor: bool = False  # whether it is a factor of the whole torque
+    joints: tuple[str, ...]  # joints for which it is reported
+    hidden_torque: Mapping[str, float]  # torque of it that tuning hides, by affected joint [N m]
+    is_factor: bool = False  # whether it scales the whole torque
 
 
-def measure_harm(
+def measure_excess_errors(
     joints: Sequence[str],
     errors: Mapping[View, Float[np.ndarray, " n"]],
     tuned_away: Float[np.ndarray, " n"],
     noise: Float[np.ndarray, " n"],
-    names: Sequence[NamedPlace],
-    loud: float,
-) -> dict[str, Harm]:
-    """Harm of every joint that has a gap, in order of harm; first that of joints whose torque is off by a factor.
+    names: Sequence[ReportedCause],
+    threshold: float,
+) -> dict[str, ExcessError]:
+    """Error beyond noise of every joint that has a gap, largest first, after joints whose torque is wrong by a factor.
 
     Args:
-        joints, noise: Their names, and noise floors [N m].
-        errors: Held-out error of the tuned model, and of the model with the URDF fixed [N m].
-        tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        names: Where what is reported acts.
-        loud: Error over noise from which on a joint of which nothing is reported has a gap.
+        joints, noise: Joint names, and noise floors [N m].
+        errors: Held-out error of the tuned model, and of the model with the URDF's inertias fixed [N m].
+        tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
+        names: Reported causes.
+        threshold: Least error over noise of a gap at a joint without a reported cause.
     """
-    found: dict[str, Harm] = {}
+    found: dict[str, ExcessError] = {}
     for j, joint in enumerate(joints):
-        own = [one for one in names if joint in (*one.joints, *one.hides)]
+        own = [one for one in names if joint in (*one.joints, *one.hidden_torque)]
         less, more = sorted(errors, key=lambda view: float(errors[view][j]))
-        hidden = max([one.hides.get(joint, 0.0) for one in own], default=0.0)
+        hidden = max([one.hidden_torque.get(joint, 0.0) for one in own], default=0.0)
         hidden = max(hidden, tuned_away[j] if tuned_away[j] > noise[j] else 0.0)
         error = min(float(np.hypot(errors[less][j], hidden)), float(errors[more][j]))
-        if error > (1.0 if own else loud) * noise[j]:
+        if error > (1.0 if own else threshold) * noise[j]:
             beyond = error**2 - noise[j] ** 2
-            found[joint] = Harm(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
+            found[joint] = ExcessError(float(np.sqrt(beyond)), more if 2.0 * hidden**2 > beyond else less)
     off = {joint for one in names if one.is_factor for joint in one.joints}
     return dict(sorted(found.items(), key=lambda one: (one[0] not in off, -one[1].torque)))
 
 
 def rank_places(
-    maps: Mapping[View, Sequence[Place]], harm: Mapping[str, Harm], settings: MapSettings = USUAL_MAP
+    maps: Mapping[View, Sequence[Place]], excess_errors: Mapping[str, ExcessError], settings: MapSettings = USUAL_MAP
 ) -> tuple[Place, ...]:
-    """The cells that stand out, joint by joint in the order of `harm`; of a joint the richest first, one an axis.
+    """The cells that stand out, joint by joint in the order of `excess_errors`; of each joint the densest, one an axis.
 
-    A cell stands out where it is denser in gap than in time by a factor, and by more than chance. A joint whose gap is
-    spread evenly has its densest cell alone. The slowest band of frequencies says of no gap where it lies.
+    A cell stands out if its density exceeds a factor and is significant. If no cell of a joint does, its densest one is
+    taken. The lowest band of frequencies is left out, for it does not locate a gap.
     """
     found: list[Place] = []
-    for joint, one in harm.items():
+    for joint, one in excess_errors.items():
         cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
         cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
-        sure = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
-        sure.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
-        best = {place.axis: place for place in reversed(sure)}
-        chosen = [place for place in sure if best[place.axis] is place][: settings.places_each]
+        significant = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
+        significant.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
+        best = {place.axis: place for place in reversed(significant)}
+        chosen = [place for place in significant if best[place.axis] is place][: settings.places_each]
         chosen = chosen or sorted(cells, key=lambda p: (p.axis == "frequency", -p.density))[:1]
         found += [replace(place, beyond_noise_Nm=one.torque) for place in chosen]
     return tuple(found[: settings.places_told])

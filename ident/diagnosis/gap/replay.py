@@ -1,16 +1,16 @@
-"""How far the motion itself comes nearer: the recorded torques replayed through the model, stretch by stretch.
+"""Replay of the motion: the recorded torques drive the model over short windows, and the position error is measured.
 
-A replay starts from the measured state and lets the model move under the measured torque. The recording obeys the model
-but for the residual r, so the departure e = q_replayed − q of the replay from the recording obeys, to first order,
+A replay starts from the measured state. The recording obeys the model but for the residual torque r, so the deviation e
+= q_replayed − q obeys, to first order,
 
     M(q) ë + D(q, dq) ė + K(q, dq, ddq) e = r,   e(0) = ė(0) = 0
 
-with M the mass matrix and rotors, D and K the derivatives of the modelled torque by velocity and position. It is solved
-for all stretches at once by Newmark's rule of constant mean acceleration. An exact model departs only by what the noise
-moves; a torque of 1 N m that is missing on 1 kg m² moves the joint by 31 mrad in a quarter of a second.
+with M the mass matrix and rotors, D and K the derivatives of the modelled torque by velocity and position. All windows
+are integrated at once by Newmark's rule of constant mean acceleration. With an exact model only noise deviates; a
+missing torque of 1 N m on 1 kg m² moves the joint by 31 mrad in a quarter of a second.
 
-A joint that stands or turns round within a stretch is led along its recorded motion there: what holds it is dry
-friction, of which no function of the state knows the value. Controllers are not modelled: commands would need them.
+A joint that stands still or reverses within a window is led along its recorded motion there, for dry friction at rest
+is not a function of the state. Controllers are not modelled.
 
 Source: multiple shooting after Bock 1984; Newmark 1959 (β = 1/4, γ = 1/2).
 """
@@ -31,16 +31,15 @@ from ident.regression.baseline import Baseline
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Departure of the replayed from the recorded motion."""
+    """Deviation of the replayed from the recorded motion."""
 
-    window: float  # length of a stretch [s]
-    windows: Int[Array, " n"]  # stretches in which each joint moved freely
-    # Root mean square departure at a stretch's end, without and with the named effects [rad].
-    before: Float[Array, " n"]
-    after: Float[Array, " n"]
+    window: float  # length of a window [s]
+    windows: Int[Array, " n"]  # number of windows in which each joint moved freely
+    before: Float[Array, " n"]  # root mean square deviation at the end of a window, without the effects [rad]
+    after: Float[Array, " n"]  # root mean square deviation at the end of a window, with the effects [rad]
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """The record, of the joints that moved."""
+        """Its record, for the joints that moved freely."""
         there = [(j, name) for j, name in enumerate(joints) if self.windows[j]]
         return {
             "window_s": self.window,
@@ -53,12 +52,12 @@ class Replay:
 
 
 def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySettings = USUAL_REPLAY) -> Replay:
-    """Replays the session with models that never saw the stretch that they replay.
+    """Replays the session with models that were not fitted to the window's fold.
 
     Args:
         series: Residuals of all runs.
         baseline: The tuned model, for masses and derivatives.
-        settings: How long a stretch is, and how many.
+        settings: Length and number of the windows.
     """
     window = settings.window_s
     n = len(baseline.nominal.joint_names)
@@ -68,7 +67,7 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
         starts = _starts(item, window)[::every]
         rows = starts[:, None] + np.arange(_samples(item, window) + 1)
         heading = np.sign(item.speed[rows])  # free are joints that move one way throughout a stretch
-        free = item.counts[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
+        free = item.valid[rows].all(axis=1) & (heading == heading[:, :1]).all(axis=1)
         rows, free = rows[free.any(axis=1)], free[free.any(axis=1)]
         if len(rows) == 0:
             continue
@@ -81,12 +80,12 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
 
 
 def _starts(item: RunResidual, window: float) -> Int[Array, " w"]:
-    """First samples of a run's stretches, end to end."""
+    """First samples of a run's windows, which follow each other."""
     return np.arange(0, len(item.before) - _samples(item, window), _samples(item, window))
 
 
 def _samples(item: RunResidual, window: float) -> int:
-    """Samples of a stretch, at least one."""
+    """Number of steps of a window, at least one."""
     return max(1, round(window / item.step))
 
 
@@ -111,12 +110,11 @@ def integrate(
     free: Bool[Array, "w n"],
     step: float,
 ) -> Float[Array, "w n m"]:
-    """Departure at the end of each stretch; joints that are not free stay at zero.
+    """Deviation at the end of each window; joints that are not free stay at zero.
 
     Args:
-        mass, damping, stiffness: Along each stretch's k samples.
-        force: Residual torque of m models [N m].
-        free: Joints that may depart.
+        mass, damping, stiffness: Along the k samples of each window.
+        force, free: Residual torque of m models [N m], and joints that may deviate.
         step: Time between samples [s].
     """
     both = free[:, :, None] & free[:, None, :]

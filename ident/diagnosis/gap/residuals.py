@@ -1,4 +1,4 @@
-"""What a model leaves, as time series in N m: for maps, pictures, the ceiling and the replay of the motion."""
+"""Residual torque of the models as time series [N m], for maps, pictures, the ceiling and the replay."""
 
 from __future__ import annotations
 
@@ -20,23 +20,22 @@ from ident.regression.rows import compute_tables
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """One run; t filtered samples of n joints. All residuals are measured less modelled torque."""
+    """Residuals of one run, measured less modelled torque, at t filtered samples of n joints."""
 
     run: RunContext  # the run
-    index: int  # its place in the session
-    before: Float[Array, "t n"]  # what the tuned baseline leaves [N m]
-    after: Float[Array, "t n"]  # what is left with the named effects [N m]
-    fixed: Float[Array, "t n"]  # what is left with the URDF's inertias fixed, friction and rotors tuned [N m]
-    # `before` and `after` of models that were solved without this stretch's fold [N m].
-    unseen_before: Float[Array, "t n"]
-    unseen_after: Float[Array, "t n"]
-    counts: Bool[Array, "t n"]  # where each joint moves steadily
+    index: int  # its index in the session
+    before: Float[Array, "t n"]  # residual of the tuned baseline [N m]
+    after: Float[Array, "t n"]  # residual with the accepted effects [N m]
+    fixed: Float[Array, "t n"]  # residual with the URDF's inertias fixed, friction and rotors tuned [N m]
+    unseen_before: Float[Array, "t n"]  # `before` of the model that was not fitted to the sample's fold [N m]
+    unseen_after: Float[Array, "t n"]  # `after` of the model that was not fitted to the sample's fold [N m]
+    valid: Bool[Array, "t n"]  # samples at which each joint moves steadily
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
-        """The same without the run's own viscous and dry friction, and its drift, in what is left after the names.
+        """The same with the run's own level and drift of viscous and dry friction removed from `after`.
 
         Args:
-            spread: Relative standard deviation of each joint's friction from run to run.
+            spread: Between-run standard deviation of each joint's friction, as a share.
         """
         after = self.after.copy()
         keep = self.run.motion.coarse
@@ -46,7 +45,7 @@ class RunResidual:
             kinds = np.stack([self.run.motion.dq[keep, j], direction[:, j]], axis=1)
             parts = kinds * np.linalg.lstsq(kinds, friction[:, j], rcond=1e-9)[0]
             columns = np.concatenate([parts, (friction[:, j] * drift)[:, None]], axis=1)
-            x, y = columns[self.counts[:, j]], after[self.counts[:, j], j]
+            x, y = columns[self.valid[:, j]], after[self.valid[:, j], j]
             noise = float(np.mean(y**2)) if len(y) else 0.0
             if noise > 0.0 and spread[j] > 0.0:
                 level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(3), x.T @ y)
@@ -55,7 +54,7 @@ class RunResidual:
 
     @property
     def time(self) -> Float[Array, " t"]:
-        """Times of the filtered samples, session clock [s]."""
+        """Times of the filtered samples on the session's clock [s]."""
         return self.run.motion.time[self.run.motion.coarse]
 
     @property
@@ -80,40 +79,37 @@ def compute_residuals(
     """Residuals of every run.
 
     Args:
-        session: The runs.
-        baseline: The tuned model.
-        evidence: Block sums of the runs.
-        models: The baseline, the baseline with its groups, and the baseline with the URDF fixed.
-        groups: The named effects.
-        held_out: Solves the first two without each fold.
+        session, baseline, evidence: The runs, the tuned model, and the block sums.
+        models: The baseline, the baseline with the effects, and the baseline with the URDF's inertias fixed.
+        groups, held_out: The accepted effects, and the solver of the first two models without each fold.
     """
     layout = evidence.layout
-    whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
+    whole = [_scatter_weights(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
     parts = [held_out.weights(), held_out.weights(groups)]
-    by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
+    by_fold = [np.array([_scatter_weights(layout, part.columns, row) for row in part.values]) for part in parts]
     partition = build_partition(session, evidence.settings)
     series: list[RunResidual] = []
     for i, _, tables in compute_tables(session, baseline, layout, groups, range(len(session.runs))):
-        # Not the chunk's own context, which holds all that the effects cached with it.
+        # The chunk's own context would keep all that effects have cached in it.
         run, folds = session.runs[i], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
-        before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
-        unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)
+        before, after, fixed = (_residual_of(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
+        unseen, nearer = (_residual_of(scaled, layout, weights, folds) for weights in by_fold)
         series.append(RunResidual(run, i, before, after, fixed, unseen, nearer, run.motion.settled))
     return series
 
 
-def _spread(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
-    """Weights of some columns, laid out over all."""
+def _scatter_weights(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
+    """Weights of some columns, placed among those of all columns."""
     row = np.zeros(layout.size + 1)
     row[columns] = weights
     return row
 
 
-def _left(
+def _residual_of(
     tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
 ) -> Float[Array, "t n"]:
-    """What models leave of each joint's rows: one model for all samples, or each sample's own fold's."""
+    """Residuals of each joint's rows, by one model for all samples or by the model of each sample's fold."""
     left = np.empty((len(tables[0]), layout.n))
     for j, (table, local) in enumerate(zip(tables, layout.local, strict=True)):
         used = np.any(weights[:, local] != 0.0, axis=0)
@@ -123,7 +119,7 @@ def _left(
 
 
 def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:
-    """A block number for every sample, going on from run to run; blocks of about `length` [s]."""
+    """A block number for every sample, counted over all runs; blocks of about `length` [s]."""
     labels, first = [], 0
     for item in series:
         label = first + ((item.time - item.time[0]) // length).astype(int)

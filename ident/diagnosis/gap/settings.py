@@ -1,4 +1,4 @@
-"""The numbers by which the gap is mapped, and by which what could be explained at all is measured."""
+"""Settings of the gap's map, its ceiling, and the replay."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from ident.records import Settings
 
 
 class MapSettings(Settings, table="map"):
-    """Where the gap lies: the cells of the map and their test."""
+    """Cells of the map and their test."""
 
 
 class CeilingSettings(Settings, table="ceiling"):
-    """What a flexible function of the state could explain, and what counts as more than chance."""
+    """Significance of what a flexible function of the state explains."""
 
 
 class ReplaySettings(Settings, table="replay"):
-    """The motion replayed under the recorded torques."""
+    """Windows of the replay."""
 
 
 USUAL_MAP, USUAL_CEILING, USUAL_REPLAY = MapSettings(), CeilingSettings(), ReplaySettings()
 
 
 class GapSettings(Settings, table="gap"):
-    """Where the gap lies and how far it shrinks."""
+    """Settings of the gap's map, its ceiling, and the replay."""
 
     map: MapSettings = USUAL_MAP
     ceiling: CeilingSettings = USUAL_CEILING

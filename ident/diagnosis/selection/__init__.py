@@ -1,1 +1,1 @@
-"""Which effects get a name: search, tests, estimates with intervals."""
+"""Selection of effects: search, acceptance criteria, probabilities, estimates with intervals."""

@@ -1,13 +1,15 @@
-"""Is a name's size the same in all runs? A constant of the arm is; what stands in for something else often is not.
+"""Heterogeneity test: whether an effect's size is the same in all folds, as a constant of the arm is (Cochran's Q).
 
-With x the torque of a name at its estimate, seen after the model beside it, and e what the whole model leaves, the size
-in a fold f, as a share of the whole, is s_f = 1 + Σ_f x e / Σ_f x x, known to its own variance v_f = k_f / Σ_f x x.
-k_f is how much more than noise the scores of its blocks vary: its own, drawn towards that of the middle fold, for it
-has few blocks. Cochran's Q asks whether the s_f agree within their own errors; τ² of DerSimonian and Laird is by how
-much they truly differ. A run that hardly moves says next to nothing, and weighs as little. Sizes are reported as the
-random-effects model has them: each drawn to the mean as far as its own error lets it.
+With x the torque of the effect at its estimate, after the other effects, and e the residual of the whole model, its
+relative size in fold f and the variance of that are
 
-Source: Cochran 1954; DerSimonian and Laird 1986, both on combining experiments; Morris 1983 (drawing to the mean).
+    s_f = 1 + Σ_f x e / Σ_f x x,    v_f = k_f / Σ_f x x.
+
+k_f is the variance inflation of the fold's block scores, shrunk towards that of the median fold, for a fold has few
+blocks. Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between folds.
+Folds with little motion have little weight. Reported sizes are shrunk towards the mean by the random-effects model.
+
+Source: Cochran 1954; DerSimonian and Laird 1986 (combining experiments); Morris 1983 (shrinkage).
 """
 
 from __future__ import annotations
@@ -23,30 +25,28 @@ from ident.diagnosis.selection.search import Search
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
 
-# A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
+# A fold with less than this share of the effect's power does not determine its size and is left out.
 LEAST_SEEN = 1e-6
-# Blocks that the middle fold counts as in each fold's own variation (chosen: about as many as a fold has).
+# Weight, in blocks, of the median fold's variance inflation in that of each fold (chosen: about as many as a fold has).
 SHARED_BLOCKS = 8.0
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """By how much a name's size differs between runs."""
+    """Heterogeneity of an effect's size between folds."""
 
-    spread: float  # standard deviation of the size beyond chance, as a share of the size
-    p_value: float  # chance that a size which is the same everywhere would seem to differ so much
-    least: float  # smallest and largest size, drawn to the mean by their errors, as a share
-    most: float
+    between_fold_std: float  # standard deviation between folds beyond estimation error, as a share of the size
+    p_value: float  # of Cochran's Q, if the size is the same in all folds
+    smallest: float  # smallest size of a fold, shrunk towards the mean, as a share
+    largest: float  # largest size of a fold, shrunk towards the mean, as a share
 
 
 def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorbed: bool = False) -> Agreement:
-    """How well the folds of a session agree on the size of one of several names.
+    """Tests whether the folds of a session agree on the size of one of several effects.
 
     Args:
-        search: The session's sums and the belief about the URDF.
-        groups: The names.
-        slot: which of them is tested.
-        absorbed: Whether tuned inertias hide it: then it is seen against the URDF fixed, as it was judged.
+        search, groups, slot: The search, all effects, and the index of the effect that is tested.
+        absorbed: Whether tuned inertias absorb it, so that it is estimated with the URDF's inertias fixed.
     """
     along, power = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)
     folds = search.evidence.fold_of_block
@@ -55,41 +55,41 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
     parts = [part for part in parts if power[part].sum() > least]
     if len(parts) < 2:
         return Agreement(0.0, 1.0, 1.0, 1.0)
-    seen = np.array([power[part].sum() for part in parts])
-    size = np.array([along[part].sum() for part in parts]) / seen
+    information = np.array([power[part].sum() for part in parts])
+    size = np.array([along[part].sum() for part in parts]) / information
     blocks = np.array([len(along[part]) for part in parts])
-    # A fold's squared scores, what its own mean took away given back; those of noise where it has one block.
-    square = [float(np.sum((along[p] - s * power[p]) ** 2)) for p, s in zip(parts, size, strict=True)]
+    # Squared scores about the fold's own mean, corrected for its degree of freedom; the noise's where it has one block.
+    squares = [float(np.sum((along[p] - s * power[p]) ** 2)) for p, s in zip(parts, size, strict=True)]
     noise = [float(power[part].sum()) for part in parts]
-    own = np.where(blocks < 2, noise, square * blocks / np.maximum(blocks - 1, 1))
-    return compare_sizes(size, seen, own, blocks)
+    scores_squared = np.where(blocks < 2, noise, squares * blocks / np.maximum(blocks - 1, 1))
+    return compare_sizes(size, information, scores_squared, blocks)
 
 
 def compare_sizes(
-    size: Float[Array, " f"], seen: Float[Array, " f"], scores: Float[Array, " f"], blocks: Float[Array, " f"]
+    size: Float[Array, " f"], information: Float[Array, " f"], scores: Float[Array, " f"], blocks: Float[Array, " f"]
 ) -> Agreement:
-    """How well some folds' sizes agree, each known to its own error.
+    """Tests whether some folds' sizes agree, each known to its own error.
 
     Args:
-        size: Of each fold, less that of the whole, as a share of it.
-        seen: Information of the noise model about each.
-        scores: Sum of the squared scores of each fold's blocks: `seen` where blocks vary as the noise model says.
-        blocks: Number of its blocks.
+        size: Size in each fold less that of the whole, as a share of it.
+        information: Information about each by the noise model.
+        scores: Sum of the squared scores of each fold's blocks; equal to `information` where the noise model holds.
+        blocks: Number of blocks of each fold.
     """
-    shared = float(np.median(scores / seen))
-    own = (blocks * scores / seen + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
-    weight = seen / np.maximum(own, 1.0)
+    shared = float(np.median(scores / information))
+    inflation = (blocks * scores / information + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
+    weight = information / np.maximum(inflation, 1.0)
     mean = float(weight @ size / weight.sum())
     q, freedom = float(weight @ (size - mean) ** 2), len(size) - 1
     between = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
-    drawn = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
-    return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(drawn.min()), float(drawn.max()))
+    shrunk = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
+    return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(shrunk.min()), float(shrunk.max()))
 
 
 def _scores(
     search: Search, prior: Prior, groups: Sequence[Group], slot: int
 ) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
-    """For each block Σ x e and Σ x x of a name."""
+    """For each block Σ x e and Σ x x of one effect."""
     evidence, gram = search.evidence, search.evidence.gram()
     whole = project(gram, evidence, prior, groups)
     beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
@@ -97,7 +97,7 @@ def _scores(
     torque = beside.left_of(columns) @ whole.estimate[whole.places(columns)]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
     for j, local in enumerate(evidence.layout.local):
-        seen = evidence.times(j, torque[local])
-        along += seen @ whole.weights[local]
-        power += seen @ torque[local]
+        product = evidence.times(j, torque[local])
+        along += product @ whole.weights[local]
+        power += product @ torque[local]
     return along, np.maximum(power, 0.0)

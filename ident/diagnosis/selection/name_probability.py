@@ -1,4 +1,9 @@
-"""Probabilities of named effects against their rivals, and their parameters with intervals for correlated noise."""
+"""Probability of each accepted effect against its rivals, and its parameters with intervals robust to correlated noise.
+
+In: the accepted effects on coarse and fine grids. Out: an `Estimate` each. Coefficients have the block sandwich
+covariance, S = A⁻¹ (Σ_b g_b g_bᵀ) A⁻¹ with the score g_b of block b. The probability is a softmax of tempered log
+evidence E over the effects that explain the same torque, and none: p_i = p_max exp(t E_i) / Σ_k exp(t E_k).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.selection.gates import Named
+from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
@@ -20,82 +25,80 @@ from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
 
-# Log odds are given up to this, either way: more is no number of a computer's.
-MOST_NATS = 700.0
-# Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
-MOST = 0.5
+# Log odds are clipped here, either way, so that their exponential is finite.
+MOST_LOG_ODDS = 700.0
+# An effect that keeps this share of its log evidence beside another is a separate cause; a nested law that has it alone
+# is a rival (law: more than all else).
+SEPARATE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known of one named effect."""
+    """Parameters, probability and rivals of one accepted effect."""
 
-    group: Group  # the effect at its best inner parameters
+    group: Group  # the effect at its best point of the coarse grid
     parameters: dict[str, Interval]  # physical parameters with 95 % intervals
-    probability: float  # that this effect, and none of its rivals, is the cause
-    rivals: tuple[str, ...]  # ids of the effects that the recordings can't distinguish from it, itself first
-    refined: Group  # the effect at the point of the finer grid that the parameters are those of
-    coefficients: Float[Array, " k"]  # its coefficients there
-    covariance: Float[Array, "k k"]  # theirs
-    # Of the effect against each other one that was weighed, by its id; none is given against all others.
-    odds: Mapping[str, float]
-    certain: bool = False  # whether the columns that make the effect what it is are together not zero, at 95 %
+    probability: float  # that this effect is the cause, and none of its rivals
+    rivals: tuple[str, ...]  # its class: ids of the effects that the recordings can't distinguish from it, itself first
+    refined: Group  # the effect at the point of the fine grid to which the parameters belong
+    coefficients: Float[Array, " k"]  # estimates there
+    covariance: Float[Array, "k k"]  # covariance of the coefficients
+    odds: Mapping[str, float]  # odds of the effect against each rival, by the rival's id
+    significant: bool = False  # whether its essential coefficients differ from zero at 95 %
 
     @property
     def shares(self) -> dict[str, float]:
-        """Probability of each name of the class, its own first: what of the same evidence each would have."""
+        """Probability of each effect of the class, its own first."""
         own = {self.rivals[0]: self.probability}
         return own | {name: self.probability / self.odds[name] for name in self.rivals[1:] if name in self.odds}
 
     @property
     def class_probability(self) -> float:
-        """That one of the names that can't be distinguished is the cause."""
+        """Probability that one of the effects of its class is the cause."""
         return min(sum(self.shares.values()), 1.0)
 
     @property
     def undefined(self) -> str | None:
-        """Why nobody can say that there is such an effect, or None.
+        """Why the effect is not established, or None.
 
-        A parameter may be unsure where the effect is not: the stiffness, at its rest, of a spring that rests out
-        of reach.
+        A parameter may be undetermined though the effect is significant: the stiffness of a spring at a rest out of
+        reach.
         """
-        return None if self.certain else undefined(self.refined.effect, self.parameters)
+        return None if self.significant else undefined(self.refined.effect, self.parameters)
 
 
 def estimate_effects(
-    search: Search, fine: Refined, session: SessionContext, named: Sequence[Named], widening: Sequence[float] = ()
+    search: Search, fine: Refined, session: SessionContext, effects: Sequence[Evaluated], widening: Sequence[float] = ()
 ) -> list[Estimate]:
-    """Parameters, probability and rivals of every named effect.
+    """Parameters, probability and rivals of every accepted effect.
 
     Args:
-        search: Of the first pass: all rivals.
-        fine: Second pass: the named effects alone, on finer grids.
-        session: The runs.
-        named: The named effects in the first pass.
-        widening: For each, factor on its coefficients' standard deviations; none where blocks say all of them.
+        search, fine: Search on the coarse grids, which holds all rivals, and the accepted effects on fine grids.
+        session, effects: The runs, and the accepted effects on the coarse grids.
+        widening: For each effect a factor on the standard deviations of its coefficients; ones if empty.
     """
-    groups = [item.group for item in named]
-    found = _parameters(fine, session, [item.absorbed for item in named], widening or [1.0] * len(named))
+    groups = [item.group for item in effects]
+    found = _parameters(fine, session, [item.absorbed for item in effects], widening or [1.0] * len(effects))
     gram = search.evidence.gram()
     inflation = measure_inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
     for slot, (group, refined) in enumerate(zip(groups, fine.groups, strict=True)):
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
-        probability, rivals, odds = weigh_rivals(search, projection, group, others, inflation)
-        parameters, beta, cells, certain = found[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, refined, beta, cells, odds, certain))
+        probability, rivals, odds = compare_rivals(search, projection, group, others, inflation)
+        parameters, beta, cells, significant = found[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, refined, beta, cells, odds, significant))
     return estimates
 
 
 def _parameters(
     fine: Refined, session: SessionContext, absorbed: Sequence[bool], widening: Sequence[float]
 ) -> list[tuple[dict[str, Interval], Float[Array, " k"], Float[Array, "k k"], bool]]:
-    """Physical parameters of every effect with their intervals, its coefficients, theirs, and whether it is certain.
+    """For each effect: parameters with intervals, coefficients, their covariance, and whether it is significant.
 
-    What tuning absorbs is estimated against the URDF fixed, as it was judged. What the URDF's own tolerance then does
-    to the parameters counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the
-    prior that fixes them, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
+    Absorbed effects are estimated with the URDF's inertias fixed, as they were evaluated. The URDF's own error is then
+    part of the uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the prior that fixes
+    them, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
     solved, inflation = solve_effects(fine, absorbed)
@@ -105,18 +108,19 @@ def _parameters(
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         prior = fine.search.fixed.prior if absorbed[slot] else fine.search.prior
         grid = profile(fine.search, project(gram, evidence, prior, others), group, inflation)
-        doubt = group.effect.doubt
-        best = group.effect.parameters(session, group.joint, group.variant, beta, cells)
-        parameters = grid.widened(best, session, np.sqrt(np.diag(cells))) | grid.inner_parameters()
+        context, doubt = session, group.effect.doubt
+        best = group.effect.parameters(context, group.joint, group.variant, beta, cells)
+        parameters = grid.widen(best, context, np.sqrt(np.diag(cells))) | grid.inner_parameters()
         parameters = {
-            name: widened(one, doubt.of(name, one.value), name in doubt.places) for name, one in parameters.items()
+            name: widen_interval(one, doubt.of(name, one.value), name in doubt.places)
+            for name, one in parameters.items()
         }
-        found.append((parameters, beta, cells, is_certain(beta, cells, group.effect.essential(group.variant))))
+        found.append((parameters, beta, cells, is_significant(beta, cells, group.effect.essential(group.variant))))
     return found
 
 
-def is_certain(beta: Float[Array, " k"], cells: Float[Array, "k k"], essential: Sequence[int]) -> bool:
-    """Wald's test: whether some coefficients together are not zero, at 95 %; False where there are none."""
+def is_significant(beta: Float[Array, " k"], cells: Float[Array, "k k"], essential: Sequence[int]) -> bool:
+    """Wald's test at 95 %: whether some coefficients together differ from zero; False where there are none."""
     if not essential:
         return False
     at = np.array(essential)
@@ -127,17 +131,17 @@ def is_certain(beta: Float[Array, " k"], cells: Float[Array, "k k"], essential: 
 def solve_effects(
     fine: Refined, absorbed: Sequence[bool]
 ) -> tuple[list[tuple[Float[Array, " k"], Float[Array, "k k"]]], float]:
-    """Coefficients of every effect with their covariance, each in its own view; and by how much misfit exceeds noise.
+    """Coefficients of every effect with their covariance, and the variance inflation of the model.
 
-    A coefficient that its sign holds at zero is as uncertain as if it were free.
+    A coefficient that its sign constraint holds at zero is as uncertain as if it were free.
 
     Args:
-        fine: The effects on their finer grids.
-        absorbed: Whether each is estimated against the URDF fixed.
+        fine: The effects on fine grids.
+        absorbed: Whether each is estimated with the URDF's inertias fixed.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
     priors = (fine.search.prior, fine.search.fixed.prior) if any(absorbed) else 2 * (fine.search.prior,)
-    views = [_off_their_bounds(evidence, prior, fine.groups) for prior in priors]
+    views = [_off_bounds(evidence, prior, fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     used = [replace(one, columns=one.columns[kept]) for one, kept in zip(fine.groups, free, strict=True)]
     models = [project(gram, evidence, prior, used, signed=False) for prior in dict.fromkeys(priors)]
@@ -146,7 +150,7 @@ def solve_effects(
     if any(absorbed):
         reach = models[1].spread[:, : evidence.layout.rank]
         off = fine.search.settings.fixed_factor**4 * reach @ fine.search.prior.base @ reach.T
-        covariances[1] = covariances[1] + off  # what the URDF's tolerance does to them
+        covariances[1] = covariances[1] + off  # error of the fixed inertias
     bound = covariances[0]
     if not all(kept.all() for kept in free):
         bound = robust_covariance(evidence, project(gram, evidence, fine.search.prior, fine.groups, signed=False))
@@ -164,8 +168,8 @@ def solve_effects(
     return solved, inflation
 
 
-def _off_their_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
-    """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
+def _off_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
+    """For each effect which of its coefficients are free, that is not held at zero by their sign constraint."""
     columns = np.concatenate([group.columns for group in groups])
     signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.signed) for g in groups])
     if not signed.any():
@@ -175,10 +179,11 @@ def _off_their_bounds(evidence: Evidence, prior: Prior, groups: Sequence[Group])
     return [kept if kept.any() else np.ones_like(kept) for kept in free]
 
 
-def widened(interval: Interval, doubt: float, place: bool = False) -> Interval:
-    """An interval that also holds what an arm's own law of an effect may differ from the catalogue's.
+def widen_interval(interval: Interval, doubt: float, place: bool = False) -> Interval:
+    """An interval widened by the half-width `doubt`, by which an arm's own law may differ from the catalogue's.
 
-    An interval that does not go beyond zero never does, but for a place: doubt about a size is a share of it.
+    It is not widened beyond zero if it did not hold zero before: the law's error is a share of the effect's size. That
+    is not so for positions (`place`).
     """
     if doubt == 0.0 or not np.isfinite(interval.value):
         return interval
@@ -191,31 +196,30 @@ def widened(interval: Interval, doubt: float, place: bool = False) -> Interval:
     return replace(interval, low=low, high=high)
 
 
-def _beside(
+def _separate_causes(
     search: Search, group: Group, others: Sequence[Group], rivals: Sequence[Group], own: float
 ) -> tuple[set[Key], dict[Key, float]]:
-    """Which candidates explain something else than a name does, and what it adds beside each other one.
-
-    What leaves a name most of its own evidence is no rival: both may be there.
+    """Separates candidates that explain another part of the torque than an effect does.
 
     Args:
-        search: The search.
-        group: The name.
-        others: The other names.
-        rivals: The candidates.
-        own: The name's evidence [nats].
+        search, group, others: The search, the effect, and the other accepted effects.
+        rivals, own: The candidates, and the effect's log evidence [nats].
+
+    Returns:
+        Candidates beside which the effect keeps most of its log evidence, so that both may be present; and for each
+        other one the log evidence that the effect adds beside it.
     """
     gram, apart, added = search.evidence.gram(), set[Key](), dict[Key, float]()
     for rival in rivals:
-        left = search.score_beside(gram, group, [*others, rival])
-        if left > MOST * own:
+        left = search.log_evidence_beside(gram, group, [*others, rival])
+        if left > SEPARATE_SHARE * own:
             apart.add(rival.key)
         elif left > 0.0:
             added[rival.key] = left
     return apart, added
 
 
-def _most_of_it(
+def _nested_laws(
     search: Search,
     best: Mapping[Key, tuple[float, Group]],
     group: Group,
@@ -223,56 +227,60 @@ def _most_of_it(
     apart: Collection[Key],
     unit: float,
 ) -> dict[str, float]:
-    """Log evidence of each effect that is a part of a name's law and explains most of what that does, by its id.
+    """Log evidence, by id, of each effect that explains most of this one's torque and nothing beside it.
 
-    A constant torque beside a slight spring is what a spring that rests out of reach is; a zero of the first joint
-    beside a slight tilt is a tilt. Together with the name it explains the same, for the cost of one effect more.
+    A constant torque with a slight spring is a spring with a distant rest; an encoder offset of the first joint with a
+    slight tilt is a tilt. Both together explain what this effect does alone, at the cost of one effect more.
     """
     gram, score, found = search.evidence.gram(), best[group.key][0], dict[str, float]()
     whole = project(gram, search.evidence, search.prior, [*others, group])
     for own, rival in best.values():
-        most = own >= MOST * score and rival.key not in {group.key, *apart} and not rival.effect.event
-        if most and search.score_of(whole, rival) <= 0.0:
-            found[rival.effect.id] = score / unit - search.cost_of(rival)
+        most = own >= SEPARATE_SHARE * score and rival.key not in {group.key, *apart} and not rival.effect.event
+        if most and search.log_evidence_of(whole, rival) <= 0.0:
+            found[rival.effect.id] = score / unit - search.complexity_cost(rival)
     return found
 
 
-def weigh_rivals(
+def compare_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], excess: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
-    """Probability of a name against all others for its slot, the names too near to it, and its odds against each.
+    """Probability of an effect against all candidates that could replace it, its class, and its odds against each.
 
-    No arm obeys a law to the letter. Where its own differs by a share d of the torque, a rival may explain as much as
-    ½ d² of the whole gain less: evidence is counted in units of that and of what tempers it anyway.
+    No real law is exactly the catalogue's. Where it differs by a share d of the torque, the true law may explain ½ d²
+    of the whole gain less than a rival: log evidence is divided by that and by the variance inflation.
+
+    Args:
+        search, projection: The search, and the model of the other accepted effects.
+        group, others, excess: The effect, the other accepted effects, and the variance inflation.
     """
-    held, gram = search.settings, search.evidence.gram()
-    standing = replace(search, barred=search.barred - (search.redundant - search.absurd))
-    best = standing.best_by_key(projection, others, group)
+    settings, gram = search.settings, search.evidence.gram()
+    wider = replace(search, excluded=search.excluded - (search.redundant - search.implausible))
+    best = wider.best_by_key(projection, others, group)
     share = group.effect.doubt.share / NORMAL_95
-    unit = excess + held.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
-    least = max(best[group.key][0] - held.rival_nats * unit, held.least_nats)
+    unit = excess + settings.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
+    least = max(best[group.key][0] - settings.rival_nats * unit, settings.least_nats)
     rivals = [rival for score, rival in best.values() if score > least and rival.key != group.key]
     allowed = {rival.key for rival in rivals} | {group.key}
-    apart, added = _beside(search, group, others, rivals, best[group.key][0])
+    apart, added = _separate_causes(search, group, others, rivals, best[group.key][0])
     ahead = {rival.key for rival in rivals if best[rival.key][0] > best[group.key][0]} - apart
-    # Nor is one ahead that would not get the name itself.
-    stronger = search.judge(gram, projection, others, [best[key] for key in ahead])
-    allowed -= apart | {item.group.key for item in stronger if not item.gates.passed}
+    # A rival of greater log evidence counts only if it meets the acceptance criteria.
+    stronger = search.evaluate(gram, projection, others, [best[key] for key in ahead])
+    allowed -= apart | {item.group.key for item in stronger if not item.criteria.passed}
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
     own = max([scores[group.key], *both])
-    best_of_effect = _most_of_it(search, best, group, others, apart, unit)
+    by_effect = _nested_laws(search, best, group, others, apart, unit)
     for (effect, _, _), score in scores.items():
-        best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
-    best_of_effect[group.effect.id] = own
-    ids = list(best_of_effect)
-    # Where a law that no arm has explains it better by far, something of that shape is there that the catalogue lacks.
-    absurd = search.best_absurd(projection).values()
-    nameless = [score / unit for score, one in absurd if search.score_beside(gram, group, [*others, one]) <= 0.0]
-    logs = held.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
+        by_effect[effect] = max(by_effect.get(effect, -np.inf), score)
+    by_effect[group.effect.id] = own
+    ids = list(by_effect)
+    # A law with implausible parameters that explains it far better points to a cause that the catalogue lacks.
+    laws = search.best_implausible(projection).values()
+    unknown = [score / unit for score, law in laws if search.log_evidence_beside(gram, group, [*others, law]) <= 0.0]
+    logs = settings.temper * np.array([*by_effect.values(), *unknown, 0.0])
     weights = np.exp(logs - logs.max())
-    probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
-    ahead_of = {name: held.temper * (own - score) for name, score in best_of_effect.items() if name != group.effect.id}
-    odds = {name: float(np.exp(np.clip(nats, -MOST_NATS, MOST_NATS))) for name, nats in ahead_of.items()}
-    near = sorted((name for name, one in odds.items() if one <= held.class_odds), key=odds.__getitem__)
+    probability = settings.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
+    ahead_of = {name: settings.temper * (own - score) for name, score in by_effect.items() if name != group.effect.id}
+    odds = {name: float(np.exp(np.clip(nats, -MOST_LOG_ODDS, MOST_LOG_ODDS))) for name, nats in ahead_of.items()}
+    near = sorted((name for name, one in odds.items() if one <= settings.class_odds), key=odds.__getitem__)
     return probability, (group.effect.id, *near), odds

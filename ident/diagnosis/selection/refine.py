@@ -1,7 +1,8 @@
-"""Parameters between the points of the grid: the named effects once more, each on a finer grid around what was found.
+"""Grid refinement of accepted effects: a second pass over the recordings with fine grids around their grid points.
 
-The search needs every effect at every joint and so can afford a few points of each inner grid. Once the names are known
-a second pass over the recordings asks only for them, at many points, with the noise that the first pass found.
+The search needs columns of every effect at every joint, so its grids are coarse. This pass has columns of the accepted
+effects alone, at many points, with the noise model of the first pass; each effect in turn takes the point of greatest
+likelihood beside the others (coordinate ascent).
 """
 
 from __future__ import annotations
@@ -23,50 +24,42 @@ from ident.regression.least_squares import Prior, project
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The named effects at their best points of the finer grid, and the sums that hold this grid alone."""
+    """The accepted effects at their best points of the fine grids."""
 
-    search: Search
-    groups: tuple[Group, ...]
+    search: Search  # over the sums of the fine grids alone
+    groups: tuple[Group, ...]  # the effects at their best points
 
 
 def refine(search: Search, session: SessionContext, baseline: Baseline, groups: Sequence[Group]) -> Refined:
-    """Second pass for named effects.
+    """Finds the accepted effects' best points on fine grids.
 
     Args:
-        search: Of the first pass; it keeps the sums of the second, should the same names come again.
-        session: The runs.
-        baseline: The tuned model.
-        groups: The named effects at their points of the coarse grid.
+        search, groups: Search on the coarse grids, which caches the fine ones' sums, and the effects at coarse points.
+        session, baseline: The runs, and the tuned model.
     """
 
-    def gathered() -> Evidence:
+    def gather_fine_sums() -> Evidence:
         points = [group.effect.refined(session, group.joint, group.variant) for group in groups]
         grids = [(group.effect, group.joint, tuple(finer)) for group, finer in zip(groups, points, strict=True)]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         return gather(session, baseline, layout, search.evidence.whitening, rest=True).with_dwells()
 
-    evidence = search.finer.of(groups, gathered).with_run_spread(search.evidence.spread)
+    evidence = search.fine_grid_sums.of(groups, gather_fine_sums).with_run_spread(search.evidence.spread)
     evidence = evidence.with_dispersion(search.evidence.dispersion)
     prior = Prior.believing(evidence, baseline, search.prior.error)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
-    points: dict[Key, list[Group]] = {}
+    grid_points: dict[Key, list[Group]] = {}
     for one in evidence.layout.groups:
-        points.setdefault(one.key, []).append(one)
-    middle = {group.key: points[group.key][len(points[group.key]) // 2] for group in groups}
+        grid_points.setdefault(one.key, []).append(one)
+    middle = {group.key: grid_points[group.key][len(grid_points[group.key]) // 2] for group in groups}
     return Refined(fine, _best(fine, middle, list(middle)))
 
 
-def find_needless(fine: Refined) -> int | None:
-    """The number of a name for which the others' laws leave nothing once they lie between points of their grids.
+def find_redundant(fine: Refined) -> int | None:
+    """Index of an effect that adds no log evidence once the others lie on their fine grids, the weakest one, or None.
 
-    A point near a law's true parameters leaves a little of it, of the law's own shape: that must get no name of its
-    own.
-
-    Args:
-        fine: The names on their finer grids.
-
-    Returns:
-        Of the names for which nothing speaks any more, the one of least evidence; None where there is none.
+    A coarse grid point near a law's true parameters leaves a small residual of the law's own shape, which another
+    effect then explains.
     """
     search, groups = fine.search, fine.groups
     if len(groups) < 2:
@@ -76,27 +69,21 @@ def find_needless(fine: Refined) -> int | None:
     for group in groups:
         others = {other.key: other for other in groups if other is not group}
         near = [key for key, other in others.items() if set(group.acts_on(n)) & set(other.acts_on(n))]
-        left.append(search.score_beside(gram, group, _best(search, others, near)))
+        left.append(search.log_evidence_beside(gram, group, _best(search, others, near)))
     weakest = int(np.argmin(left))
     return weakest if left[weakest] <= 0.0 else None
 
 
 def _best(fine: Search, start: Mapping[Key, Group], keys: Sequence[Key]) -> tuple[Group, ...]:
-    """Effects at their best points beside each other.
-
-    Args:
-        fine: Sums of their finer grids.
-        start: The effects at the points to begin with, by their keys.
-        keys: Those that may move.
-    """
+    """Coordinate ascent over fine grids, from the points `start`, of the effects whose keys are given."""
     gram, best = fine.evidence.gram(), dict(start)
-    mates = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
+    points = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
     for _ in range(fine.settings.refine_rounds):
         before = dict(best)
         for key in keys:
             others = [best[other] for other in start if other != key]
             projection = project(gram, fine.evidence, fine.prior, others)
-            best[key] = mates[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in mates[key]]))]
+            best[key] = points[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in points[key]]))]
         if best == before:
             break
     return tuple(best.values())

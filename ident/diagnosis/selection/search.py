@@ -1,4 +1,10 @@
-"""Which effects: forward by group, with swaps, each name held to its gates."""
+"""Stepwise selection of effects by log evidence and held-out error: forward steps, swaps, backward elimination.
+
+In: the block sums of a session (`Evidence`), in which every candidate effect has columns at each point of its grid.
+Out: the accepted effects with the acceptance criteria that they met, and the best candidate that was rejected. A
+forward step adds the candidate of greatest log evidence that meets the criteria (`criteria`) beside those accepted
+before; then each accepted effect is optimised over its grid again, and may be swapped for a better candidate.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from ident.arrays import Array
 from ident.diagnosis.selection.candidates import Candidates
-from ident.diagnosis.selection.gates import Named, SearchResults, first_of_each_joint
+from ident.diagnosis.selection.criteria import Evaluated, SearchResults, first_of_each_joint
 from ident.effects.sensing import TorqueGainError
 from ident.regression.design import Group
 from ident.regression.least_squares import Projection, project
@@ -15,125 +21,127 @@ from ident.regression.least_squares import Projection, project
 
 @dataclass(frozen=True, eq=False)
 class Search(Candidates):
-    """Searches one session's candidates: forward steps, swaps, and points of grids that other runs know, too."""
+    """Stepwise selection among the candidate effects of one session."""
 
-    def run(self, start: Sequence[Group] = (), known: Sequence[Named] = ()) -> SearchResults:
-        """Forward steps until nothing passes.
+    def run(self, start: Sequence[Group] = (), known: Sequence[Evaluated] = ()) -> SearchResults:
+        """Forward selection until no further candidate meets the acceptance criteria.
 
         Args:
-            start: Effects to begin with, as far as they pass and are not barred by now.
-            known: Names among them that this search has tested; near one that is barred they are tested again.
+            start: Effects to begin with; those that are excluded or fail the criteria are left out.
+            known: Those evaluated before; they are evaluated again only if they share a joint with an excluded one.
         """
         gram = self.evidence.gram()
-        gone = [group for group in start if group.key in self.barred]
-        kept = [group for group in start if group.key not in self.barred]
-        named = self.standing(kept, known, self._joints(*gone))
-        ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
-        refused = None
-        while len(named) < self.settings.most_effects * self.evidence.layout.n:
-            chosen = [item.group for item in named]
+        removed = [group for group in start if group.key in self.excluded]
+        kept = [group for group in start if group.key not in self.excluded]
+        accepted = self.backward_elimination(kept, known, self._joints(*removed))
+        ladder = [self.held_out.score([item.group for item in accepted[:k]]) for k in range(len(accepted) + 1)]
+        best_rejected = None
+        while len(accepted) < self.settings.most_effects * self.evidence.layout.n:
+            chosen = [item.group for item in accepted]
             step = self._forward(gram, chosen)
             if step is None:
                 break
-            if not step.gates.passed:
-                refused = step
+            if not step.criteria.passed:
+                best_rejected = step
                 break
-            groups = self._polish(gram, [*chosen, step.group], self._joints(step.group))
-            named = [
-                # One that took another's place is judged itself.
-                replace(item, group=group) if group.key == item.group.key else self.judged_beside(gram, groups, k)
-                for k, (item, group) in enumerate(zip([*named, step], groups, strict=True))
+            groups = self._reoptimise(gram, [*chosen, step.group], self._joints(step.group))
+            accepted = [
+                # A candidate that was swapped in has not been evaluated yet.
+                replace(item, group=group) if group.key == item.group.key else self.evaluate_beside(gram, groups, k)
+                for k, (item, group) in enumerate(zip([*accepted, step], groups, strict=True))
             ]
             ladder.append(self.held_out.score(groups))
-        return SearchResults(tuple(named), tuple(ladder), refused)
+        return SearchResults(tuple(accepted), tuple(ladder), best_rejected)
 
     def best_start(self) -> list[Group]:
-        """Effects to begin with: those found step by step, or beside gains of the joints that these name no gain of.
+        """The better of two starting models: forward selection from nothing, or from gain errors at the other joints.
 
-        Gains of some joints are as good as other links and gains of all others; one name at a time never leaves the
-        wrong set. The second is kept with more evidence and fewer names, or as many that foretell better beside the
-        URDF as it is.
+        Gain errors of some joints explain about as much as other link inertias with gain errors of all other joints,
+        and single steps do not lead from one of these local optima to the other. The second is taken if its log
+        evidence is greater, and it has fewer effects, or as many and a better held-out score with the URDF's inertias
+        fixed.
         """
-        first = [item.group for item in self.run().named]
+        first = [item.group for item in self.run().accepted]
         gains = [one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id and one not in first]
-        others = [item.group for item in self.standing(gains)]
+        others = [item.group for item in self.backward_elimination(gains)]
         if not others:
             return first
-        second = [item.group for item in self.run(others).named]
-        if len(second) > len(first) or self.evidence_of(second) <= self.evidence_of(first):
+        second = [item.group for item in self.run(others).accepted]
+        if len(second) > len(first) or self.model_log_evidence(second) <= self.model_log_evidence(first):
             return first
         better = len(second) < len(first) or self.fixed.score(second).gain_over(self.fixed.score(first))[0] > 0.0
         return second if better else first
 
-    def evidence_of(self, groups: Sequence[Group]) -> float:
-        """Log evidence of a model of some effects [nats]: what each adds to those before it."""
+    def model_log_evidence(self, groups: Sequence[Group]) -> float:
+        """Log evidence of a model of several effects [nats]: the sum of what each adds to those before it."""
         gram = self.evidence.gram()
-        return sum(self.score_beside(gram, group, groups[:k]) for k, group in enumerate(groups))
+        return sum(self.log_evidence_beside(gram, group, groups[:k]) for k, group in enumerate(groups))
 
-    def standing(
-        self, start: Sequence[Group], known: Sequence[Named] = (), changed: set[int] | None = None
-    ) -> list[Named]:
-        """Effects at their best points beside each other, without those that do not pass, the weakest going first.
+    def backward_elimination(
+        self, start: Sequence[Group], known: Sequence[Evaluated] = (), changed: set[int] | None = None
+    ) -> list[Evaluated]:
+        """Optimises effects jointly over their grids, and drops those that fail the criteria, the weakest first.
 
         Args:
-            start: The effects.
-            known: Names among them that have been tested; all are if None are given.
-            changed: Joints where another name went: of known ones only those that act there are tested again.
+            start, known: The effects, and those of them that were evaluated before (none: all are evaluated).
+            changed: Joints where an effect was removed; known effects are evaluated again only if they act there.
         """
-        named, gram = {item.group: item for item in known}, self.evidence.gram()
+        accepted, gram = {item.group: item for item in known}, self.evidence.gram()
         groups = list(start)
         near = set(range(self.evidence.layout.n)) if changed is None or not known else set(changed)
         while groups and near:
-            polished = self._polish(gram, groups, near)
-            near |= self._joints(*(new for new, old in zip(polished, groups, strict=True) if new is not old))
-            groups = polished
+            reoptimised = self._reoptimise(gram, groups, near)
+            near |= self._joints(*(new for new, old in zip(reoptimised, groups, strict=True) if new is not old))
+            groups = reoptimised
             for k, group in enumerate(groups):
-                if group not in named or near & self._joints(group):
-                    named[group] = self.judged_beside(gram, groups, k)
-            failed = [group for group in groups if not named[group].gates.passed]
-            weakest = sorted(failed, key=lambda group: named[group].gates.evidence)
-            gone = first_of_each_joint([(group, self._joints(group)) for group in weakest])
-            groups, near = [group for group in groups if group not in gone], self._joints(*gone)
-        return [named[group] for group in groups]
+                if group not in accepted or near & self._joints(group):
+                    accepted[group] = self.evaluate_beside(gram, groups, k)
+            failed = [group for group in groups if not accepted[group].criteria.passed]
+            weakest = sorted(failed, key=lambda group: accepted[group].criteria.log_evidence)
+            removed = first_of_each_joint([(group, self._joints(group)) for group in weakest])
+            groups, near = [group for group in groups if group not in removed], self._joints(*removed)
+        return [accepted[group] for group in groups]
 
     def _joints(self, *groups: Group) -> set[int]:
-        """Where some effects act."""
+        """Indices of the joints where some effects act."""
         return {j for group in groups for j in group.acts_on(self.evidence.layout.n)}
 
     def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
-        """The results with some of the names at the same inner parameters; the best of the others is refused."""
-        named: list[Named] = []
+        """The results reduced to some of the accepted effects, at the same grid points.
+
+        The dropped effect of greatest log evidence becomes the best rejected candidate.
+        """
+        accepted: list[Evaluated] = []
         ladder = [found.ladder[0]]
         for k in kept:
-            item = found.named[k]
-            before = [one.group for one in named]
+            item = found.accepted[k]
+            before = [one.group for one in accepted]
             scorer = self.fixed if item.absorbed else self.held_out
             after = scorer.score([*before, item.group])
-            named.append(replace(item, before=scorer.score(before), after=after))
+            accepted.append(replace(item, before=scorer.score(before), after=after))
             ladder.append(self.held_out.score([*before, item.group]))
-        dropped = [item for k, item in enumerate(found.named) if k not in kept]
-        refused = max(dropped, key=lambda item: item.gates.evidence) if dropped else found.refused
-        return SearchResults(tuple(named), tuple(ladder), refused)
+        dropped = [item for k, item in enumerate(found.accepted) if k not in kept]
+        best_rejected = max(dropped, key=lambda item: item.criteria.log_evidence) if dropped else found.best_rejected
+        return SearchResults(tuple(accepted), tuple(ladder), best_rejected)
 
-    def _forward(self, gram: Array, chosen: Sequence[Group]) -> Named | None:
-        """The candidate of greatest evidence that passes; if none does, the greatest one."""
+    def _forward(self, gram: Array, chosen: Sequence[Group]) -> Evaluated | None:
+        """Of the candidates of greatest log evidence the first that meets the criteria; if none does, the first."""
         projection = project(gram, self.evidence, self.prior, chosen)
         best = sorted(self.best_by_key(projection, chosen).values(), key=lambda pair: -pair[0])
         short = [(score, group) for score, group in best[: self.settings.shortlist] if score > 0.0]
         if not short:
             return None
-        tried = self.judge(gram, projection, chosen, short)
-        return next((item for item in tried if item.gates.passed), tried[0])
+        tried = self.evaluate(gram, projection, chosen, short)
+        return next((item for item in tried if item.criteria.passed), tried[0])
 
-    def _polish(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
-        """Each effect in turn is left out: its inner parameters are found anew, and a better name may take its place.
+    def _reoptimise(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
+        """Coordinate ascent: each effect at its best grid point beside the others, or swapped for a better candidate.
 
-        A swap must have more evidence and do better on held-out runs by more than one standard error.
+        A swap needs greater log evidence, and held-out error that is lower by more than one standard error.
 
         Args:
-            gram: Sums of the whole session.
-            groups: The effects.
-            changed: Joints where one of them is new or another went: what acts elsewhere stays as it is.
+            gram, groups: Normal equations of the whole session, and the effects.
+            changed: Joints where an effect was added or removed; effects that act elsewhere stay as they are.
         """
         current, near = list(groups), set(changed)
         for _ in range(self.settings.polish_rounds):
@@ -146,7 +154,7 @@ class Search(Candidates):
                 best = self.best_by_key(projection, others, old)
                 current[i] = best[old.key][1]
                 rival = max(best.values(), key=lambda pair: pair[0])[1]
-                if rival.key != old.key and self._beats(projection, others, rival, current[i]):
+                if rival.key != old.key and self._predicts_better(projection, others, rival, current[i]):
                     current[i] = rival
                 if current[i] is not old:
                     moved |= self._joints(old, current[i])
@@ -155,15 +163,15 @@ class Search(Candidates):
                 break
         return current
 
-    def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
-        """Whether a rival is better on held-out runs than the holder of a name by one error.
+    def _predicts_better(self, projection: Projection, others: Sequence[Group], rival: Group, incumbent: Group) -> bool:
+        """Whether a rival predicts held-out runs better than an accepted effect by more than one standard error.
 
-        A holder that tuning absorbs is not swapped: held-out runs can't judge it.
+        Events, and effects that tuned inertias absorb, are never swapped: held-out runs cannot compare them.
         """
-        if holder.effect.event or rival.effect.event:
+        if incumbent.effect.event or rival.effect.event:
             return False
-        if holder.effect.inertia_like and self.least_seen(projection, holder):
+        if incumbent.effect.inertia_like and self.is_hidden_by_tuning(projection, incumbent):
             return False
-        old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
+        old, new = self.held_out.score([*others, incumbent]), self.held_out.score([*others, rival])
         gain, error = new.gain_over(old)
         return gain > error

@@ -6,7 +6,7 @@ from ident.records import Settings
 
 
 class SelectionSettings(Settings, table="selection"):
-    """Tests, sizes and evidence that a name needs; each field's metadata hold `unit`, `meaning` and `source`."""
+    """Thresholds of the selection; each field's metadata hold `unit`, `meaning` and `source`."""
 
 
 USUAL_SELECTION = SelectionSettings()

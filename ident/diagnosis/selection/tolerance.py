@@ -1,12 +1,12 @@
-"""Are the tuned inertias still those of the URDF's arm? What tuning absorbs, no residual shows.
+"""Prior predictive check of the tuned inertias: does their change from the URDF exceed its tolerance?
 
-A load, a scaled torque or a shifted encoder can vanish once every inertia may be tuned. What remains is that the tuned
-numbers lie where no arm of this drawing lies. With δ the change of the base parameters, prior N(0, Λ⁻¹) and posterior
+Tuned inertias absorb a load, a gain error or an encoder offset, so that no residual shows it; but they then lie where a
+URDF within tolerance is unlikely. With δ̂ the estimated change of the base parameters, prior N(0, Λ⁻¹) and posterior
 covariance Σ, an arm within tolerance has δ̂ ~ N(0, Λ⁻¹ − Σ). Along the eigenvectors of I − Lᵀ Σ L (Λ = L Lᵀ) that gives
-independent standard normal numbers, of which the largest is tested.
+independent standard normal variables, of which the largest is tested (Bonferroni).
 
-Recordings hold more misfit than the noise model knows. Where it is k times as much, a direction of which the recordings
-show the share w varies by w (w + k (1 − w)) instead of w.
+Misfit exceeds the noise model by the variance inflation k: a direction whose prior variance the recordings reduce by
+the share w then has variance w (w + k (1 − w)) instead of w.
 
 Source: Box 1980 (prior predictive check), in the coordinates of the tuned baseline.
 """
@@ -27,17 +27,17 @@ from ident.regression.least_squares import Prior, Projection
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
-    """How far out the tuned inertias lie."""
+    """Distance of the tuned inertias from the URDF, in units of its tolerance."""
 
-    deviation: float  # largest distance of a direction in standard deviations of an arm within tolerance
-    p_value: float  # of so large a distance, all directions looked at
-    torque: Float[Array, " n"]  # what the far directions amount to at each joint, root mean square [N m]
-    most_likely: float = USUAL_SELECTION.most_likely  # chance below which it is more than tolerance
+    deviation: float  # largest deviation over all directions, in standard deviations of an arm within tolerance
+    p_value: float  # of the largest deviation, corrected for the number of directions
+    torque: Float[Array, " n"]  # root mean square torque at each joint by the directions that deviate far [N m]
+    threshold: float = USUAL_SELECTION.most_likely  # p-value below which the tolerance is exceeded
 
     @property
     def exceeded(self) -> bool:
-        """Whether something else than the URDF's tolerance has been tuned away."""
-        return self.p_value < self.most_likely
+        """Whether tuning absorbed more than the URDF's tolerance allows."""
+        return self.p_value < self.threshold
 
 
 def measure_tolerance(
@@ -47,14 +47,13 @@ def measure_tolerance(
     inflation: float = 1.0,
     settings: SelectionSettings = USUAL_SELECTION,
 ) -> Tolerance:
-    """How far a solved model's inertias lie from the URDF's, against what its tolerance and the data allow.
+    """Tests a solved model's inertias against the URDF's tolerance.
 
     Args:
-        evidence: Sums of the session.
-        prior: The URDF's tolerance.
-        projection: The model, solved with it.
-        inflation: How many times the modelled variance the misfit has.
-        settings: What counts as known, far and unlikely.
+        evidence: Block sums of the session.
+        prior: Prior of the inertias, the URDF's tolerance.
+        projection, inflation: The model solved with it, and variance inflation.
+        settings: Thresholds.
     """
     rank = evidence.layout.rank
     root = np.linalg.cholesky(prior.base)

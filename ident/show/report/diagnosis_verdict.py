@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.checks.report import MISREAD
-from ident.diagnosis.heldout_gain import of_a_slide
+from ident.diagnosis.heldout_gain import in_linear_units
 from ident.diagnosis.next_experiment import joints_shown
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.verdict import above_noise
@@ -126,7 +126,7 @@ def in_units_of(joints: Iterable[str], record: Mapping[str, Any], text: str, eff
     """What is said of some joints, in the units of those that slide where all do; angles of the whole arm stay."""
     slides = {*record.get("slides", ()), *(joint for joint, gap in record.get("gap", {}).items() if "unit" in gap)}
     if set() < {*joints} <= slides:
-        text = text.replace("N m", "N") if effect in OF_THE_ARM else of_a_slide(text)
+        text = text.replace("N m", "N") if effect in OF_THE_ARM else in_linear_units(text)
     return text
 
 
@@ -180,9 +180,9 @@ def first_action(record: Mapping[str, Any]) -> str:
         return f"{scale['readings']}: {scale['remedy']}."
     named = [one for one in in_order_of_joints(record) if not joint or _acts_on(one, joint, record)]
     overtuned, hidden = overtuned_joints(record), tuned_away_joints(record)
-    believed = any(map(is_likely, named)) or not (overtuned or hidden)
+    discount_by_discrepancy = any(map(is_likely, named)) or not (overtuned or hidden)
     action = next(filter(None, (order_of(one, record) for one in named)), "")
-    if action and believed and record["verdict"] not in ("not_testable", "none_of_catalogue"):
+    if action and discount_by_discrepancy and record["verdict"] not in ("not_testable", "none_of_catalogue"):
         return f"{sentence(action)}."
     if overtuned:
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."

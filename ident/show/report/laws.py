@@ -62,7 +62,7 @@ class _Law:
         )
 
     def where(self) -> list[Array]:
-        return [item.counts[:, self.joint] for item in self.items]
+        return [item.valid[:, self.joint] for item in self.items]
 
     def gathered(self, values: Sequence[Array]) -> Float[Array, " T"]:
         """Values of all runs where the joint moves steadily."""

@@ -22,7 +22,7 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
     level = np.maximum(analysis.evidence.floor, 1e-9)
     for k, item in enumerate(analysis.series):
         width = max(1, round(MARK_LENGTH / item.step))
-        power = np.where(item.counts, (item.before / level) ** 2, 0.0)
+        power = np.where(item.valid, (item.before / level) ** 2, 0.0)
         for start in range(0, len(power) - width + 1, width):
             rows = slice(start, start + width)
             heights = power[rows].mean(axis=0)

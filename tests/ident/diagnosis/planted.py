@@ -127,7 +127,7 @@ def search_of(analysis: Analysis) -> Search:
 
 
 def named_groups(analysis: Analysis) -> list[Group]:
-    return [item.group for item in analysis.search.named]
+    return [item.group for item in analysis.search.accepted]
 
 
 def named(analysis: Analysis) -> set[tuple[str, str]]:

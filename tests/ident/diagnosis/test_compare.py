@@ -15,7 +15,7 @@ from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.permuted_sets import NullVariance, _parts
 from ident.diagnosis.change.result import ArmComparison, Side
-from ident.diagnosis.change.search import ChangeSearch, measure_standing
+from ident.diagnosis.change.search import ChangeSearch, measure_significance
 from ident.diagnosis.change.settings import CHANGE, PRIOR
 from ident.diagnosis.selection.name_probability import estimate_effects
 from ident.diagnosis.selection.refine import Refined
@@ -155,7 +155,7 @@ def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -
     ]
     widths = []
     for doubt in (STATED, BY_CURRENT):
-        found = compare(*sets, arm, (Side(), Side()), doubt=doubt)
+        found = compare(*sets, arm, (Side(), Side()), gain_uncertainty=doubt)
         (figure,) = [one.estimate.parameters["mass_kg"] for one in found.changes if one.effect == "payload"]
         assert figure.low <= LOAD.mass_kg <= figure.high
         widths.append((figure.high - figure.low) / LOAD.mass_kg)
@@ -191,8 +191,8 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
     search = searched(build_design(before, record(arm, plant, range(10, 14)), arm))
     change = next(one for one in search.evidence.layout.groups if one.key == ("friction_change", 1, None))
     likely = [one for one in search.candidates(()) if one.joint == 1 and one.key != change.key]
-    assert search.stands_in(likely[0], (), [change]) is not alone
-    assert not search.stands_in(likely[0], (), [])
+    assert search.is_friction_drift(likely[0], (), [change]) is not alone
+    assert not search.is_friction_drift(likely[0], (), [])
 
 
 @pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
@@ -232,19 +232,19 @@ def test_friction_of_another_day_is_no_change(arm: ArmModel, before: list[Motion
 
 def test_friction_that_wanders_adds_up_in_a_session_and_begins_anew_in_the_next() -> None:
     """A mean of more runs in a row is off by more; the same runs from two days instead of one are off by less."""
-    one, two = (DayToDay(step=0.1, sessions=(days, days)) for days in (1, 2))
-    assert one.walk((12, 12)) == pytest.approx(2.0 * one.walk((6, 6)))
-    assert one.walk((6, 6)) == pytest.approx(4.0 * two.walk((6, 6)))
-    assert DayToDay().walk((6, 6)) == 0.0
+    one, two = (DayToDay(walk_std=0.1, sessions=(days, days)) for days in (1, 2))
+    assert one.walk_variance((12, 12)) == pytest.approx(2.0 * one.walk_variance((6, 6)))
+    assert one.walk_variance((6, 6)) == pytest.approx(4.0 * two.walk_variance((6, 6)))
+    assert DayToDay().walk_variance((6, 6)) == 0.0
 
 
 def test_friction_that_wanders_as_usual_is_known_without_dealing_runs() -> None:
     """Law: few dealings cost odds where what laws gain by them decides, not where the usual spread of runs does."""
-    day = DayToDay(error=0.1, step=0.07)
+    day = DayToDay(between_day_std=0.1, walk_std=0.07)
     usual, misfit = (
-        measure_standing(1000.0, 2, (1e-3, 60), NullVariance(ratio, 20.0), day, (6, 6)) for ratio in (1.2, 40.0)
+        measure_significance(1000.0, 2, (1e-3, 60), NullVariance(ratio, 20.0), day, (6, 6)) for ratio in (1.2, 40.0)
     )
-    assert (usual.of_the_day, misfit.of_the_day) == (True, False)
+    assert (usual.mostly_between_days, misfit.mostly_between_days) == (True, False)
 
 
 def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, before: list[Motion]) -> None:
@@ -253,7 +253,7 @@ def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, b
     search = searched(design)
     groups = {(one.effect.id, one.joint): one for one in search.evidence.layout.groups}
     names = [groups["friction_change", 1], groups["torque_ripple", 2]]
-    judged = [search.judged_beside(search.evidence.gram(), names, slot) for slot in range(2)]
+    judged = [search.evaluate_beside(search.evidence.gram(), names, slot) for slot in range(2)]
     fine = Refined(search, tuple(names))
     usual, wide = (estimate_effects(search, fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
     one, three = (found[0].parameters["coulomb_change_Nm"] for found in (usual, wide))
@@ -288,7 +288,7 @@ def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -
 def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Motion]) -> None:
     """Half of each side in either, none twice; where the model holds laws gain there what noise alone gives."""
     design = build_design(before, record(arm, wrong_everywhere, range(10, 14)), arm)
-    dealt = [frozenset(one.tolist()) for one in design.permuted.dealings]
+    dealt = [frozenset(one.tolist()) for one in design.permuted.permutations]
     assert {(len(one & set(range(4))), len(one & set(range(4, 8)))) for one in dealt} == {(2, 2)}
     assert len({frozenset({one, frozenset(range(8)) - one}) for one in dealt}) == len(dealt) > 3
     groups = {one.key: one for one in design.sums.evidence.layout.groups if one.joint == 1 and not one.borrows}
@@ -310,8 +310,8 @@ def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, be
     after = record(arm, with_bracket, range(10, 14))
     first = build_design(before, after, arm)
     search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
-    asked = place_bodies(search, (), first.session, first.asked)
-    design = build_design(before, after, arm, known=first.known, asked=asked)
+    effects = place_bodies(search, (), first.session, first.effects)
+    design = build_design(before, after, arm, earlier=first.estimates, effects=effects)
     model = project(design.sums.evidence.gram(), design.sums.evidence, design.prior)
     groups = [one for one in design.sums.evidence.layout.groups if one.key == ("link_inertial_error", 2, None)]
     usual, placed = groups

@@ -8,7 +8,7 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.detection_limits import SizeLimit, encoder_share, find_limits
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.reservations import find_uneven
+from ident.diagnosis.reservations import find_heterogeneous
 from ident.diagnosis.selection.agreement import compare_sizes, measure_agreement
 from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import find_effect
@@ -39,10 +39,10 @@ def test_what_is_in_every_run_agrees(analysis: Analysis) -> None:
     """Law: of a cause that is there the sizes differ by little, around that of the whole."""
     search, groups = search_of(analysis), named_groups(analysis)
     found = measure_agreement(search, groups, 0)
-    assert found.spread < 0.15
-    assert found.least < 1.01
-    assert found.most > 0.99
-    assert not find_uneven(search, groups, [0])
+    assert found.between_fold_std < 0.15
+    assert found.smallest < 1.01
+    assert found.largest > 0.99
+    assert not find_heterogeneous(search, groups, [0])
 
 
 def test_a_run_that_hardly_moves_is_no_witness() -> None:
@@ -51,17 +51,17 @@ def test_a_run_that_hardly_moves_is_no_witness() -> None:
     size = np.array([0.02, -0.03, 0.01, -0.02, 0.02, -1.05])
     still = compare_sizes(size, seen, np.where(size < -1.0, 3600.0 * seen, seen), blocks)
     assert still.p_value > 0.1
-    assert still.spread < 0.1
-    assert still.least > 0.8
+    assert still.between_fold_std < 0.1
+    assert still.smallest > 0.8
     moving = compare_sizes(size, seen, seen, blocks)
     assert moving.p_value < 1e-6
-    assert moving.spread > 0.3
-    assert moving.least < 0.1
+    assert moving.between_fold_std > 0.3
+    assert moving.smallest < 0.1
 
 
 def without_it_in_half_of_the_runs(analysis: Analysis) -> tuple[Search, Group]:
     """The search of a session whose only name is taken out of half of its runs, and that name."""
-    search, group = search_of(analysis), analysis.search.named[0].group
+    search, group = search_of(analysis), analysis.search.accepted[0].group
     evidence = search.evidence
     whole = project(evidence.gram(), evidence, search.prior, [group])
     local = list(evidence.layout.local[group.joint])
@@ -85,15 +85,15 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
     other, group = without_it_in_half_of_the_runs(analysis)
     found = measure_agreement(other, [group], 0)
     assert found.p_value < 1e-6
-    assert found.spread > 0.5
-    assert "differs between parts of the recordings" in find_uneven(other, [group], [0])[0]
+    assert found.between_fold_std > 0.5
+    assert "differs between parts of the recordings" in find_heterogeneous(other, [group], [0])[0]
 
 
 def test_what_acts_beyond_a_bound_may_differ(short_arm: ArmModel) -> None:
     """Law: how large a law of slow motion seems hangs on how slow a run is: nothing is said against it."""
     other, group = without_it_in_half_of_the_runs(analyse(short_arm, stribeck_on_1))
-    assert measure_agreement(other, [group], 0).spread > 0.3
-    assert not find_uneven(other, [group], [0])
+    assert measure_agreement(other, [group], 0).between_fold_std > 0.3
+    assert not find_heterogeneous(other, [group], [0])
 
 
 def test_a_heavier_link_is_so_in_every_run(short_arm: ArmModel) -> None:
@@ -108,9 +108,9 @@ def test_a_heavier_link_is_so_in_every_run(short_arm: ArmModel) -> None:
     analysis = analyse(short_arm, heavier, [find_effect("link_inertial_error")])
     search, groups = search_of(analysis), [one for one in analysis.evidence.layout.groups if one.joint == 1]
     hidden, tuned = (measure_agreement(search, groups, 0, absorbed) for absorbed in (True, False))
-    assert hidden.spread < 0.1
-    assert abs(hidden.most - 1.0) < 0.1
-    assert hidden.most - hidden.least <= tuned.most - tuned.least
+    assert hidden.between_fold_std < 0.1
+    assert abs(hidden.largest - 1.0) < 0.1
+    assert hidden.largest - hidden.smallest <= tuned.largest - tuned.smallest
 
 
 @pytest.mark.parametrize(("multiple", "is_named"), [(0.2, False), (1.2, True)])

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
+from ident.diagnosis.selection.urdf_scale import fit_urdf_error, log_bayes_factor
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.regression.baseline import UrdfError
 from ident.regression.friction_sums import FrictionSums
@@ -74,7 +74,7 @@ def test_what_a_run_has_of_its_own_friction_is_taken_out(healthy: Analysis) -> N
     for left, least, most in ((rubbing, 0.0, 0.05), (other, 0.9, 1.0)):
         after = replace(run, after=left + noise).without_friction_level(spread).after
         for j in range(3):
-            where = run.counts[:, j]
+            where = run.valid[:, j]
             assert least <= np.std(after[where, j]) / np.std(left[where, j]) <= most
 
 
@@ -105,11 +105,10 @@ def test_a_link_stands_out_or_all_are_wrong(
 
     analysis = analyse(short_arm, difference, [find_effect("link_inertial_error")])
     search, session = search_of(analysis), analysis.session
-    added = [
-        added_evidence(search, session, analysis.baseline, group, [], 1.0) for group in search.evidence.layout.groups
-    ]
+    groups = search.evidence.layout.groups
+    added = [log_bayes_factor(search, session, analysis.baseline, group, [], 1.0) for group in groups]
     assert bool(max(added) > np.log(USUAL_SELECTION.inertial_odds * len(added))) is one
-    assert best_belief(search, analysis.baseline, [], 1.0).error.scale >= (2.0 if one else 1.0)
+    assert fit_urdf_error(search, analysis.baseline, [], 1.0).error.scale >= (2.0 if one else 1.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -169,4 +168,4 @@ def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spre
 
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
     """Law: where the inertias are right, no wider belief has more evidence than the one that one starts from."""
-    assert best_belief(search_of(healthy), healthy.baseline, [], 1.0).error == UrdfError()
+    assert fit_urdf_error(search_of(healthy), healthy.baseline, [], 1.0).error == UrdfError()

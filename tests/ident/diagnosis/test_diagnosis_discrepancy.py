@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.diagnose import NO_LAW, diagnose
+from ident.diagnosis.diagnose import NOT_BEYOND_DISCREPANCY, diagnose
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.motion.motion import Motion
@@ -57,7 +57,7 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
     other; where it explains all that there is, little is left for a discrepancy and its Bayes factor is large.
     """
     analysis = analyse(short_arm, loaded, [find_effect("payload")])
-    evidence, (name,) = analysis.evidence, analysis.search.named
+    evidence, (name,) = analysis.evidence, analysis.search.accepted
     prior = Prior.of(evidence, analysis.baseline.prior)
     posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, prior, [name.group], [1, 2])
     both, first, second = (posterior.beside(0, joints) for joints in ([1, 2], [1], [2]))
@@ -69,11 +69,11 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
 
 def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmModel) -> None:
     """Law: of a name that is believed less than the least, the result says why, and that something is there."""
-    verdict = replace(USUAL.verdict, even_odds=1.1)
-    settings = replace(USUAL, verdict=verdict)
+    settings = replace(USUAL, verdict=replace(USUAL.verdict, even_odds=1.1))
     found = diagnose(record(short_arm, spring_on_3), short_arm, CATALOGUE, common_clock=False, settings=settings)
     assert found.diagnosis.findings == ()
-    assert ("spring_torque", NO_LAW) in {(one.effect, one.reason) for one in found.diagnosis.reservations}
+    reasons = {(one.effect, one.reason) for one in found.diagnosis.reservations}
+    assert ("spring_torque", NOT_BEYOND_DISCREPANCY) in reasons
     assert found.diagnosis.verdict == "none_of_catalogue"
 
 

@@ -331,12 +331,12 @@ def test_a_law_in_the_model_keeps_its_signs(short_arm: ArmModel) -> None:
     at_2 = [group for group in search.evidence.layout.groups if group.joint == 1]
     (gain,) = (group for group in at_2 if group.effect.id == "torque_gain_error")
     gram = search.evidence.gram()
-    alone = search.score_beside(gram, gain, [])
+    alone = search.log_evidence_beside(gram, gain, [])
     for friction in (group for group in at_2 if group.effect.id == "load_dependent_friction"):
         model = project(gram, search.evidence, search.prior, [friction])
         own = model.estimate[np.isin(model.inside, friction.columns)]
         assert own[list(friction.signed)].min() > -1e-3 * np.abs(own).max()
-        assert search.score_beside(gram, gain, [friction]) > 0.5 * alone
+        assert search.log_evidence_beside(gram, gain, [friction]) > 0.5 * alone
         scores = search.held_out.score([friction]), search.held_out.score([friction, gain])
         assert scores[1].gain_over(scores[0])[0] > 0.25 * alone
 

@@ -12,7 +12,7 @@ from ident.diagnosis.from_reports import caveat_of
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.settings import USUAL_VERDICT
-from ident.diagnosis.verdict import believed
+from ident.diagnosis.verdict import discount_by_discrepancy
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.recordings.recording import Payload, TelemetryIssue
 from ident.regression.posterior import Beside
@@ -121,7 +121,8 @@ def test_a_name_is_believed_by_what_it_adds_to_a_discrepancy(short_arm: ArmModel
     (finding,) = analyse(short_arm, spring_on_3).diagnosis.findings
 
     def seen(added: float, left: float = 0.0) -> Estimate:
-        return believed([finding.estimate], [Beside(gain=1000.0, left=left, instead=1000.0 + left - added)])[0]
+        law = Beside(gain=1000.0, left=left, instead=1000.0 + left - added)
+        return discount_by_discrepancy([finding.estimate], [law])[0]
 
     whole, half = seen(1e5), seen(USUAL_VERDICT.trust_nats, 1000.0)
     assert whole.probability == pytest.approx(finding.estimate.probability, abs=0.05)
@@ -186,7 +187,7 @@ def test_gains_of_two_joints_are_found_together(short_arm: ArmModel, reads: floa
     assert set(found) == {("torque_gain_error", joint) for joint in short_arm.joint_names[1:]}
     assert all(one.low < reads - 1.0 < one.high for one in found.values())
     groups, search = named_groups(analysis), search_of(analysis)
-    assert search.evidence_of(groups) == pytest.approx(search.evidence_of(groups[::-1]))
+    assert search.model_log_evidence(groups) == pytest.approx(search.model_log_evidence(groups[::-1]))
 
 
 LOAD = Payload(1.2, (0.0, 0.05, 0.08))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.selection.name_probability import is_certain, solve_effects, weigh_rivals, widened
+from ident.diagnosis.selection.name_probability import compare_rivals, is_significant, solve_effects, widen_interval
 from ident.diagnosis.selection.profile import Profile
-from ident.diagnosis.selection.refine import find_needless, refine
+from ident.diagnosis.selection.refine import find_redundant, refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, Variant
 from ident.effects.catalogue import find_effect
@@ -51,19 +51,19 @@ def test_what_a_law_leaves_between_the_points_of_its_grid_needs_no_name(short_ar
     both needed.
     """
     curved = analyse(short_arm, curved_on_1)
-    assert [item.group.key[:2] for item in curved.search.named] == [("nonlinear_viscous_friction", 0)]
+    assert [item.group.key[:2] for item in curved.search.accepted] == [("nonlinear_viscous_friction", 0)]
     search = search_of(curved)
     best = search.best_by_key(project(curved.evidence.gram(), curved.evidence, search.prior, named_groups(curved)))
     score, second = best["stribeck_friction", 0, None]
     assert score > 10.0
     fine = refine(search, curved.session, curved.baseline, [*named_groups(curved), second])
-    assert find_needless(fine) == 1
+    assert find_redundant(fine) == 1
 
     both = analyse(short_arm, lambda *states: curved_on_1(*states) + load_friction_on_2(*states))
     search = search_of(both)
     groups = named_groups(both)
     assert {group.key[:2] for group in groups} >= {("nonlinear_viscous_friction", 0), ("load_dependent_friction", 1)}
-    assert find_needless(refine(search, both.session, both.baseline, groups)) is None
+    assert find_redundant(refine(search, both.session, both.baseline, groups)) is None
 
 
 def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_arm: ArmModel) -> None:
@@ -80,14 +80,14 @@ def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_
         for score, group in sorted(best.values(), key=lambda pair: -pair[0])
         if group.joint == 0 and group.effect.id not in ("stribeck_friction", "presliding_hysteresis")
     )
-    barred = replace(search, barred=frozenset({truth.key}))
-    absurd = replace(barred, absurd=frozenset({truth.key}))
+    excluded = replace(search, excluded=frozenset({truth.key}))
+    implausible = replace(excluded, implausible=frozenset({truth.key}))
     assert (
-        weigh_rivals(absurd, projection, weaker, [], 1.0)[0]
-        < 0.01 * weigh_rivals(barred, projection, weaker, [], 1.0)[0]
+        compare_rivals(implausible, projection, weaker, [], 1.0)[0]
+        < 0.01 * compare_rivals(excluded, projection, weaker, [], 1.0)[0]
     )
-    elsewhere = replace(search, absurd=frozenset({weaker.key}), barred=frozenset({weaker.key}))
-    assert weigh_rivals(elsewhere, projection, truth, [], 1.0)[0] > 0.9
+    elsewhere = replace(search, implausible=frozenset({weaker.key}), excluded=frozenset({weaker.key}))
+    assert compare_rivals(elsewhere, projection, truth, [], 1.0)[0] > 0.9
 
 
 def test_certain_is_what_chance_makes_in_one_of_twenty() -> None:
@@ -96,10 +96,10 @@ def test_certain_is_what_chance_makes_in_one_of_twenty() -> None:
     root = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [-0.3, 0.2, 2.0]])
     cells = root @ root.T
     draws = rng.normal(size=(2000, 3)) @ root.T
-    assert np.mean([is_certain(one, cells, (0, 2)) for one in draws]) == pytest.approx(0.05, abs=0.015)
+    assert np.mean([is_significant(one, cells, (0, 2)) for one in draws]) == pytest.approx(0.05, abs=0.015)
     # Neither is far from zero alone; their difference is.
-    assert is_certain(np.array([1.0, -1.0, 0.0]), cells, (0, 1))
-    assert not is_certain(np.array([9.0, 9.0, 9.0]), cells, ())
+    assert is_significant(np.array([1.0, -1.0, 0.0]), cells, (0, 1))
+    assert not is_significant(np.array([9.0, 9.0, 9.0]), cells, ())
 
 
 def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:
@@ -169,12 +169,12 @@ def test_intervals_hold_what_laws_may_differ() -> None:
     """Law: no interval is narrower than an arm's own law may be off, but of parameters that are counted."""
     sharp = Interval(2.0, 1.99, 2.01)
     doubt = find_effect("torque_ripple").doubt
-    wide = widened(sharp, doubt.of("amplitude_Nm", 2.0))
+    wide = widen_interval(sharp, doubt.of("amplitude_Nm", 2.0))
     assert wide.value == 2.0
     assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
-    assert widened(sharp, doubt.of("order", 2.0)) == sharp
+    assert widen_interval(sharp, doubt.of("order", 2.0)) == sharp
     # A size that may be nothing is never less: a knee in speed is not a negative speed. A place may lie on either side.
     edge = Interval(2.0, 0.0, 3.0)
-    assert widened(edge, doubt.of("amplitude_Nm", 2.0)).low == 0.0
-    assert widened(edge, doubt.of("phase_rad", 2.0), place=True).low < 0.0
-    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))
+    assert widen_interval(edge, doubt.of("amplitude_Nm", 2.0)).low == 0.0
+    assert widen_interval(edge, doubt.of("phase_rad", 2.0), place=True).low < 0.0
+    assert widen_interval(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))

@@ -11,7 +11,7 @@ from ident.api.diagnosing import first_runs
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.sequential import find_missing, look_until, share_of_look, spend
+from ident.diagnosis.sequential import diagnose_sequentially, find_missing, share_of_look, spend
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, find_effect
@@ -46,7 +46,7 @@ def test_it_stops_when_it_is_sure() -> None:
         asked.append((runs, settings))
         return empty("no_gap" if runs >= 8 else "not_testable", runs)
 
-    found = look_until(look, 30, 0.9)
+    found = diagnose_sequentially(look, 30, 0.9)
     assert [runs for runs, _ in asked] == [5, 8]
     assert asked[1][1].selection.least_nats > asked[0][1].selection.least_nats
     assert found.looks[1].family_error < found.looks[0].family_error < 0.05
@@ -56,7 +56,7 @@ def test_it_stops_when_it_is_sure() -> None:
 
 
 def test_what_is_missing_is_told_at_the_end() -> None:
-    found = look_until(lambda runs, settings: empty("none_of_catalogue", runs), 9, 0.9)
+    found = diagnose_sequentially(lambda runs, settings: empty("none_of_catalogue", runs), 9, 0.9)
     assert not found.enough
     assert len(found.looks) == 3
     assert "the gap has no name" in describe_looks(found.to_dict())
@@ -65,7 +65,7 @@ def test_what_is_missing_is_told_at_the_end() -> None:
 @pytest.mark.parametrize("sure", [0.2, 0.999, float("nan")])
 def test_what_nobody_can_be_is_refused(sure: float) -> None:
     with pytest.raises(InputError, match="until"):
-        look_until(lambda runs, settings: empty("no_gap", runs), 9, sure)
+        diagnose_sequentially(lambda runs, settings: empty("no_gap", runs), 9, sure)
 
 
 # A flexible function of the state imitates a spring well: its name is no surer than some nine in ten.
@@ -80,13 +80,13 @@ def test_a_planted_spring_is_sure_and_is_not_sure_enough_for_more(short_arm: Arm
     def look(runs: int, settings: DiagnosisSettings) -> Diagnosis:
         return diagnose(motions[:runs], short_arm, effects, common_clock=False, settings=settings).diagnosis
 
-    found = look_until(look, len(motions), SURE)
+    found = diagnose_sequentially(look, len(motions), SURE)
     assert found.enough
     assert [one.effect for one in found.diagnosis.findings] == ["spring_torque"]
     (finding,) = found.diagnosis.findings
     doubtful = replace(finding, estimate=replace(finding.estimate, probability=0.7))
     (words,) = find_missing(replace(found.diagnosis, findings=(doubtful,)), SURE)
-    assert words == "spring_torque of joint_3 is sure to 0.70"
+    assert words == "spring_torque of joint_3 has probability 0.70"
 
 
 def test_looks_take_the_first_runs_across_sessions() -> None:

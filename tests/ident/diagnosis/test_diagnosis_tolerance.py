@@ -11,7 +11,7 @@ from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.selection.urdf_scale import Belief
+from ident.diagnosis.selection.urdf_scale import UrdfErrorFit
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
@@ -27,7 +27,7 @@ from tests.ident.made_up import made_motions
 def tolerance_of(analysis: Analysis) -> Tolerance:
     """Of the baseline with all that was named."""
     evidence, prior = analysis.evidence, Prior.of(analysis.evidence, analysis.baseline.prior)
-    groups = [item.group for item in analysis.search.named]
+    groups = [item.group for item in analysis.search.accepted]
     return measure_tolerance(evidence, prior, project(evidence.gram(), evidence, prior, groups))
 
 
@@ -67,14 +67,14 @@ def test_a_load_that_is_not_likely_enough_gets_no_name(short_arm: ArmModel, monk
     """Law: log odds below what loads need bar the name, also where no other belief about the URDF takes its place."""
     catalogue = [find_effect("payload"), find_effect("stribeck_friction")]
 
-    def no_other(search: Search, *_: object) -> Belief:
-        return Belief(search.prior.error, 0.0)
+    def no_other(search: Search, *_: object) -> UrdfErrorFit:
+        return UrdfErrorFit(search.prior.error, 0.0)
 
-    monkeypatch.setattr(alternate, "added_evidence", lambda search, *_: search.inertial_nats - 1.0)
-    monkeypatch.setattr(alternate, "best_belief", no_other)
+    monkeypatch.setattr(alternate, "log_bayes_factor", lambda search, *_: search.inertial_threshold - 1.0)
+    monkeypatch.setattr(alternate, "fit_urdf_error", no_other)
     motions = record(short_arm, loaded)
     assert not diagnose(motions, short_arm, catalogue, common_clock=False).diagnosis.findings
-    monkeypatch.setattr(alternate, "added_evidence", lambda search, *_: search.inertial_nats + 1.0)
+    monkeypatch.setattr(alternate, "log_bayes_factor", lambda search, *_: search.inertial_threshold + 1.0)
     assert diagnose(motions, short_arm, catalogue, common_clock=False).diagnosis.findings
 
 

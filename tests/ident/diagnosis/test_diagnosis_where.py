@@ -11,12 +11,12 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
 from ident.diagnosis.gap.gap_map import Place, map_gap
 from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, spread_of_runs, spreads
-from ident.diagnosis.gap.place_ranking import Harm, NamedPlace, measure_harm, rank_places
+from ident.diagnosis.gap.place_ranking import ExcessError, ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP, USUAL_REPLAY
 from ident.diagnosis.gap.shapley import shapley_shares
-from ident.diagnosis.heldout_gain import OF_A_SLIDE, of_a_slide
+from ident.diagnosis.heldout_gain import LINEAR_UNITS, in_linear_units
 from ident.effects.catalogue import find_effect
 from ident.regression.cross_validation import HeldOut
 from ident.robot.arm import ArmModel
@@ -36,7 +36,7 @@ def with_gap(analysis: Analysis, seed: int, axis: str, size: float = 2.0, ratio:
     rng = np.random.default_rng(seed)
     level = analysis.evidence.whitening.level
     pick = session_axes(analysis.series)[axis]
-    low = np.quantile(np.concatenate([pick(item, 1)[item.counts[:, 1]] for item in analysis.series]), 0.3)
+    low = np.quantile(np.concatenate([pick(item, 1)[item.valid[:, 1]] for item in analysis.series]), 0.3)
 
     def noisy(item: RunResidual) -> Array:
         left = size * level * rng.standard_normal(item.before.shape)
@@ -56,7 +56,7 @@ def sure(places: list[Place]) -> set[tuple[str, str]]:
 def test_a_gap_is_found_where_it_is(healthy: Analysis, axis: str) -> None:
     """Law: where the residual is thrice as large at an axis's low end, the lowest cell is significant and dense."""
     places = [p for p in with_gap(healthy, 1, axis) if p.axis == axis and p.joint == "joint_2"]
-    (best,) = rank_places({"before": places}, {"joint_2": Harm(2.0)}, replace(USUAL_MAP, places_told=1))
+    (best,) = rank_places({"before": places}, {"joint_2": ExcessError(2.0)}, replace(USUAL_MAP, places_told=1))
     assert best == replace(places[0], beyond_noise_Nm=2.0)
     assert best.p_value <= USUAL_MAP.significant
     assert best.share_of_gap > 1.5 * best.share_of_time
@@ -76,8 +76,8 @@ def test_a_gap_of_few_samples_has_a_place(healthy: Analysis) -> None:
     kept = 12 // len(healthy.series)
 
     def thinned(item: RunResidual) -> RunResidual:
-        counts = item.counts & (np.cumsum(item.counts, axis=0) <= kept)
-        return replace(item, counts=counts, before=np.full_like(item.before, 5.0 * healthy.evidence.whitening.level))
+        valid = item.valid & (np.cumsum(item.valid, axis=0) <= kept)
+        return replace(item, valid=valid, before=np.full_like(item.before, 5.0 * healthy.evidence.whitening.level))
 
     series = [thinned(item) for item in healthy.series]
     places = map_gap(series, JOINTS, healthy.evidence.whitening, np.random.default_rng(0))["before"]
@@ -88,35 +88,35 @@ def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_va
     return Place(joint, axis, low, low + 1.0, gap, time, None, p_value)
 
 
-def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
-    """Law: by torque beyond noise of the model that errs less, with what tuning hides of a cause.
+def test_joints_rank_by_error_beyond_noise_and_none_without_a_gap() -> None:
+    """Law: joints rank by their error beyond noise; hidden torque adds as squares do, up to the larger error.
 
-    Whoever is named first; what is hidden adds as squares do, never to more than the model errs by that errs more. Only
-    a torque that is off by a factor comes before a larger gap, for all sizes there are off with it.
+    A torque that is wrong by a factor comes first, for all sizes there are wrong with it.
     """
     errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
     noise, none = np.ones(3), np.zeros(3)
 
-    def harm(*names: NamedPlace, away: Array = none) -> dict[str, Harm]:
-        return measure_harm(JOINTS, errors, away, noise, names, loud=1.15)
+    def rank(*names: ReportedCause, away: Array = none) -> dict[str, ExcessError]:
+        return measure_excess_errors(JOINTS, errors, away, noise, names, threshold=1.15)
 
-    assert list(harm()) == ["joint_3", "joint_1"]
-    assert harm()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
-    own = NamedPlace(("joint_1",), {"joint_1": 0.0})
-    assert list(harm(own)) == ["joint_3", "joint_1"]
-    hidden = harm(NamedPlace(("joint_2",), {"joint_2": np.inf, "joint_3": 1.0}))
+    assert list(rank()) == ["joint_3", "joint_1"]
+    assert rank()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
+    own = ReportedCause(("joint_1",), {"joint_1": 0.0})
+    assert list(rank(own)) == ["joint_3", "joint_1"]
+    hidden = rank(ReportedCause(("joint_2",), {"joint_2": np.inf, "joint_3": 1.0}))
     assert list(hidden) == ["joint_3", "joint_2", "joint_1"]
-    assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
-    assert hidden["joint_3"] == Harm(pytest.approx(5.0), "before")
-    assert list(harm(NamedPlace(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0}))) == ["joint_3", "joint_2", "joint_1"]
-    off = NamedPlace(("joint_1", "joint_2"), {"joint_1": np.inf, "joint_2": np.inf}, is_factor=True)
-    assert list(harm(off)) == ["joint_2", "joint_1", "joint_3"]
-    away = harm(away=np.array([0.0, 2.0, 0.5]))
-    assert away["joint_2"] == Harm(pytest.approx(np.sqrt(1.05**2 + 3.0)), "fixed")
-    assert away["joint_3"] == harm()["joint_3"]
+    assert hidden["joint_2"] == ExcessError(pytest.approx(np.sqrt(15.0)), "fixed")
+    assert hidden["joint_3"] == ExcessError(pytest.approx(5.0), "before")
+    both = ReportedCause(("joint_1",), {"joint_1": 9.0, "joint_2": 9.0})
+    assert list(rank(both)) == ["joint_3", "joint_2", "joint_1"]
+    off = ReportedCause(("joint_1", "joint_2"), {"joint_1": np.inf, "joint_2": np.inf}, is_factor=True)
+    assert list(rank(off)) == ["joint_2", "joint_1", "joint_3"]
+    away = rank(away=np.array([0.0, 2.0, 0.5]))
+    assert away["joint_2"] == ExcessError(pytest.approx(np.sqrt(1.05**2 + 3.0)), "fixed")
+    assert away["joint_3"] == rank()["joint_3"]
     errors["fixed"][2] = 1.1
-    assert list(harm()) == ["joint_1"]
-    assert harm(own, NamedPlace(("joint_3",), {"joint_3": 0.0}))["joint_3"].view == "fixed"
+    assert list(rank()) == ["joint_1"]
+    assert rank(own, ReportedCause(("joint_3",), {"joint_3": 0.0}))["joint_3"].view == "fixed"
 
 
 def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
@@ -132,7 +132,7 @@ def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
         place("joint_3", "time", 0.24, 0.2, p_value=0.7),
         place("joint_3", "time", 0.16, 0.2, low=1.0),
     ]
-    ranked = rank_places({"before": cells}, {"joint_3": Harm(3.0), "joint_1": Harm(1.0)})
+    ranked = rank_places({"before": cells}, {"joint_3": ExcessError(3.0), "joint_1": ExcessError(1.0)})
     assert [(p.joint, p.axis, p.share_of_gap) for p in ranked] == [("joint_3", "time", 0.24), ("joint_1", "load", 0.5)]
     assert [p.beyond_noise_Nm for p in ranked] == [3.0, 1.0]
 
@@ -158,8 +158,8 @@ def held_out(pair: Analysis) -> HeldOut:
 def test_unseen_residuals_have_the_held_out_rms(pair: Analysis, held_out: HeldOut) -> None:
     """Law: the series of held-out residuals and the sums of the held-out score are the same numbers."""
     for name, groups in (("unseen_before", []), ("unseen_after", named_groups(pair))):
-        left = [np.where(item.counts, getattr(item, name), 0.0) for item in pair.series]
-        count = np.sum([item.counts.sum(axis=0) for item in pair.series], axis=0)
+        left = [np.where(item.valid, getattr(item, name), 0.0) for item in pair.series]
+        count = np.sum([item.valid.sum(axis=0) for item in pair.series], axis=0)
         rms = np.sqrt(np.sum([np.sum(part**2, axis=0) for part in left], axis=0) / count)
         np.testing.assert_allclose(rms, held_out.score(groups).rms, rtol=1e-9)
 
@@ -229,13 +229,13 @@ def test_a_single_run_has_no_spread_and_the_record_says_why() -> None:
     assert spreads(0.0, 1.0) == {"energy_error_before_std_J": 0.0, "energy_error_after_std_J": 1.0}
 
 
-@pytest.mark.parametrize(("turning", "sliding"), list(OF_A_SLIDE.items()))
+@pytest.mark.parametrize(("turning", "sliding"), list(LINEAR_UNITS.items()))
 def test_every_unit_of_a_turning_joint_has_one_of_a_sliding_joint(turning: str, sliding: str) -> None:
-    assert of_a_slide(f"it takes 3 {turning} (1 to 5 {turning})") == f"it takes 3 {sliding} (1 to 5 {sliding})"
+    assert in_linear_units(f"it takes 3 {turning} (1 to 5 {turning})") == f"it takes 3 {sliding} (1 to 5 {sliding})"
 
 
 def test_a_curved_law_of_a_slide_is_a_force_over_a_speed_in_metres() -> None:
-    told = of_a_slide("at 0.5 rad/s 2.1 N m [1, 3] more than on the straight line from rest to 1 rad/s")
+    told = in_linear_units("at 0.5 rad/s 2.1 N m [1, 3] more than on the straight line from rest to 1 rad/s")
     assert told == "at 0.5 m/s 2.1 N [1, 3] more than on the straight line from rest to 1 m/s"
 
 
@@ -284,7 +284,7 @@ def test_energy_error_is_minus_the_work_of_what_is_left(pair: Analysis) -> None:
     item = pair.series[0]
     work = run_energy(item, np.ones_like(item.before))
     moved = [
-        sum(float(np.trapezoid(item.speed[part, j], dx=item.step)) for part in _stretches(item.counts[:, j]))
+        sum(float(np.trapezoid(item.speed[part, j], dx=item.step)) for part in _stretches(item.valid[:, j]))
         for j in range(3)
     ]
     np.testing.assert_allclose(work, -np.array(moved), atol=0.15)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.gap.ceiling import Ceiling
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.verdict import find_unexplained, score_outside
 
 NOISE = 1.0

@@ -9,11 +9,11 @@ import pytest
 
 from ident import InputError
 from ident import diagnose as diagnose_files
-from ident.diagnosis.alternate import _or_doubted
+from ident.diagnosis.alternate import _with_rejected
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.named_links import _leads
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.gates import Gates, Named, SearchResults, first_of_each_joint
+from ident.diagnosis.selection.criteria import AcceptanceCriteria, Evaluated, SearchResults, first_of_each_joint
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.settings import USUAL
@@ -21,58 +21,58 @@ from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, load_friction_on_2, record, search_of, spring_on_3
 
-CLEAR = Gates(
+CLEAR = AcceptanceCriteria(
     log_score=(300.0, 60.0),
     closed=(0.3, 0.05),
     rms_fall=0.05,
     gap_fall=0.6,
-    own_share=0.5,
-    evidence=280.0,
+    initial_gap_share=0.5,
+    log_evidence=280.0,
     absorbed=False,
 )
 ABSORBED = replace(CLEAR, absorbed=True, log_score=(-2.0, 5.0), closed=(-0.1, 0.2), rms_fall=0.0, gap_fall=0.0)
-EVENT = replace(CLEAR, event=True, least_nats=20.0, rms_fall=0.001, log_score=(0.0, 0.0))
+EVENT = replace(CLEAR, event=True, required_log_evidence=20.0, rms_fall=0.001, log_score=(0.0, 0.0))
 
 
 @pytest.mark.parametrize(
-    ("gates", "passed"),
+    ("criteria", "passed"),
     [
         (CLEAR, True),
-        (replace(CLEAR, evidence=11.0), False),
+        (replace(CLEAR, log_evidence=11.0), False),
         (replace(CLEAR, log_score=(50.0, 60.0)), True),
         (replace(CLEAR, log_score=(50.0, 60.0), closed=(0.1, 0.2)), False),
         (replace(CLEAR, gap_fall=0.09), False),
         (replace(CLEAR, rms_fall=0.019), False),
-        (replace(CLEAR, own_share=0.014), False),
+        (replace(CLEAR, initial_gap_share=0.014), False),
         (ABSORBED, True),
-        (replace(ABSORBED, evidence=11.0), False),
-        (replace(ABSORBED, evidence=11.0, least_nats=5.0), True),
-        (replace(ABSORBED, own_share=0.01), False),
+        (replace(ABSORBED, log_evidence=11.0), False),
+        (replace(ABSORBED, log_evidence=11.0, required_log_evidence=5.0), True),
+        (replace(ABSORBED, initial_gap_share=0.01), False),
         (EVENT, True),
         (replace(EVENT, gap_fall=0.4), False),
-        (replace(EVENT, evidence=19.0), False),
+        (replace(EVENT, log_evidence=19.0), False),
     ],
 )
-def test_every_gate_can_close(gates: Gates, passed: bool) -> None:
+def test_every_gate_can_close(criteria: AcceptanceCriteria, passed: bool) -> None:
     """A candidate passes if nothing is missing, and each thing that is missing alone keeps it from a name."""
-    assert gates.passed is passed
+    assert criteria.passed is passed
 
 
 @pytest.mark.parametrize(
-    ("gates", "told"),
+    ("criteria", "told"),
     [
         (replace(CLEAR, gap_fall=0.05, rms_fall=0.016), True),
         (replace(CLEAR, gap_fall=0.05, rms_fall=0.014), False),
-        (replace(CLEAR, evidence=11.0), True),
-        (replace(CLEAR, evidence=4.0), False),
+        (replace(CLEAR, log_evidence=11.0), True),
+        (replace(CLEAR, log_evidence=4.0), False),
         (replace(CLEAR, gap_fall=0.05, log_score=(-1.0, 5.0), closed=(-0.1, 0.2)), False),
-        (replace(EVENT, gap_fall=0.4, evidence=10.0), False),
+        (replace(EVENT, gap_fall=0.4, log_evidence=10.0), False),
     ],
 )
-def test_what_is_beyond_chance_is_told_without_a_name(gates: Gates, told: bool) -> None:
+def test_what_is_beyond_chance_is_told_without_a_name(criteria: AcceptanceCriteria, told: bool) -> None:
     """With evidence, better on unseen runs, and not negligible: then it is reported, if not named."""
-    assert not gates.passed
-    assert gates.beyond_chance is told
+    assert not criteria.passed
+    assert criteria.exceeds_chance is told
 
 
 def test_a_name_that_was_struck_for_its_unevenness_is_something_there() -> None:
@@ -80,19 +80,19 @@ def test_a_name_that_was_struck_for_its_unevenness_is_something_there() -> None:
     well be zero does not, and beside names or another hint nothing changes.
     """
     some: Any = SimpleNamespace()
-    weak, strong = (Named(some, replace(CLEAR, evidence=nats), some, some) for nats in (50.0, 90.0))
+    weak, strong = (Evaluated(some, replace(CLEAR, log_evidence=nats), some, some) for nats in (50.0, 90.0))
 
-    def struck(item: Named | None) -> Reservation:
+    def struck(item: Evaluated | None) -> Reservation:
         return Reservation("stribeck_friction", ("joint_1",), "its size differs between runs", {}, item)
 
     nothing = SearchResults((), (some,), None)
     doubted = (struck(weak), struck(strong), struck(None))
-    assert _or_doubted(nothing, doubted).hint is strong
-    assert _or_doubted(nothing, (struck(None),)) is nothing
-    named = SearchResults((cast(Named, weak),), (some, some), None)
-    assert _or_doubted(named, doubted) is named
-    hinted = SearchResults((), (some,), replace(weak, gates=replace(CLEAR, gap_fall=0.05)))
-    assert _or_doubted(hinted, doubted) is hinted
+    assert _with_rejected(nothing, doubted).near_miss is strong
+    assert _with_rejected(nothing, (struck(None),)) is nothing
+    named = SearchResults((cast(Evaluated, weak),), (some, some), None)
+    assert _with_rejected(named, doubted) is named
+    hinted = SearchResults((), (some,), replace(weak, criteria=replace(CLEAR, gap_fall=0.05)))
+    assert _with_rejected(hinted, doubted) is hinted
 
 
 @pytest.mark.parametrize(
@@ -106,10 +106,10 @@ def test_more_names_are_no_better_start(count: int, evidence: float, foretells: 
     gain: Any = SimpleNamespace(effect=SimpleNamespace(id="torque_gain_error"))
     models = {False: ["first"] * 3, True: ["second"] * count}
     search: Any = SimpleNamespace(
-        run=lambda start=(): SimpleNamespace(named=[SimpleNamespace(group=one) for one in models[bool(start)]]),
+        run=lambda start=(): SimpleNamespace(accepted=[SimpleNamespace(group=one) for one in models[bool(start)]]),
         evidence=SimpleNamespace(layout=SimpleNamespace(groups=[gain])),
-        standing=lambda groups: [SimpleNamespace(group=one) for one in groups],
-        evidence_of=lambda groups: evidence if "second" in groups else 10.0,
+        backward_elimination=lambda groups: [SimpleNamespace(group=one) for one in groups],
+        model_log_evidence=lambda groups: evidence if "second" in groups else 10.0,
         fixed=SimpleNamespace(score=lambda groups: SimpleNamespace(gain_over=lambda other: (foretells, 1.0))),
     )
     assert Search.best_start(search) == models[kept]
@@ -180,7 +180,7 @@ def test_a_search_ends_in_the_same_names_wherever_it_begins(short_arm: ArmModel)
     analysis = analyse(short_arm, spring_on_3)
     search = search_of(analysis)
     wrong = [one for one in analysis.evidence.layout.groups if one.effect.id == "stribeck_friction" and one.joint == 0]
-    names = [{item.group.key for item in search.run(start).named} for start in ((), wrong[:1])]
+    names = [{item.group.key for item in search.run(start).accepted} for start in ((), wrong[:1])]
     assert names[0] == names[1] == {("spring_torque", 2, None)}
 
 
