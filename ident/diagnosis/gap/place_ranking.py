@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Float
-from ident.diagnosis.gap.gap_map import Place, View
+from ident.diagnosis.gap.gap_map import Place, View, says_where
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 
@@ -75,12 +75,12 @@ def rank_places(
     """The cells that stand out, joint by joint in the order of `harm`; of a joint the richest first, one an axis.
 
     A cell stands out where it is denser in gap than in time by a factor, and by more than chance. A joint whose gap is
-    spread evenly has its densest cell alone. The slowest band of frequencies says of no gap where it lies.
+    spread evenly has its densest cell alone.
     """
     found: list[Place] = []
     for joint, one in harm.items():
         cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
-        cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
+        cells = [place for place in cells if says_where(place.axis, place.low)]
         sure = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
         sure.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
         best = {place.axis: place for place in reversed(sure)}
