@@ -122,12 +122,14 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
         shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
         untuned = gap.get("model_rms_Nm", gap.get("fixed_rms_Nm"))
+        places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
         # Else a fall from what tuning made worse would look like a gain.
-        shown["untuned"] = untuned if untuned is not None and untuned < gap["rms_Nm"] else None
+        worse = untuned is not None and round(untuned, places) < round(gap["rms_Nm"], places)
+        shown["untuned"] = untuned if worse else None
         rows.append(
             {
                 "joint": joint,
-                "places": row_places([gap["rms_Nm"], gap["noise_floor_Nm"]]),
+                "places": places,
                 "model": untuned,
                 "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
                 "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
