@@ -89,13 +89,18 @@ def as_compared(
 
 
 def as_explained(issue: TelemetryIssue, before: Sequence[TelemetryReport], found: ArmComparison) -> TelemetryIssue:
-    """A torque that is off by a factor in the later set alone is no warning where a change of load or gain is why."""
+    """A torque that is off by a factor in the later set is no warning where a change of load or gain is why.
+
+    What the earlier set read stays one: the later reads so much of it, too.
+    """
     kinds = [(change, change.estimate.group.effect.as_change) for change in found.changes]
     explained = {name for change, kind in kinds if kind.body or kind.exact for name in change.rms_before}
-    earlier = any(report.find(issue.issue) for report in before)
+    earlier = any(issue in report.issues for report in before)
     if issue.issue != MISREAD or earlier or not explained.issuperset(issue.joints):
         return issue
-    return replace(issue, severity="note", remedy="none needed: what changed explains it")
+    return replace(
+        issue, severity="note", remedy="none needed: what changed explains it, beyond what the earlier set reads"
+    )
 
 
 def _side(reports: Sequence[TelemetryReport]) -> Side:
