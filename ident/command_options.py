@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from ident.errors import InputError
+from ident.recordings import TOPIC
 
 if TYPE_CHECKING:
     from ident.motion.filter import MotionSettings
@@ -80,7 +81,7 @@ class Options:
 class ReadOptions(Options):
     """How recordings are read."""
 
-    topic: str = option("/joint_states", "Topic of the joint states, for ROS 2 bags.")
+    topic: str = option(TOPIC, "Topic of the joint states, for ROS 2 bags.")
     session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.")
 
 

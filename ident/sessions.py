@@ -24,7 +24,8 @@ from ident.model.hybrid import HybridModel
 from ident.motion.filter import USUAL_MOTION, MotionSettings
 from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.stretches import hold
-from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts
+from ident.recordings import TOPIC
+from ident.recordings.load import PART_SAMPLES, Source, gather_sources, load_parts
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file, settings_of
 from ident.results import SessionStamp, StampLedger

@@ -145,8 +145,8 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
 class Gains:
     """Reads sessions of one arm with the first one's guesses of its drive gains: another guess is no other arm."""
 
-    def __init__(self) -> None:
-        self._first: Session | None = None
+    def __init__(self, first: Session | None = None) -> None:
+        self._first = first
         self._issues: list[TelemetryIssue] = []
 
     def in_first_unit(self, session: Session) -> Session:

@@ -92,7 +92,8 @@ class Effect(ABC):
     # and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
     law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
     as_change: ClassVar[AsChange] = AsChange()  # what is known of it as a change between two sets of recordings
-    # What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
+    # What its curve is drawn over: `speed`, `angle`, `load`, `torque` (load with friction and rotor), `reversal` (time
+    # since one); "" for time.
     drawn_over: ClassVar[str] = ""
     # `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
     drawn: ClassVar[Literal["", "whole", "odd"]] = ""

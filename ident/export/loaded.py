@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
+from warnings import catch_warnings
 
 import mujoco
 import numpy as np
@@ -183,7 +184,8 @@ class LoadedMjcf(LoadedModel):
             body = spec.joint(joints[-1]).parent.add_body(name="known_payload", pos=payload.com_m)
             body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
             body.explicitinertial = True
-        self.model = spec.compile()
+        with catch_warnings(action="ignore"):  # of links without inertia, as a URDF may have them
+            self.model = spec.compile()
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         self.data = mujoco.MjData(self.model)
         named = {self.model.joint(i).name: i for i in range(self.model.njnt)}

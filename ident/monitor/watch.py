@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
+from ident.checks.effort_kind import Gains
 from ident.command_options import WatchOptions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
@@ -21,6 +23,8 @@ from ident.monitor.estimates import UNITS, estimate_session, unit_of
 from ident.monitor.store import DONE, STORE_KIND, FoundSession, Store, as_text, date_of, find_sessions, write_rows
 from ident.motion.motion import prepare
 from ident.outputs import begin_folder
+from ident.recordings.recording import Session
+from ident.recordings.session_toml import load_session_file
 from ident.results import Result
 from ident.sessions import Given, inspect_sources
 from ident.workers import run_tasks
@@ -28,19 +32,22 @@ from ident.workers import run_tasks
 Rows = Iterable[dict[str, Any]]
 
 
-def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
+def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None]) -> str:
     """Looks at one session and writes what is found; a session that is unfit is noted as such.
+
+    Args:
+        task: The session, the store's folder, the options, and the session whose guesses of gains it is read with.
 
     Returns:
         Its name, `arm/session`.
     """
-    found, folder, options = task
+    found, folder, options, first = task
     store = Store(folder)
     row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": as_text(found.path)}
     tables: dict[str, list[dict[str, Any]]] = {}
     end: dict[str, Any] = {"status": "done"}
     try:
-        tables = _examine(found, options, row, store)
+        tables = _examine(found, options, row, store, Gains(first))
     except InputError as error:
         end = {"status": "refused", "reason": as_text(str(error))}
     except Exception as error:  # one session that we fail at must not end the watch over all others
@@ -57,10 +64,12 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
 
 
 def _examine(
-    found: FoundSession, options: WatchOptions, row: dict[str, Any], store: Store
+    found: FoundSession, options: WatchOptions, row: dict[str, Any], store: Store, gains: Gains
 ) -> dict[str, list[dict[str, Any]]]:
     """The rows of a session's estimates and effects; fills in its own row, and writes its diagnosis beside them."""
-    arm, (report,) = inspect_sources(Given([found.path], options.robot, session_file=found.settings)).whole
+    read = [gains.in_first_unit(one) for one in Given([found.path], session_file=found.settings).parts()]
+    arm, (report,) = inspect_sources(Given(read, options.robot)).whole
+    report = replace(report, issues=(*report.issues, *gains.issues()))
     session, row["robot"] = report.session, arm.name
     first = session.runs[0].time[:1].tolist() if session.runs else []
     row["date"] = date_of(found, first[0] if first else None)
@@ -83,6 +92,16 @@ def _examine(
             effects.append({"effect": one["effect"], "probability": one["probability"], **own})
     row |= {"samples": session.samples, "duration_s": session.duration}
     return {"figures": rows, "effects": effects}
+
+
+def first_of_guesses(sessions: Iterable[FoundSession]) -> Session | None:
+    """The first session whose drive gains nobody measured, without its runs: the others are read with its guesses."""
+    for one in sessions:
+        with suppress(InputError):  # which its own turn reports
+            settings = None if one.settings is None else load_session_file(one.settings)
+            if settings is not None and settings.guessed:
+                return Session(one.name, (), guessed_gains=dict(settings.drive_gain))
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +219,8 @@ def look(
     new = [one for one in found if done.get(one.key) != one.stamp]
     # To a session that has settled nothing was written for some time: nobody is recording there any more.
     ready = [one for one in new if time.time() - one.newest >= options.settle]
-    tasks = [(one, store, options) for one in ready]
+    firsts = {arm: first_of_guesses(one for one in found if one.arm == arm) for arm in {one.arm for one in ready}}
+    tasks = [(one, store, options, firsts[one.arm]) for one in ready]
     finished: list[str] = []
 
     def count(name: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from ident.errors import RecordingError, first_line
+from ident.recordings import TOPIC
 from ident.recordings.bad_cells import named_columns
 from ident.recordings.columns import NamedColumns, take_run, unequal
 from ident.recordings.parquet import column_numbers, open_table
@@ -30,7 +31,6 @@ METADATA = "metadata.yaml"
 DATASET = Path("meta/info.json")
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
-TOPIC = "/joint_states"
 # Unit of a file's used blocks; share of a file that must be written on the disk, and from which size that is asked
 # [bytes]; share of the memory that a file may fill.
 BLOCK_BYTES, SPARSE_SHARE, LEAST_SPARSE, MEMORY_SHARE = 512, 0.01, 1 << 28, 0.5
@@ -230,7 +230,7 @@ def _as_session(runs: Sequence[Recording], name: str, notes: Sequence[TelemetryI
                 f"{after.name} starts at {after.time[0]:.3f} s, before {before.name} ends at {before.time[-1]:.3f} s: "
                 "the runs are taken as independent"
             )
-            remedy = "none needed; effects that need a common clock are not testable"
+            remedy = "none needed; record all runs on one clock to see what changes from run to run, as with warmth"
             notes = [*notes, TelemetryIssue("clock_restarts", (), "note", evidence, remedy)]
             return Session(name, tuple(same), common_clock=False, notes=tuple(notes), **settings)
     return Session(name, tuple(same), notes=tuple(notes), **settings)

@@ -57,10 +57,9 @@ class ArmModel:
         text, beside = lock_beside(text, tip, str(path)) if tip else (text, {})
         arm = cls.from_urdf(text, path, tip=tip)
         arm = replace(arm, locked_joints={**beside, **arm.locked_joints})
-        if joints is None:
-            return arm
-        arm._require_joints(joints)
-        return arm.locked([name for name in arm.joint_names if name not in set(joints)])
+        if joints is not None:
+            arm._require_joints(joints)
+        return arm if joints is None else arm.keeping(joints)
 
     @classmethod
     def from_urdf(
@@ -134,8 +133,13 @@ class ArmModel:
         known = (self.effort_limit > 0.0) & (self.effort_limit < 1e5)
         if known.all():
             return self.effort_limit
-        gravity = np.abs(self.gravity(np.random.default_rng(0).uniform(-1.5, 1.5, (64, self.n)))).max(axis=0)
+        gravity = np.abs(self.weight_in_poses).max(axis=0)
         return np.where(known, self.effort_limit, np.maximum(4.0 * gravity, 0.1 * gravity.max()))
+
+    @property
+    def weight_in_poses(self) -> Float[Array, "p n"]:
+        """Torque that holds the arm still in poses all over [N m]."""
+        return self.gravity(np.random.default_rng(0).uniform(-1.5, 1.5, (64, self.n)))
 
     @property
     def gear_ratios(self) -> Float[Array, " n"] | None:
@@ -234,8 +238,7 @@ class ArmModel:
 
     def mean_inertia(self, q: Float[Array, "T n"]) -> Float[Array, " n"]:
         """What each joint moves of the links, on average over some positions [kg m²]."""
-        still = np.zeros_like(q)
-        return np.asarray(np.diagonal(self.derivatives(q, still, still)[2], axis1=1, axis2=2).mean(axis=0))
+        return np.asarray(np.diagonal(self.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2).mean(axis=0))
 
     @property
     def inertial_parameters(self) -> Float[Array, " 10n"]:
@@ -371,12 +374,10 @@ class ArmModel:
             axes[i] = subspace[:3] if sliding[i] else subspace[3:]
             first, cross = placed[i].rotation, (not sliding[i]) * pin.skew(axes[i])
             rotations.append([first, first @ cross, first @ cross @ cross])
-        masses = [np.array([getattr(one, name) for one in inertias]) for name in ("mass", "lever", "inertia")]
-        offsets, gravity = np.array([one.translation for one in placed]), np.array(model.gravity.linear)
-        parts = (np.array(rotations), offsets, axes, sliding, gravity, *masses)
-        for part in parts:
-            part.setflags(write=False)
-        return Chain(*parts)
+        sliding.setflags(write=False)
+        masses = [freeze([getattr(one, name) for one in inertias]) for name in ("mass", "lever", "inertia")]
+        offsets, gravity = freeze([one.translation for one in placed]), freeze(model.gravity.linear)
+        return Chain(freeze(rotations), offsets, freeze(axes), sliding, gravity, *masses)
 
     def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
         """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""
@@ -394,7 +395,6 @@ class ArmModel:
 
     def _require_joints(self, joints: Sequence[str]) -> None:
         """Raises RobotError unless all are joints of this arm."""
-        for name in joints:
-            if name not in self.joint_names:
-                remedy = f"its joints are: {', '.join(self.joint_names)}"
-                raise RobotError(self.source or self.name, f"no moving joint {name!r}", remedy)
+        for name in set(joints).difference(self.joint_names):
+            remedy = f"its joints are: {', '.join(self.joint_names)}"
+            raise RobotError(self.source or self.name, f"no moving joint {name!r}", remedy)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 # Okabe and Ito's colours: distinguished by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
-# Of a gap: left by the tuned model, left after the named effects, left by a flexible function without them, noise.
-TUNED, NAMED, FLEXIBLE, NOISE = "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
+# Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function without
+# them, noise.
+UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 RUNG_COLOURS = {"analytic": "#d55e00", "inertia": "#cc79a7", "loss": "#0072b2", "named": "#56b4e9", "net": "#009e73"}
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")

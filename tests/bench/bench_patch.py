@@ -6,8 +6,9 @@ Half of the runs are diagnosed, and fitted with what was named (`ident fit --wit
 (`ident patch --on`, `ident export --on`); the rest, of simulated arms all after the ninth, is seen by nobody. A single
 run is cut into six pieces. For every file the largest ratio over joints of its error to the smaller of the URDF's (with
 tuned losses, and as it is) and the tuned arm's, in torque, energy and replay; the largest of which stretches make sure
-(97.5 %, of all joints, measures and rivals at once, as the largest of many is above one by chance); and the geometric
-mean. FOLDER keeps diagnoses and models: what is there is not made again.
+(97.5 %, of all joints, measures and rivals at once, as the largest of many is above one by chance); the geometric mean;
+and the least that the largest ratio of any of these rivals is itself, above one where none is the best everywhere: then
+no file need be. FOLDER keeps diagnoses and models: what is there is not made again.
 """
 
 import json
@@ -123,12 +124,14 @@ def learn(name: str, cache: Path) -> tuple[ArmModel, list[tuple[Motion, ...]], P
 
 
 def cell(own: Gap, rivals: Sequence[Gap], joints: Sequence[str]) -> str:
-    """The worst ratio and where it is, the largest that is sure, and the mean."""
+    """The worst ratio and where it is, the largest that is sure, the mean, and the least worst ratio of a rival."""
     found = own.over(rivals)
     sure = own.over(rivals, level=0.025 / (found.size * len(rivals)))
     where = np.unravel_index(int(found.argmax()), found.shape)
+    least = min(float(one.over(rivals).max()) for one in rivals)
     place = f"({list(MEASURES)[where[0]]}, {joints[where[1]][-8:]})"
-    return f"{np.exp(found[where]):.2f} {place}, sure {np.exp(sure.max()):.2f}, mean {np.exp(found.mean()):.2f}"
+    most = f"{np.exp(found[where]):.2f} {place}, sure {np.exp(sure.max()):.2f}"
+    return f"{most}, mean {np.exp(found.mean()):.2f}, rivals {np.exp(least):.2f}"
 
 
 def rows(name: str, cache: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ident.checks.report import TelemetryReport
+from ident.checks.report import MISREAD, TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
@@ -68,7 +68,8 @@ def compare_reports(
     gain_uncertainty = BY_CURRENT if currents else STATED
     sets = motions[:earlier], motions[earlier:]
     found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
-    return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
+    weighed = tuple(as_explained(issue, before, found) for issue in issues)
+    return replace(found, telemetry=weighed, cutoff=motions[0].lowpass.cutoff)
 
 
 def as_compared(
@@ -85,6 +86,21 @@ def as_compared(
         return issue
     remedy = f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
     return replace(issue, severity="warning", remedy=remedy if alike else issue.remedy)
+
+
+def as_explained(issue: TelemetryIssue, before: Sequence[TelemetryReport], found: ArmComparison) -> TelemetryIssue:
+    """A torque that is off by a factor in the later set is no warning where a change of load or gain is why.
+
+    What the earlier set read stays one: the later reads so much of it, too.
+    """
+    kinds = [(change, change.estimate.group.effect.as_change) for change in found.changes]
+    explained = {name for change, kind in kinds if kind.body or kind.exact for name in change.rms_before}
+    earlier = any(issue in report.issues for report in before)
+    if issue.issue != MISREAD or earlier or not explained.issuperset(issue.joints):
+        return issue
+    return replace(
+        issue, severity="note", remedy="none needed: what changed explains it, beyond what the earlier set reads"
+    )
 
 
 def _side(reports: Sequence[TelemetryReport]) -> Side:

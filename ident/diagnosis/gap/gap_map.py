@@ -57,6 +57,11 @@ class Place:
         return vars(self).copy()
 
 
+def says_where(axis: str, low: float) -> bool:
+    """Whether a cell that begins at `low` can say where a gap lies: in the slowest frequencies every gap does."""
+    return axis != "frequency" or low > 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class _Cell:
     """A cell before its test."""

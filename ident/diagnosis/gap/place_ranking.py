@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Float
-from ident.diagnosis.gap.gap_map import Place, View
+from ident.diagnosis.gap.gap_map import Place, View, says_where
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 
 
@@ -74,12 +74,12 @@ def rank_places(
     """The cells that stand out, joint by joint in the order of `excess_errors`; of each joint the densest, one an axis.
 
     A cell stands out if its density exceeds a factor and is significant. If no cell of a joint does, its densest one is
-    taken. The lowest band of frequencies is left out, for it does not locate a gap.
+    taken.
     """
     found: list[Place] = []
     for joint, one in excess_errors.items():
         cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
-        cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
+        cells = [place for place in cells if says_where(place.axis, place.low)]
         significant = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
         significant.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
         best = {place.axis: place for place in reversed(significant)}

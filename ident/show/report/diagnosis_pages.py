@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.diagnosis.gap.gap_map import says_where
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
 from ident.show.report import diagnosis_verdict as verdict
@@ -120,11 +121,16 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         energy = gap.get("energy_error_J") or {}
         shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
         shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
+        untuned = gap.get("model_rms_Nm", gap.get("fixed_rms_Nm"))
+        places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
+        # Else a fall from what tuning made worse would look like a gain.
+        worse = untuned is not None and round(untuned, places) < round(gap["rms_Nm"], places)
+        shown["untuned"] = untuned if worse else None
         rows.append(
             {
                 "joint": joint,
-                "places": row_places([gap["rms_Nm"], gap["noise_floor_Nm"]]),
-                "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
+                "places": places,
+                "model": untuned,
                 "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
                 "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
                 **shown,
@@ -214,7 +220,7 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
         cells.append(
             {
                 "shade": shade((gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)),
-                "sure": p_value <= USUAL_MAP.significant and gap > time,
+                "sure": p_value <= USUAL_MAP.significant and gap > time and says_where(strip["axis"], edges[k]),
                 "share": percent(gap),
                 "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
             }

@@ -139,19 +139,22 @@ def units_of(record: Mapping[str, Any], unit: str = "N m") -> str:
 def in_order_of_joints(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Names as they are shown: those that act at the leading joint first, of them what closes most there.
 
-    Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it.
+    Where the leading joint's torque is off by a factor that has a name, such names of other joints stand beside it. A
+    gain that nobody measured comes before what is told in its unit.
     """
     lead, findings = leading_joint(record)[0], record.get("findings", [])
     off = [one for one in record.get("telemetry", []) if one["issue"] == MISREAD]
+    guessed = {name for one in record.get("telemetry", []) if one["issue"] == "guessed_gains" for name in one["joints"]}
     factors = [one for one in findings if is_likely(one) and any(_names_factor(one, issue) for issue in off)]
     factors = factors if any(lead in one["joints"] for one in factors) else []
 
-    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, float, bool, bool]:
+    def rank(one: Mapping[str, Any]) -> tuple[bool, bool, bool, float, bool, bool]:
         before, after = (
             one.get("heldout", {}).get(f"rms_{side}_Nm", {}).get(lead, 0.0) for side in ("before", "after")
         )
-        elsewhere = lead not in one["joints"]
-        return one not in factors, not _acts_on(one, lead, record), after**2 - before**2, elsewhere, not is_likely(one)
+        elsewhere, fall = lead not in one["joints"], after**2 - before**2
+        gain = one["effect"] in GAINS and is_likely(one) and not guessed.isdisjoint(one["joints"])
+        return one not in factors, not _acts_on(one, lead, record), not gain, fall, elsewhere, not is_likely(one)
 
     return sorted(findings, key=rank)
 

@@ -74,6 +74,7 @@ CURVES: Mapping[str, tuple[str, str, Axis]] = {
     "speed": ("speed", "/s", lambda item, j: np.asarray(item.speed[:, j])),
     "angle": ("angle", "", lambda item, j: np.asarray(item.run.motion.q[item.run.motion.coarse][:, j])),
     "load": ("load", "N m", lambda item, j: np.asarray(item.run.link[item.run.motion.coarse][:, j])),
+    "torque": ("torque", "N m", lambda item, j: np.asarray(item.run.total[item.run.motion.coarse][:, j])),
     "reversal": ("time since it turned round", "s", reversal_age),
 }
 

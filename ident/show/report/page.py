@@ -20,7 +20,17 @@ from ident.show.report import words
 from ident.show.report.words import effect_name, fixed, shade
 
 # What templates colour with.
-COLOURS = ("MEASURED", "NAMED", "NOISE", "RUNG_MEANINGS", "FLEXIBLE", "TUNED", "model_colour", "rung_colours")
+COLOURS = (
+    "MEASURED",
+    "NAMED",
+    "NOISE",
+    "RUNG_MEANINGS",
+    "FLEXIBLE",
+    "TUNED",
+    "UNTUNED",
+    "model_colour",
+    "rung_colours",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +172,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
         if isinstance(value, Mapping):
             yield from _flat(value, f"{words}: ")
         else:
-            yield words, str(value)
+            yield words, f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -9,9 +11,10 @@ import pytest
 from ident.arrays import Array
 from ident.checks.report import TelemetryReport
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.from_reports import as_compared
-from ident.diagnosis.change.result import ArmComparison, Side
+from ident.diagnosis.change.from_reports import as_compared, as_explained
+from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.static_joints import find_static_joints
+from ident.effects.catalogue import find_effect
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.results import Provenance
@@ -131,6 +134,18 @@ def test_what_is_wrong_before_and_after_alike_is_no_reason_to_refuse() -> None:
     assert as_compared(masses, [report(masses)], [report()]).severity == "fatal"
     assert as_compared(still, [report(still)], [report()]).severity == "warning"
     assert as_compared(torn, [report(torn)], [report(torn)]).severity == "fatal"
+
+
+@pytest.mark.parametrize(("effect", "where", "explained"), [("payload", "ab", True), ("payload", "a", False)])
+def test_a_factor_that_a_change_explains_is_no_warning(effect: str, where: str, explained: bool) -> None:
+    """Law: of the later set, at joints that feel a change of load; what the earlier set read stays a warning."""
+    off = TelemetryIssue("torque_scale", ("a", "b"), "warning", "a reads 1.32", "check its gain")
+    estimate = SimpleNamespace(group=SimpleNamespace(effect=find_effect(effect)))
+    change = cast(ArmChange, SimpleNamespace(estimate=estimate, rms_before=dict.fromkeys(where, 1.0)))
+    found = ArmComparison("made_up", ("a", "b"), "changed", changes=(change,))
+    for before in (report(), report(replace(off, evidence="a reads 1.12"))):
+        assert (as_explained(off, [before], found).severity == "note") is explained
+    assert as_explained(off, [report(off)], found) is off
 
 
 STILL, ANGLE, OFFSET = 2, 0.4, 0.7  # a joint, [rad], [N m]

@@ -157,6 +157,8 @@ UNTESTABLE: list[tuple[str, int, Callable[[SessionContext], SessionContext], str
     ("torque_ripple", 0, edited(dq=lambda run: 3.0 + np.abs(run.motion.dq)), "never slow enough"),
     ("torque_delay", 0, short(5.0, 4, 0.002), "torque changes too slowly in all joints"),
     ("torque_saturation", 5, short(5.0, 1, 0.3), "of its rated torque"),
+    ("load_dependent_friction", 0, short(1.0, 1, 0.05), "no torque depends on it: gravity loads joint_1 alike"),
+    ("load_dependent_friction", 1, edited(link=lambda run: 0.0 * run.link), "varies by 0.00 N m only"),
     ("encoder_offset", 0, lambda session: session, "no torque depends on the angle of joint_1"),
     ("joint_coupling", 0, edited(q=lambda run: follows_the_first(run)[0], dq=lambda run: follows_the_first(run)[1]),
      "move only together with joint_1"),

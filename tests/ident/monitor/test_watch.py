@@ -14,6 +14,7 @@ from ident.cli.app import app
 from ident.errors import InputError
 from ident.monitor.store import FoundSession, Store, date_of, find_sessions
 from ident.monitor.watch import Watch
+from ident.recordings.load import load_session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_session
@@ -104,6 +105,19 @@ def test_what_is_still_written_waits(arms: Path, tmp_path: Path) -> None:
     found = watch(tmp_path / "cell", tmp_path / "store", ROBOT, diagnosed=False, settle=3600.0)
     assert (found.fresh, found.waiting) == ((), ("cell/today",))
     assert "cell/today: waits" in found.summary()
+
+
+def test_another_guess_of_a_gain_is_no_change_of_the_arm(arms: Path, tmp_path: Path) -> None:
+    """Law: the same currents give the same figures, whatever each session's gains were guessed to be."""
+    session = load_session(arms / "left" / "2026-05-03")
+    for name, gain in (("2026-05-03", 10.0), ("2026-05-04", 12.5)):
+        runs = [run.replace(current=run.effort / 10.0, effort=None) for run in session.runs]
+        write_session(session.replace(runs=runs), tmp_path / "cell" / name)
+        gains = "".join(f"{joint} = {gain}\n" for joint in session.joints)
+        (tmp_path / "cell" / name / "session.toml").write_text(f"[drive_gain_Nm_per_A]\n{gains}guessed = true\n")
+    (arm,) = look(tmp_path / "cell", tmp_path / "store").arms
+    first, second = arm.figures["joint_2", "coulomb"]
+    assert second.value == pytest.approx(first.value, rel=1e-6)
 
 
 def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:

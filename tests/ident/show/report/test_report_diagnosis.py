@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from ident.regression.discrepancy import BLOCKS
-from ident.show.report.diagnosis_pages import write_diagnosis_report
+from ident.show.report.diagnosis_pages import gap_rows, map_table, write_diagnosis_report
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     diagnosis_headline,
@@ -410,6 +410,17 @@ def test_gains_of_all_joints_that_are_off_stand_first() -> None:
     assert order == [("torque_gain_error", "wrist"), ("torque_gain_error", "elbow"), ("spring_torque", "wrist")]
 
 
+@pytest.mark.parametrize("guessed", [True, False])
+def test_a_guessed_gain_comes_before_what_is_told_in_its_unit(guessed: bool) -> None:
+    """Law: at the leading joint a likely gain that nobody measured stands before a friction that closes more."""
+    issue = {"issue": "guessed_gains", "joints": ["elbow"], "evidence": "guesses", "remedy": "measure them"}
+    record = acted_on("torque_gain_error", 0.9, *[issue] * guessed) | {"where": [{"joint": "elbow"}]}
+    rms = {"rms_before_Nm": {"elbow": 2.0}, "rms_after_Nm": {"elbow": 1.0}}
+    friction = {**record["findings"][0], "effect": "load_dependent_friction", "heldout": rms}
+    record["findings"].insert(0, friction)
+    assert (in_order_of_joints(record)[0]["effect"] == "torque_gain_error") is guessed
+
+
 def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
     """Law: a name at the joint that reads a factor, and a body behind it, do not come before its drive gain."""
     record = acted_on("load_dependent_friction", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
@@ -435,6 +446,30 @@ def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() ->
     assert "--separate spring_torque,joint_coupling --joint elbow" in order_of(record["findings"][0], record)
     record["findings"][0]["class"] = ["payload", "link_inertial_error"]  # which no motion can part
     assert "take everything off the flange" in order_of(record["findings"][0], record)
+
+
+def test_what_tuning_made_worse_is_shown_beside_what_it_left(tmp_path: Path) -> None:
+    """Law: a joint's bars begin before tuning where that erred less, and only there."""
+    record = copy.deepcopy(RECORD)
+    for rms, shown in ((0.9, True), (1.3, False)):
+        record["gap"]["joint_2"]["fixed_rms_Nm"] = rms
+        first, second = gap_rows(record)
+        assert (first["bars"]["untuned"], second["bars"]["untuned"] is not None) == (None, shown)
+        assert ("where tuning made it worse" in written(tmp_path, record)) is shown
+
+
+def test_the_slowest_frequencies_are_no_place() -> None:
+    """Law: however little it is by chance, a gap's share of the slowest band is not outlined; of the next it is."""
+    ends = {"edges": [0.0, 1.0, 5.0], "share_of_gap": [0.7, 0.3], "share_of_time": [0.2, 0.1], "p_value": [0.01, 0.01]}
+    for axis, outlined in (("frequency", [False, True]), ("speed", [True, True])):
+        strip = {"joint": "joint_2", "axis": axis, "energy_J": [None, None], **ends}
+        (row,) = map_table([strip], ["joint_1", "joint_2"])["rows"]
+        assert [cell["sure"] for cell in row["strips"][0]["cells"]] == outlined
+
+
+def test_what_a_result_was_made_with_is_told_without_rounding_s_digits(tmp_path: Path) -> None:
+    record = {**RECORD, "provenance": {"settings": {"cutoff_hz": 11.999999999999998}}}
+    assert "11.99" not in written(tmp_path, record)
 
 
 def test_session_time_counts_from_its_start(tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, make_history
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.evaluation import ReportInput, write_evaluation_report
-from ident.show.report.laws import draw_laws
+from ident.show.report.laws import CURVES, _Law, draw_laws
 from ident.show.report.words import fixed
 from tests.accessible import PHONE, find_violations, width_on_a_phone
-from tests.ident.diagnosis.planted import analyse, load_arm, stribeck_on_1
+from tests.ident.diagnosis.planted import analyse, gain_on_2, load_arm, stribeck_on_1
 from tests.ident.show.report.reader import read
 from tests.ident.show.report.test_report_diagnosis import RECORD
 
@@ -87,6 +87,19 @@ def test_friction_is_drawn_over_speed_and_every_finding_has_a_picture() -> None:
     assert "over its speed" in first.caption
     assert "speed of joint_1 [rad/s]" in first.svg
     assert "friction [N m]" in first.svg
+
+
+def test_a_gain_is_a_straight_line_over_the_torque_that_it_scales() -> None:
+    """Law: whatever friction and rotor add to the load, the drawn law does not go up and down."""
+    analysis = analyse(load_arm(), gain_on_2)
+    (finding,) = analysis.diagnosis.findings
+    assert finding.effect == "torque_gain_error"
+    (picture,) = draw_laws(analysis)
+    assert picture is not None
+    assert "torque of joint_2 [N m]" in picture.svg
+    law = _Law.of(analysis, finding)
+    x = law.gathered([CURVES["torque"][2](item, law.joint) for item in law.items])
+    assert np.corrcoef(x, law.gathered(law.torque))[0, 1] > 0.999
 
 
 def test_the_page_of_an_evaluation(source: ReportInput, tmp_path: Path) -> None:
