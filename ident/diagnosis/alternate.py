@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
@@ -20,7 +20,7 @@ from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
-from ident.regression.run_spread import estimate_run_spread
+from ident.regression.run_spread import estimate_run_spread, measure_inflation
 from ident.regression.wandering import log_odds_of_law
 
 # Why a law of warmth does not stand that is hardly likelier than a random walk.

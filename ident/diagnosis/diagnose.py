@@ -22,7 +22,7 @@ from ident.diagnosis.named_links import name_wrong_links
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, measure_inflation
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
@@ -50,6 +50,7 @@ from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, project
 from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
+from ident.regression.run_spread import measure_inflation
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument

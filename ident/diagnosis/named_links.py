@@ -15,7 +15,7 @@ from dataclasses import replace
 from ident.diagnosis.alternate import Settled
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.gates import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, measure_inflation, weigh_rivals
+from ident.diagnosis.selection.name_probability import Estimate, estimate_effects, weigh_rivals
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -27,6 +27,7 @@ from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
+from ident.regression.run_spread import measure_inflation
 
 
 def name_wrong_links(sure: Settled, session: SessionContext, baseline: Baseline, verdict: VerdictSettings) -> Settled:

@@ -63,8 +63,10 @@ def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[
             x = np.concatenate([rows[there, j], friction[there, j], target[there, j : j + 1]], axis=1)
             grams[j] += x.T @ x
     believed = np.concatenate([(1 / scale)[:, None] * lift, np.zeros((len(scale), n * LOSSES))], axis=1)
-    noise, tuned = np.ones(n), arm
-    for _ in range(2):  # once with equal weights, once with each joint's own noise
+    noise, tuned, losses = np.ones(n), arm, np.zeros((n, LOSSES))
+    for again in (False, True):  # once with equal weights, once with each joint's own noise
+        if again:
+            noise = _effective_noise(motions, tuned, losses, widths)
         whole = np.zeros((size + 1, size + 1))
         for j in range(n):
             own = np.array([*range(rank), *range(rank + LOSSES * j, rank + LOSSES * (j + 1)), size])
@@ -75,7 +77,7 @@ def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[
         table, goal = np.concatenate([root, believed]), np.concatenate([target, np.zeros(len(scale))])
         found = solve_partly_non_negative(table, goal, range(rank, size))
         tuned = arm.with_inertial_parameters(arm.inertial_parameters + lift @ found[:rank])
-        noise = _effective_noise(motions, tuned, found[rank:].reshape(n, LOSSES), widths)
+        losses = found[rank:].reshape(n, LOSSES)
     return tuned, base
 
 

@@ -75,6 +75,7 @@ def fit_baseline(
     share: float | None = None,
     settings: RegressionSettings = USUAL_REGRESSION,
     still: Collection[int] = (),
+    sliding: Sliding | None = None,
 ) -> Baseline:
     """Tunes the arm on all runs.
 
@@ -84,6 +85,7 @@ def fit_baseline(
         share: Standard deviation of its inertial numbers, as a share of each link's own; that of a URDF if None.
         settings: What the regression counts with.
         still: Joints that stand still: they get no loss.
+        sliding: How dry friction turns round, where that is not to be estimated.
     """
     share = settings.inertia_share if share is None else share
     motions = few(motions)
@@ -92,5 +94,5 @@ def fit_baseline(
     loss = fit_losses(motions, rigid, still)
     number_std = share * parameter_scale(arm)
     prior = base_prior(base, number_std)
-    sliding = fit_sliding(motions, rigid)
+    sliding = fit_sliding(motions, rigid) if sliding is None else sliding
     return Baseline(arm, tuned, base, prior, loss, sliding, number_std, settings)

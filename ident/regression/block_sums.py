@@ -67,6 +67,10 @@ class SymmetricSums:
         """The same, counted in units that are larger; nothing is copied."""
         return replace(self, factor=self.factor / factor)
 
+    def weighted(self, weights: Float[Array, " K"]) -> SymmetricSums:
+        """The same with a weight for every block; of sums that have no further rows."""
+        return replace(self, half=[weight * half for weight, half in zip(weights, self.half, strict=True)])
+
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
         at, found = self._spot[columns], np.zeros((len(self), len(columns), len(columns)))

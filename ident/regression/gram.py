@@ -57,7 +57,7 @@ class Evidence:
     free: tuple[SymmetricSums, ...]  # for each joint, whitened sums of every block, friction the same in all runs
     plain: tuple[SymmetricSums, ...]  # for each joint, sums of every fold in N² m²
     fold_of_block: Int[Array, " B"]  # fold of each block; folds are whole runs where there are enough
-    samples: Float[Array, " n"]  # whitened samples of each joint
+    rows: Float[Array, "B n"]  # whitened samples of each block and joint, shape (B, n)
     weights: Float[Array, "F n"]  # plain samples of each fold and joint, shape (F, n)
     whitening: Whitening  # the noise
     # Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
@@ -77,7 +77,7 @@ class Evidence:
         Errors in N m are of motion; of a joint that hardly moves they are of its holds, too.
         """
         white, plain = list(self.free), list(self.plain)
-        samples, weights = np.array(self.samples), np.array(self.weights)
+        rows, weights = np.array(self.rows), np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
         for j, held in enumerate(self.dwells):
             white[j] = white[j].with_rows(held.weighted, held.block)
@@ -85,8 +85,8 @@ class Evidence:
                 level, fold = float(self.whitening.level[j]), self.fold_of_block[held.block]
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
-            samples[j] += len(held.hold)
-        return replace(self, free=tuple(white), plain=tuple(plain), samples=samples, weights=weights, dwells=())
+            np.add.at(rows[:, j], held.block, 1.0)
+        return replace(self, free=tuple(white), plain=tuple(plain), rows=rows, weights=weights, dwells=())
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
         """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
@@ -127,6 +127,26 @@ class Evidence:
             noise_power=self.noise_power * weighted / np.maximum(power, 1e-300),
             dispersion=np.array(dispersion, dtype=float),
         )
+
+    def weighted(self, weights: Float[Array, "B n"]) -> Evidence:
+        """The same where every block counts by a weight of its own at each joint.
+
+        Args:
+            weights: Of each block and joint, shape (B, n).
+        """
+        own = weights[self.friction.block].T
+        tied = tuple(part * one[:, None, None] for part, one in zip(self.friction.sums, own, strict=True))
+        return replace(
+            self,
+            free=tuple(sums.weighted(one) for sums, one in zip(self.free, weights.T, strict=True)),
+            friction=replace(self.friction, sums=tied),
+            rows=self.rows * weights,
+        )
+
+    @property
+    def samples(self) -> Float[Array, " n"]:
+        """Whitened samples of each joint."""
+        return np.asarray(self.rows.sum(axis=0))
 
     @cached_property
     def total(self) -> tuple[SymmetricSums, ...]:
@@ -200,6 +220,7 @@ def gather(
     partition: Partition | None = None,
     alike: int | None = None,
     rest: bool = False,
+    through: Bool[Array, " n"] | None = None,
 ) -> Evidence:
     """The one pass: noise from the first chunk, if it isn't known, then sums over all runs.
 
@@ -213,6 +234,7 @@ def gather(
         partition: How time is cut; as `build_partition` does it if None.
         alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
         rest: Whether holds are rows, too (`Evidence.dwells`).
+        through: Joints of which rows near reversals count as well; none if None.
     """
     settings = baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
     level = static_level(session) if rest else None
@@ -221,7 +243,7 @@ def gather(
     scale: Array | None = None
     sums: _Sums | None = None
     held: list[Rows] = []
-    for rows in compute_rows(session, baseline, layout, partition):
+    for rows in compute_rows(session, baseline, layout, partition, through):
         if sums is None:
             held.append(waiting(layout, held, rows))
             if sum(len(one.counts) for one in held) < settings.noise_samples and rows.run < len(session.runs) - 1:
@@ -276,7 +298,7 @@ class _Sums:
             [stored(count * [nothing], count * half_size(len(local)), room) for local in layout.local]
             for count in (blocks, folds)
         )
-        self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
+        self.rows, self.weights = np.zeros((blocks, layout.n)), np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
         self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
@@ -307,7 +329,7 @@ class _Sums:
             seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
             sums[:] = 0.0
             add_products(sums, seen, 1.0)
-            self.samples[j] += len(seen)
+            self.rows[block, j] += len(seen)
             tied = np.zeros((first, len(local)))
             tied[:, kept] = seen[:, :first].T @ seen
             for drawn in noise:
@@ -348,7 +370,7 @@ class _Sums:
             free=tuple(map(SymmetricSums, self.white, self.kept, sizes)),
             plain=tuple(map(SymmetricSums, self.plain, self.kept, sizes)),
             fold_of_block=self.partition.folds,
-            samples=self.samples,
+            rows=self.rows,
             weights=self.weights,
             whitening=self.whitening,
             noise_power=self.noise_power,

@@ -47,8 +47,14 @@ class Rows:
     weight: float = 1.0
 
 
-def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
-    """Every run's tables, a chunk of runs in memory at a time."""
+def compute_rows(
+    session: SessionContext,
+    baseline: Baseline,
+    layout: Layout,
+    partition: Partition,
+    through: Bool[Array, " n"] | None = None,
+) -> Iterator[Rows]:
+    """Every run's tables, a chunk of runs in memory at a time; of some joints rows near reversals count, too."""
     everything = range(len(session.runs))
     groups = [group for group in layout.groups if not group.borrows]
     weights = np.ones(len(everything)) if partition.draws is None else partition.draws
@@ -61,7 +67,8 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
         if weights[i]:  # in half the room: its squares are a small share of the columns'
             pairs = zip(next(again)[2], tables, strict=True)
             noise = tuple(np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs)
-        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks, noise, float(weights[i]))
+        counts = run.motion.settled if through is None else np.where(through, run.motion.moving, run.motion.settled)
+        yield Rows(i, layout.rank, tuple(tables), counts, blocks, noise, float(weights[i]))
         del run, tables, noise  # before the next are made
 
 

@@ -1,4 +1,6 @@
-"""How much each joint's friction varies from run to run: a variance component, separated from noise.
+"""What blocks of time say: how unsure a model's coefficients are, and how much friction varies from run to run.
+
+The latter is a variance component of each joint, separated from noise.
 
 A stretch's friction s_r, its viscous and its Coulomb level as shares of the model's, is estimated from what the model
 leaves of the stretch, with covariance V_r known from its length and motion. Both vary by themselves, with variance τ²
@@ -27,6 +29,11 @@ from ident.regression.settings import RegressionSettings
 GUESS = 4.0
 # Spreads of friction that are tried: least and greatest share, and how many (chosen: steps of 4 %).
 SPREADS = (1e-3, 0.5, 160)
+# Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
+SILENT = 1e-9
+# Columns of a joint that carry less than this share of its largest carry nothing: their scores are no measure of how
+# blocks vary; nor are those of columns of whose scores the model leaves less than the second share.
+LEAST_COLUMN, LEAST_LEFT = 1e-6, 0.05
 
 
 def squares_left(evidence: Evidence, projection: Projection) -> Float[Array, "n B"]:
@@ -49,6 +56,57 @@ def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B 
     return raw - raw[:, projection.inside] @ projection.slopes
 
 
+def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
+    """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
+    part = block_sums_left(evidence, projection)[:, projection.inside]
+    blocks = len(part)
+    meat = part.T @ part * blocks / max(blocks - 1, 1)
+    return lifted(projection.spread @ meat @ projection.spread, projection.spread)
+
+
+def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
+    """A block sandwich, its variances never below the model's own."""
+    own, between = np.diag(spread), np.diag(sandwich)
+    # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
+    silent = between <= SILENT * own
+    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, between))))
+    return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
+
+
+def measure_inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
+    """By how much blocks vary more than the noise model says: divides log evidence.
+
+    Median over the tuned coefficients of sandwich to model variance; the sandwich is computed where it isn't known.
+    """
+    tuned = slice(evidence.layout.tuned)
+    model = np.diag(projection.spread)[tuned]
+    robust = np.diag(robust_covariance(evidence, projection) if known is None else known)[tuned]
+    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
+
+
+def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
+    """How many whitened rows of each joint are worth one independent row of the noise, one at the least.
+
+    By what the model leaves of them, or, where that is more, by how much larger the squares of blocks' scores Xᵀr are
+    than those of independent rows, the median over the joint's columns; of the scores the model has taken a part:
+    G − G C G is expected, C the covariance of its coefficients.
+    """
+    found = np.ones(evidence.layout.n)
+    for j, local in enumerate(evidence.layout.local):
+        weights, at = projection.weights[local], np.flatnonzero(np.isin(local, projection.inside))
+        places, gram = projection.places(local[at]), evidence.total[j].over()
+        ratio = [1.0 / evidence.dispersion[j], weights @ gram @ weights / max(float(evidence.samples[j]), 1.0)]
+        gram = gram[np.ix_(at, at)]
+        alone = np.diag(gram)
+        expected = np.diag(gram - gram @ projection.spread[np.ix_(places, places)] @ gram)
+        used = (alone > LEAST_COLUMN * alone.max(initial=0.0)) & (expected > LEAST_LEFT * alone)
+        if used.any():
+            scores = evidence.times(j, weights)[:, at[used]]
+            ratio.append(np.median((scores**2).sum(axis=0) / expected[used]))
+        found[j] = evidence.dispersion[j] * max(ratio)
+    return found
+
+
 def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
     """Relative standard deviation of each joint's friction from run to run.
 
@@ -65,19 +123,22 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
     levels = (follow @ weights[evidence.layout.local[joint]]).reshape(-1, 2)
     if len(levels) < 2:
         return settings.usual_spread
-    return float(max(np.geomspace(*SPREADS), key=lambda spread: _likelihood(levels, noise, spread, settings)))
+    tried = np.geomspace(*SPREADS)
+    return float(tried[np.argmax(_likelihood(levels, noise, tried, settings))])
 
 
 def _likelihood(
-    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spread: float, settings: RegressionSettings
-) -> float:
-    """Restricted log likelihood of friction levels that vary by so much, times what is known of it beforehand."""
-    each = np.linalg.inv(noise + spread**2 * np.eye(2))
-    mean = np.linalg.solve(each.sum(axis=0), np.einsum("rab,rb->a", each, levels))
-    left = float(np.einsum("ra,rab,rb->", levels - mean, each, levels - mean))
-    weight = float(np.linalg.slogdet(each)[1].sum() - np.linalg.slogdet(each.sum(axis=0))[1])
-    usual = settings.usual_runs * (2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2)
-    return 0.5 * (weight - left - usual)
+    levels: Float[Array, "R 2"], noise: Float[Array, "R 2 2"], spreads: Float[Array, " k"], settings: RegressionSettings
+) -> Float[Array, " k"]:
+    """Restricted log likelihoods of friction levels that vary by so much, times what is known of it beforehand."""
+    each = np.linalg.inv(noise + spreads[:, None, None, None] ** 2 * np.eye(2))
+    total = each.sum(axis=1)
+    mean = np.linalg.solve(total, np.einsum("krab,rb->ka", each, levels)[..., None])[..., 0]
+    off = levels - mean[:, None]
+    left = np.einsum("kra,krab,krb->k", off, each, off)
+    weight = np.linalg.slogdet(each)[1].sum(axis=1) - np.linalg.slogdet(total)[1]
+    usual = settings.usual_runs * (2.0 * np.log(spreads) + (settings.usual_spread / spreads) ** 2)
+    return np.asarray(0.5 * (weight - left - usual))
 
 
 def estimate_held(evidence: Evidence, dwells: Sequence[DwellRows], model: Projection) -> tuple[float, ...]:

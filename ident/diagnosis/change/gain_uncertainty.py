@@ -17,13 +17,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
-from ident.diagnosis.selection.name_probability import lifted
 from ident.effects.catalogue import CATALOGUE
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.positive import positive
-from ident.regression.run_spread import block_sums_left
+from ident.regression.run_spread import block_sums_left, lifted
 
 # Effects whose size is known by how large a torque is read: bodies.
 BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)

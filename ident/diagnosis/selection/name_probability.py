@@ -18,10 +18,8 @@ from ident.effects.intervals import NORMAL_95
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
-from ident.regression.run_spread import block_sums_left
+from ident.regression.run_spread import measure_inflation, robust_covariance
 
-# Variance between blocks, as a share of the model's, from which on they say something of a coefficient at all.
-SILENT = 1e-9
 # Log odds are given up to this, either way: more is no number of a computer's.
 MOST_NATS = 700.0
 # Share of a name's evidence that a part of its law must have alone to be as good a name (law: more than all else).
@@ -62,34 +60,6 @@ class Estimate:
         of reach.
         """
         return None if self.certain else undefined(self.refined.effect, self.parameters)
-
-
-def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
-    """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
-    part = block_sums_left(evidence, projection)[:, projection.inside]
-    blocks = len(part)
-    meat = part.T @ part * blocks / max(blocks - 1, 1)
-    return lifted(projection.spread @ meat @ projection.spread, projection.spread)
-
-
-def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
-    """A block sandwich, its variances never below the model's own."""
-    own, between = np.diag(spread), np.diag(sandwich)
-    # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
-    silent = between <= SILENT * own
-    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, between))))
-    return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
-
-
-def measure_inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
-    """By how much blocks vary more than the noise model says: divides log evidence.
-
-    Median over the tuned coefficients of sandwich to model variance; the sandwich is computed where it isn't known.
-    """
-    tuned = slice(evidence.layout.tuned)
-    model = np.diag(projection.spread)[tuned]
-    robust = np.diag(robust_covariance(evidence, projection) if known is None else known)[tuned]
-    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
 
 
 def estimate_effects(

@@ -23,7 +23,6 @@ from itertools import product
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.selection.name_probability import measure_inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
@@ -31,6 +30,7 @@ from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
 from ident.regression.positive import factorise
+from ident.regression.run_spread import measure_inflation
 
 
 @dataclass(frozen=True)
