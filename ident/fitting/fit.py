@@ -16,7 +16,7 @@ from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError
 from ident.fitting.identification import Identified, identify
-from ident.fitting.joint_estimate import quantile
+from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
 from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.inertia import InertiaResults
@@ -45,6 +45,13 @@ class NamedLaws:
 
     laws: tuple[NamedLaw, ...] = ()  # laws of joints that a model can carry, not fitted yet
     left_out: tuple[str, ...] = ()  # what else it names, in words, with the reason
+
+    def within(self, joints: int) -> NamedLaws:
+        """Those of the first joints; the others, which a lumped model has not, are reported as left out."""
+        foreign = [f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in self.laws]
+        kept = [law.joint < joints for law in self.laws]
+        laws = tuple(law for law, own in zip(self.laws, kept, strict=True) if own)
+        return NamedLaws(laws, (*self.left_out, *(text for text, own in zip(foreign, kept, strict=True) if not own)))
 
 
 def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
@@ -90,37 +97,26 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
     return NamedLaws(tuple(laws), tuple(left_out))
 
 
-def identify_named(
-    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, named: NamedLaws
-) -> tuple[Identified, NamedLaws]:
+def identify_named(sums: FitSums, left_out: tuple[str, ...]) -> tuple[Identified, NamedLaws]:
     """Identifies an arm with named laws beside losses and inertias.
 
-    Where friction grows with the load, a second pass takes the load from the identified arm. A law that would have to
-    be below zero, so that friction drives the joint, is left out and the rest is fitted again.
+    A law that would have to be below zero, so that friction drives the joint, is left out and the rest is fitted again.
+
+    Args:
+        sums: One pass over the runs, with the laws.
+        left_out: What else was named, in words, with the reason.
 
     Returns:
         What was identified, and the laws with those that had to go reported as left out.
-
-    Raises:
-        InputError: These recordings can't tell a law from plain friction.
     """
-    names = nominal.joint_names
-    laws = tuple(law for law in named.laws if law.joint < len(names))
-    foreign = [law for law in named.laws if law.joint >= len(names)]
-    left_out = (*named.left_out, *(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in foreign))
-    bearing: ArmModel | None = None
+    names = sums.baseline.nominal.joint_names
     while True:
-        found = identify(motions, nominal, options, laws, bearing)
-        gone = {(law.effect, law.joint) for law in found.named if law.vanishes}
-        if gone:
-            left_out += tuple(
-                f"{effect} of {names[joint]}: these recordings have none" for effect, joint in sorted(gone)
-            )
-            laws = tuple(law for law in laws if (law.effect, law.joint) not in gone)
-        elif bearing is None and any(law.bears_load for law in laws):
-            bearing = found.inertia.arm
-        else:
+        found = identify(sums)
+        gone = sorted({(law.effect, law.joint) for law in found.named if law.vanishes})
+        if not gone:
             return found, NamedLaws(found.named, left_out)
+        left_out += tuple(f"{effect} of {names[joint]}: these recordings have none" for effect, joint in gone)
+        sums = sums.only([law for law in sums.laws if (law.effect, law.joint) not in gone])
 
 
 def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Identified) -> TrainingRange:
@@ -145,7 +141,7 @@ def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Ide
         for j in range(nominal.n):
             index = np.concatenate([kept, estimate.index(j)])
             x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
-            run = found.spread[j] * np.array([params.viscous[j], params.coulomb[j]])
+            run = estimate.spread[j] * np.array([params.viscous[j], params.coulomb[j]])
             variance[rows, j] = np.sum((x @ estimate.covariance[np.ix_(index, index)]) * x, axis=1)
             variance[rows, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
     half = np.sqrt(np.quantile(variance, COVERED, axis=0))
@@ -213,9 +209,11 @@ def fit_hybrid(
         nominal = build_lumped_arm(robot)
         motions = select_joints(motions, nominal.joint_names)
     stage("inertias and losses", 0.0, 0.5)
-    found, named = identify_named(motions, nominal, options, named or NamedLaws())
+    named = (named or NamedLaws()).within(nominal.n)
+    sums = FitSums.gather(motions, nominal, options, named.laws)
+    found, named = identify_named(sums, named.left_out)
     arm, loss = found.inertia.arm, found.loss
-    plain = identify(motions, nominal, options) if found.named else None
+    plain = identify(sums.only(())) if found.named else None
 
     def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)

@@ -14,34 +14,28 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int, freeze
-from ident.command_options import FitOptions, Inertia
-from ident.fitting.block_sums import FitColumns, sum_blocks
+from ident.arrays import Array, Float, Int, freeze
+from ident.command_options import Inertia
 from ident.fitting.joint_estimate import (
+    FitSums,
     JointEstimate,
     estimate,
     find_frictionless,
     lossless_parameters,
     quantile,
-    require_motion,
-    require_parted,
 )
-from ident.fitting.run_effects import USUAL_SPREAD
-from ident.laws.carried import NamedLaw, named_torque
-from ident.laws.motion import direction
+from ident.laws.carried import NamedLaw
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
     InertiaResults,
-    base_parameters,
     base_prior,
     compute_condition,
     parameter_scale,
     solve_bounded,
 )
-from ident.model.loss import NAMES, TRANSITION_GRID, InertiaFigure, LossParameters, LossResults
-from ident.motion.motion import Motion
-from ident.motion.out_of_core import few
+from ident.model.loss import NAMES, InertiaFigure, LossParameters, LossResults
+from ident.regression.design import LOSS_PARAMETERS
 from ident.robot.arm import ArmModel
 
 # Parameters whose estimates are correlated beyond this are reported as a pair that the recordings can't tell apart.
@@ -61,7 +55,6 @@ class Identified:
     inertias: tuple[InertiaFigure, ...]  # base parameters with intervals
     # Pairs of parameters that these recordings can't tell apart, with their correlation.
     tied: tuple[tuple[str, str, float], ...]
-    spread: Float[Array, "n 2"]  # relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2)
     urdf_share: float  # how far the URDF's inertias are off, as a share of each link's scale; as the recordings have it
     through_reversals: tuple[str, ...]  # joints whose samples near reversals had to be used
     estimate: JointEstimate  # the unbounded joint estimate
@@ -73,7 +66,7 @@ class Identified:
         return {
             "residual_rms_Nm": self.loss.residual_rms.tolist(),
             "condition_number": self.inertia.condition_number,
-            "friction_spread": {"viscous": self.spread[:, 0].tolist(), "coulomb": self.spread[:, 1].tolist()},
+            "friction_spread": {kind: self.estimate.spread.tolist() for kind in ("viscous", "coulomb")},
             "urdf_share": self.urdf_share,
             "tied": [{"figures": [one, other], "correlation": value} for one, other, value in self.tied],
             "through_reversals": list(self.through_reversals),
@@ -81,71 +74,41 @@ class Identified:
         }
 
 
-def identify(
-    motions: Sequence[Motion],
-    nominal: ArmModel,
-    options: FitOptions,
-    named: Sequence[NamedLaw] = (),
-    bearing: ArmModel | None = None,
-) -> Identified:
-    """Identifies an arm from its runs.
-
-    Args:
-        motions: Training runs; known payloads are part of the model.
-        nominal: The arm as its URDF describes it.
-        options: What is fitted.
-        named: Laws of joints, to be fitted with the rest.
-        bearing: The arm whose rigid torque is the joints' load; the nominal one if None.
-
-    Raises:
-        RecordingError: A joint hardly moves in any run.
-    """
-    mode, base, scale = options.inertia, base_parameters(nominal), parameter_scale(nominal)
-    columns = FitColumns(nominal, base, named, bearing)
-    prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
-    sums = sum_blocks(motions, columns)
-    require_motion(sums, nominal.joint_names, motions[0].name)
-    require_parted(sums, named, nominal.joint_names, motions[0].name, 3 + options.offset)
-
-    def through_reversals(joints: Bool[Array, " n"]) -> JointEstimate:
-        return estimate(sum_blocks(motions, columns, joints), prior, options.offset, options.robust)
-
-    clear = estimate(sums, prior, options.offset, options.robust)
-    frictionless, found = find_frictionless(clear, nominal.n, through_reversals)
+def identify(sums: FitSums) -> Identified:
+    """Identifies an arm from one pass over its runs."""
+    mode, nominal, base = sums.options.inertia, sums.baseline.nominal, sums.baseline.base
+    scale = parameter_scale(nominal)
+    frictionless, found = find_frictionless(estimate(sums), nominal.n, lambda joints: estimate(sums.through(joints)))
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = found.without_inertias(base_prior(base, max(share, 1e-6) * scale))
     zero = lossless_parameters(found, frictionless)
-    # All losses but offsets can't be negative, nor named laws' coefficients as their kind says.
-    positions = [found.index(j)[:3] for j in range(nominal.n)]
-    first = base.rank + nominal.n * found.per_joint
-    for law in named:
+    # All losses but offsets can't be negative, nor laws' coefficients as their kind says.
+    positions, first = [found.index(j)[:3] for j in range(nominal.n)], found.first_law
+    for law in sums.laws:
         positions.append(first + np.array(law.kind.nonnegative, dtype=int))
         first += law.size
-    bounds = np.concatenate(positions), zero
-    change, solved = _within_bounds(found, nominal, base, mode, bounds)
-    own = nominal.n * found.per_joint
-    losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
-    half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
-    triples = iter(np.stack([figures, figures - half, figures + half], axis=1).tolist())
-    laws = tuple(replace(law, figures=tuple(map(tuple, islice(triples, law.size)))) for law in named)
+    change, solved = _within_bounds(found, nominal, base, mode, (np.concatenate(positions), zero))
+    losses = np.array([solved[found.index(j) - base.rank] for j in range(nominal.n)])
+    coefficients = solved[found.first_law - base.rank :]
+    half = (quantile(found.dof) * found.std)[found.first_law :]
+    triples = iter(np.stack([coefficients, coefficients - half, coefficients + half], axis=1).tolist())
+    laws = tuple(replace(law, figures=tuple(map(tuple, islice(triples, law.size)))) for law in sums.laws)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
-    informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
-    information = found.information
+    informed = 1.0 - np.diag(found.covariance)[: base.rank] / np.diag(np.linalg.inv(sums.baseline.prior))
     inertia = InertiaResults(
         arm=arm,
         base=base,
         change=freeze(base.mapping @ change),
         std=freeze(found.std[: base.rank]),
         informed=freeze(np.clip(informed, 0.0, 1.0)),
-        condition_number=compute_condition(information[: base.rank, : base.rank]),
+        condition_number=compute_condition(found.information[: base.rank, : base.rank]),
     )
-    loss = _loss_results(found, losses, nominal.joint_names, _transition(few(motions), arm, losses, laws))
+    loss = _loss_results(found, losses, nominal.joint_names, sums.baseline.loss.transition_speed)
     inertias = () if mode == "nominal" else inertia.figures(quantile(found.dof[: base.rank]) * inertia.std)
-    tied = tied_figures(found, base, nominal.joint_names, named)
-    through = sums.through_reversals
+    tied = tied_figures(found, base, nominal.joint_names, sums.laws)
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
-    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, laws, lossless)
+    return Identified(inertia, loss, inertias, tied, share, sums.through_reversals, found, laws, lossless)
 
 
 def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
@@ -209,28 +172,6 @@ def _within_bounds(
     return change, solved[numbers:]
 
 
-def _transition(
-    motions: Sequence[Motion],
-    arm: ArmModel,
-    losses: Float[Array, "n p"],
-    laws: tuple[NamedLaw, ...],
-) -> Float[Array, " n"]:
-    """Width of each joint's turn of dry friction that leaves least where it moves, all else held [rad/s]."""
-    misfit = np.zeros((len(TRANSITION_GRID), arm.n))
-    for motion in motions:
-        rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        known = rigid + losses[:, 0] * motion.ddq + losses[:, 1] * motion.dq
-        if laws:
-            known = known + named_torque(laws, motion.q, motion.dq, rigid, np.zeros(arm.n))
-        turns = [losses[:, 2] * direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
-        left = motion.filtered(np.concatenate([motion.tau - known, *turns], axis=1))
-        target, *models = np.split(left, len(TRANSITION_GRID) + 1, axis=1)
-        offset = losses[:, 3] if losses.shape[1] > 3 else 0.0
-        for k, model in enumerate(models):
-            misfit[k] += np.sum(np.where(motion.moving, target - offset - model, 0.0) ** 2, axis=0)
-    return np.asarray(TRANSITION_GRID)[np.argmin(misfit, axis=0)]
-
-
 def _loss_results(
     found: JointEstimate, losses: Float[Array, "n p"], joints: tuple[str, ...], widths: Float[Array, " n"]
 ) -> LossResults:
@@ -257,15 +198,9 @@ def describe(found: Identified) -> list[str]:
     """What a person should know of an identification beside its parameters, a line each."""
     condition = f"condition number of the motions: {found.inertia.condition_number:.0f}"
     lines = [condition, f"the URDF's inertias are off by about {100 * found.urdf_share:.1f} % of each link's scale"]
-    if found.estimate.runs > 1:
-        joints = zip(found.loss.joints, 100 * found.spread, strict=True)
-        reported = ", ".join(f"{name} {viscous:.1f} / {coulomb:.1f}" for name, (viscous, coulomb) in joints)
-        lines.append(f"friction changes from run to run by (viscous / Coulomb, %): {reported}")
-    else:
-        lines.append(
-            f"of one run nothing is known of repeats: the intervals take friction to change by the usual "
-            f"{100 * USUAL_SPREAD:.0f} % from run to run"
-        )
+    joints = zip(found.loss.joints, 100 * found.estimate.spread, strict=True)
+    reported = ", ".join(f"{name} {spread:.1f}" for name, spread in joints)
+    lines.append(f"friction changes from run to run by (%): {reported}")
     if found.tied:
         pairs = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
         more = len(found.tied) - MOST_TIED
@@ -282,7 +217,8 @@ def tied_figures(
     found: JointEstimate, base: BaseParameters, joints: tuple[str, ...], named: Sequence[NamedLaw] = ()
 ) -> tuple[tuple[str, str, float], ...]:
     """Pairs of parameters whose estimates are so correlated that only a combination of them is known."""
-    names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
+    names = [*base.names, *(f"{joint}.{name}" for joint in joints for name in NAMES[:LOSS_PARAMETERS])]
+    names += [f"{joint}.{NAMES[-1]}" for joint in joints] if found.offset else []
     names += [f"{joints[law.joint]}.{law.effect}.{k + 1}" for law in named for k in range(law.size)]
     std = np.maximum(found.std, 1e-300)
     correlation = found.covariance / np.outer(std, std)

@@ -64,8 +64,8 @@ def test_a_model_knows_where_it_was_fitted(fitted: FitResults, motions: list[Mot
         estimate=replace(
             fitted.identified.estimate,
             covariance=4.0 * fitted.identified.estimate.covariance,
+            spread=2.0 * fitted.identified.estimate.spread,
         ),
-        spread=2.0 * fitted.identified.spread,
     )
     assert find_training_range(motions, fitted.model.nominal, twice).torque_half_width == pytest.approx(2.0 * half)
 

@@ -12,6 +12,7 @@ import pytest
 from ident.arrays import Array, Float
 from ident.command_options import FitOptions, Inertia
 from ident.fitting.identification import Identified, identify
+from ident.fitting.joint_estimate import FitSums
 from ident.model.inertia import (
     base_parameters,
     is_consistent,
@@ -53,7 +54,7 @@ def training(real: ArmModel) -> list[Motion]:
 
 @pytest.fixture(scope="module")
 def fits(training: list[Motion], nominal: ArmModel) -> dict[str, Identified]:
-    return {mode: identify(training, nominal, FitOptions(inertia=mode)) for mode in MODES}
+    return {mode: identify(FitSums.gather(training, nominal, FitOptions(inertia=mode))) for mode in MODES}
 
 
 def _measured(arm: ArmModel, seeds: Sequence[int], noise: float = 0.3) -> list[Motion]:
@@ -106,7 +107,7 @@ def test_a_known_payload_is_not_taken_for_the_arm(nominal: ArmModel) -> None:
     """Runs with a reported payload on the exact arm: no base parameter is off by more than 4 deviations."""
     payload = Payload(2.0, (0.0, 0.0, 0.08))
     motions = made_motions(nominal, LOSS, [1, 2], 15.0, noise=0.3, payload=payload)
-    fit = identify(motions, nominal, FitOptions(inertia="base")).inertia
+    fit = identify(FitSums.gather(motions, nominal, FitOptions(inertia="base"))).inertia
     assert np.abs(fit.change / fit.std).max() < 4.0
 
 
@@ -163,7 +164,7 @@ def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], nom
     tau = real.inverse_dynamics(*states) + LOSS.torque(states[1], states[2])
     tau = tau + 0.3 * np.random.default_rng(1).standard_normal(tau.shape)
     poor = exact_motion(time, states, tau, nominal.joint_names)
-    assert identify([poor], nominal, FitOptions(inertia="base")).inertia.condition_number > 1000.0
+    assert identify(FitSums.gather([poor], nominal, FitOptions(inertia="base"))).inertia.condition_number > 1000.0
 
 
 def test_consistent_links_could_be_bodies(fits: dict[str, Identified]) -> None:

@@ -14,6 +14,7 @@ from ident.arrays import Array, Float
 from ident.command_options import FitOptions
 from ident.errors import RecordingError
 from ident.fitting.identification import identify
+from ident.fitting.joint_estimate import FitSums
 from ident.laws.motion import direction
 from ident.model.linearisation import (
     _sharpest,
@@ -205,7 +206,7 @@ def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
     worst = []
     for number in range(2):
         train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
-        found, seen = identify([motion(train)], arm, FitOptions()), motion(test)
+        found, seen = identify(FitSums.gather([motion(train)], arm, FitOptions())), motion(test)
         losses = found.loss.params
         shown = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
         shown += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
