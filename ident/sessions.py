@@ -132,15 +132,10 @@ def inspect_sources(
         parts.append(part)
         if sum(each.samples for each in parts) >= most:
             arm = load_robot(given.find_robot(), parts)
-            return Inspected(arm, map(weaken, inspect_parts(chain(_emptied(parts), coming), arm, settings)), ledger)
+            read = (parts.pop(0) for _ in range(len(parts)))  # a part is let go when it has been checked
+            return Inspected(arm, map(weaken, inspect_parts(chain(read, coming), arm, settings)), ledger)
     arm = load_robot(given.find_robot(), parts)
     return Inspected(arm, tuple(map(weaken, inspect_sessions(parts, arm, settings))), ledger)
-
-
-def _emptied(parts: list[Session]) -> Iterator[Session]:
-    """Hands out what a list holds and lets it go."""
-    while parts:
-        yield parts.pop(0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,12 +26,11 @@ from ident.diagnosis.selection.tolerance import measure_tolerance
 from ident.diagnosis.selection.urdf_scale import fit_urdf_error, initial_urdf_error, log_bayes_factor, one_link_is_wrong
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
-from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
-from ident.regression.run_spread import estimate_run_spread
+from ident.regression.run_spread import estimate_run_spread, measure_inflation
 from ident.regression.wandering import log_odds_of_law
 
 # Reason that a law of warmth is rejected for.

@@ -49,13 +49,13 @@ from ident.motion.stretches import runs_recorded
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.baseline import Baseline, UrdfError, fit_baseline
-from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import build_layout
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, project
 from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
+from ident.regression.run_spread import measure_inflation
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument

@@ -23,10 +23,10 @@ from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.baseline import Baseline
-from ident.regression.covariance import measure_inflation
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
+from ident.regression.run_spread import measure_inflation
 
 
 def name_wrong_links(

@@ -17,12 +17,11 @@ from scipy.linalg import block_diag
 
 from ident.arrays import Array, Float
 from ident.effects.catalogue import CATALOGUE
-from ident.regression.covariance import floor_at_model_variance
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Projection
 from ident.regression.positive import positive
-from ident.regression.run_spread import block_sums_left
+from ident.regression.run_spread import block_sums_left, floor_at_model_variance
 
 # Effects whose size is proportional to the gains of the readings: bodies.
 BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)

@@ -20,10 +20,10 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext, undefined
 from ident.effects.intervals import NORMAL_95
-from ident.regression.covariance import measure_inflation, robust_covariance
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
+from ident.regression.run_spread import measure_inflation, robust_covariance
 
 # Log odds are clipped here, either way, so that their exponential is finite.
 MOST_LOG_ODDS = 700.0

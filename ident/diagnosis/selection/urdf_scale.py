@@ -27,10 +27,10 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
-from ident.regression.covariance import measure_inflation
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
 from ident.regression.positive import factorise
+from ident.regression.run_spread import measure_inflation
 
 
 @dataclass(frozen=True)
