@@ -23,7 +23,7 @@ from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel
 from ident.motion.filter import USUAL_MOTION, MotionSettings
 from ident.motion.motion import Motion, no_motion, prepare_each
-from ident.motion.stretches import hold
+from ident.motion.stretches import FITTED_SAMPLES, hold
 from ident.recordings import TOPIC
 from ident.recordings.load import PART_SAMPLES, Source, gather_sources, load_parts
 from ident.recordings.recording import Session, TelemetryIssue
@@ -216,7 +216,7 @@ def open_sessions(
     coming = _prepare(
         found.reports, reports, groups, groups_of, learning, partial(prepare_each, cutoff=cutoff, settings=motion)
     )
-    held = hold(coming, None if model is None else sys.maxsize)
+    held = hold(coming, FITTED_SAMPLES if model is None else sys.maxsize)
     short = next((one.where for k, one in enumerate(groups) if k not in groups_of), None)
     if short is not None or not groups:
         raise no_motion(short or reports[-1].session.name, motion)

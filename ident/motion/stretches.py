@@ -20,8 +20,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.motion.motion import Motion, torque_band
 
-# Samples of a session that are held in memory.
-HELD_SAMPLES = 200_000
+# Samples of a session that are held for a diagnosis (13 minutes at 125 Hz, to which faster logs are decimated), and for
+# a fit, whose motions keep the log's own rate.
+HELD_SAMPLES, FITTED_SAMPLES = 100_000, 1_000_000
 # Length of the stretches into which a longer session is cut.
 STRETCH_SAMPLES = 4_000
 # Of the choice of stretches, or of runs where a few are enough.

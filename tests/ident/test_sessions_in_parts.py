@@ -256,14 +256,14 @@ def test_a_long_session_is_opened_and_fitted_in_parts(
 ) -> None:
     """Law: of the runs nothing is held but stretches from all over; what is fitted of them is what the whole gives."""
     arm, options = load_arm(), FitOptions(net="none", inertia="nominal")
-    monkeypatch.setattr(stretches, "HELD_SAMPLES", 3 * RUN)
+    monkeypatch.setattr(sessions, "FITTED_SAMPLES", 3 * RUN)
     monkeypatch.setattr(stretches, "STRETCH_SAMPLES", RUN // 2)
     parts = open_sessions([folder], arm)
     assert not any(report.session.runs for report in parts.reports)
     ((name, group),) = parts.groups
     assert (name, len(group)) == (folder.name, 6)
     monkeypatch.setattr(sessions, "PART_SAMPLES", 100 * RUN)
-    monkeypatch.setattr(stretches, "HELD_SAMPLES", 100 * RUN)
+    monkeypatch.setattr(sessions, "FITTED_SAMPLES", 100 * RUN)
     whole = open_sessions([folder], arm)
     assert parts.stamps == whole.stamps
     assert parts.data_records() == whole.data_records()
