@@ -1,7 +1,7 @@
 """From recordings and a robot to an arm and motions: read, match joints, check the telemetry, smooth.
 
 One way in: what is given comes as parts, each checked when its turn comes; a session that is not long is one part.
-What is too long to be held is let go part by part, and its motions wait on disk.
+What is too long to be held is let go part by part; stretches of its motions are held.
 """
 
 from __future__ import annotations

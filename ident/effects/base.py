@@ -50,7 +50,7 @@ class Effect(ABC):
     # Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large it seems in a
     # run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
     beyond_bound: ClassVar[bool] = False
-    # Whether runs act on later ones: its parameters then need every run, not an even choice of them.
+    # Whether runs act on later ones.
     remembers: ClassVar[bool] = False
     # Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
     by_run: ClassVar[bool] = False

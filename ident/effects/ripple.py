@@ -45,7 +45,6 @@ class TorqueRipple(Effect):
     id = "torque_ripple"
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
-        # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
         lines, looked = zip(
             *(find_lines(session, leftover, joint, chance=self.chance) for joint in range(session.n)), strict=True
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,6 @@ TRANSMISSION = read_group(__file__, "transmission")
 LEAST_TRAVEL = 0.03
 # An effect that takes more than this share of what a joint can give leaves a joint that hardly moves by itself.
 LARGEST_TORQUE_SHARE = 0.5
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,14 +61,17 @@ def hold(motions: Iterable[Motion], most: int | None = None) -> Held:
     """
     most = HELD_SAMPLES if most is None else most
     rng, kept, samples = np.random.default_rng(CHOICE_SEED), list[_Stretch](), 0
-    whole: list[Motion] | None = []
+    whole: list[Motion] = []
     for number, motion in enumerate(motions):
         samples += len(motion.time)
         kept += [_Stretch(rng.random(), number, part) for part in cut(motion, STRETCH_SAMPLES)]
-        whole = [*whole, motion] if whole is not None and samples <= most else None
-        if whole is None and sum(len(one.motion.time) for one in kept) > 2 * most:
+        if samples <= most:
+            whole.append(motion)
+            continue
+        whole.clear()
+        if sum(len(one.motion.time) for one in kept) > 2 * most:
             kept = _sample(kept, most)
-    if whole is not None:
+    if samples <= most:
         return Held(tuple(whole), tuple(range(len(whole))), samples)
     kept = _sample(kept, most)
     sources = [one.source for one in kept]
@@ -82,13 +85,11 @@ def _sample(stretches: list[_Stretch], most: int) -> list[_Stretch]:
     order = np.argsort([one.key for one in stretches])
     held = list(accumulate(len(stretches[k].motion.time) for k in order))
     chosen = sorted(order[: max(1, int(np.searchsorted(held, most, side="right")))])
-    kept = (stretches[k] for k in chosen)
-    return [
-        one._replace(
-            motion=_with_channels(one.motion, {name: values.copy() for name, values in _channels(one.motion).items()})
-        )
-        for one in kept
-    ]
+    found = []
+    for one in (stretches[k] for k in chosen):
+        own = {name: values.copy() for name, values in _channels(one.motion).items()}
+        found.append(one._replace(motion=_with_channels(one.motion, own)))
+    return found
 
 
 def within_band(motions: Sequence[Motion], inertia: Float[Array, " n"]) -> tuple[Motion, ...]:

@@ -42,10 +42,7 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
 
 
 def gap_curves(analysis: Analysis) -> list[list[Curve]]:
-    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked.
-
-    Of very many runs only some have curves.
-    """
+    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked."""
     rungs = [("tuned", "after tuning", TUNED)]
     if analysis.diagnosis.findings:
         rungs.insert(0, ("named", "with the named effects", NAMED))
