@@ -13,33 +13,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.report import MISREAD
 from ident.diagnosis.alternate import Selection, keep_effects, select_effects
 from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
-from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
-from ident.diagnosis.gap.improvement import Improvement, measure_improvement, run_energy, spread_of_runs
-from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
-from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
+from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
+from ident.diagnosis.remaining import Models, Remaining, energy_spread, find_places, joint_gaps, measure_remaining
 from ident.diagnosis.reservations import joints_of, link_reservations, replay_reservation
-from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain, JointGap
+from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain
 from ident.diagnosis.selection.criteria import SearchResults
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.diagnosis.tuned_links import measure_tuned_links
 from ident.diagnosis.verdict import (
     decide,
     discount_by_discrepancy,
     exceeds_noise,
-    find_floors,
     find_nearest,
-    find_unexplained,
     score_outside,
 )
 from ident.effects.base import Effect, SessionContext
@@ -48,20 +40,17 @@ from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
-from ident.regression.baseline import Baseline, UrdfError, fit_baseline
+from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import build_layout
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
-from ident.regression.least_squares import Prior, project
+from ident.regression.least_squares import Prior
 from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
-from ident.regression.run_spread import measure_inflation
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
 
-# Divisor of the URDF's tolerance for reported errors of the untuned model: a larger one changes no digit of them.
-FIXED_URDF_FACTOR = 1e5
 # Reason that an effect is rejected for if a discrepancy explains its torque at about the same cost.
 NOT_BEYOND_DISCREPANCY = (
     "a flexible function of the joint's state explains as much at about the same cost: probably no such law acts"
@@ -100,8 +89,8 @@ def diagnose(
         inertia_share: Standard deviation of the arm's inertias as a share of each link's scale; that of a URDF if None.
         settings: Thresholds and priors of all stages.
     """
-    static = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
     stage("tuning the arm", 0.2, 0.35)
+    static = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
     baseline = fit_baseline(motions, arm, inertia_share, settings.regression, static)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
@@ -115,54 +104,36 @@ def diagnose(
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
     selected = name_wrong_links(selected, session, baseline, settings.verdict)
-    search, found, estimates, fine = selected.search, selected.found, selected.estimates, selected.fine
-    evidence, prior = search.evidence, search.prior
-    groups = [item.group for item in found.accepted]
-    gram = evidence.gram()
-    before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
-    # Errors of the untuned model are reported with the URDF as it is; the search's fixed prior is less tight.
-    given = HeldOut(evidence, search.prior.tightened(FIXED_URDF_FACTOR * search.prior.error.scale))
-    fixed = project(gram, evidence, given.prior)
     stage("what is left, and what could have been seen", 0.9, 1.0)
-    series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
-    steady = [item.without_friction_level(evidence.spread) for item in series]
-    ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
-    excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
-    unexplained = excess.present
-    floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    noise = np.where(unexplained, np.minimum(settings.verdict.noise_margin * excess.noise, floors), floors)
-    improvement = measure_improvement(search, given, found, series, baseline, floors, beside.explained, settings.gap)
-    inflation = measure_inflation(evidence, after)
-    links = measure_tuned_links(baseline, evidence, after, prior, inflation)
-    # Tolerance is tested with the usual prior if a single link is wrong, else with the URDF's error as estimated.
-    usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
-    model = project(gram, evidence, usual.prior, groups)
-    usual_inflation = measure_inflation(evidence, model)
-    alone = one_link_is_wrong(usual, baseline, groups, usual_inflation)
-    view = (usual.prior, model, usual_inflation) if alone else (prior, after, inflation)
-    tolerance = measure_tolerance(evidence, *view, settings.selection)
-    views = after, project(gram, evidence, search.fixed.prior, groups)
-    limits = find_limits(search, found, views, inflation, session)
-    untuned = search.fixed.score().rms, search.fixed.score(groups).rms
-    laws = len(beside.laws)  # the effects after these are link errors
-    reported = [*discount_by_discrepancy(estimates[:laws], beside.laws, settings.verdict), *estimates[laws:]]
-    old, new = found.ladder[0].rms, found.ladder[-1].rms
-    heldout = HeldOutGain(old, new, measure_shrink(old, new, floors) if found.accepted else 0.0, improvement)
-    verdict = decide(found, reported, unexplained, noise, tolerance, untuned, settings.verdict)
-    findings = sorted(_findings(found, reported, arm, floors, improvement, given), key=lambda one: -one.closed)
-    far = replay_reservation(improvement.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
-    rng = np.random.default_rng(seed)
-    maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
-    misread = [one.joints for one in telemetry if one.issue == MISREAD]
-    excess_errors = measure_excess_errors(
+    models = Models.of(selected)
+    remaining = measure_remaining(selected, models, beside.left, beside.explained, session, baseline, settings)
+    limits = find_limits(selected.search, selected.found, models.for_limits, models.inflation, session)
+    maps = map_gap(
+        remaining.series,
         arm.joint_names,
-        {"before": found.ladder[0].rms, "fixed": given.score().rms},
-        tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
-        noise,
-        [ReportedCause(one.joints, one.hidden_torque) for one in findings]
-        + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
-        settings.verdict.loud,
+        models.evidence.whitening,
+        np.random.default_rng(seed),
+        settings=settings.gap.map,
     )
+    found, laws = selected.found, len(beside.laws)  # the effects after these are link errors
+    discounted = discount_by_discrepancy(selected.estimates[:laws], beside.laws, settings.verdict)
+    estimates = (*discounted, *selected.estimates[laws:])
+    findings = _findings(found, estimates, arm, remaining, models.given)
+    errors = found.ladder[0].rms, found.ladder[-1].rms
+    shrink = measure_shrink(*errors, remaining.floors) if found.accepted else 0.0
+    verdict = decide(
+        found,
+        estimates,
+        remaining.excess.present,
+        remaining.noise,
+        remaining.tolerance,
+        models.with_fixed_inertias,
+        settings.verdict,
+    )
+    far = replay_reservation(
+        remaining.improvement.forward, remaining.series, arm.joint_names, errors[1], remaining.floors, settings
+    )
+    where = find_places(arm, maps, models, remaining, findings, telemetry, settings)
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -174,31 +145,33 @@ def diagnose(
             "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
         },
         telemetry=tuple(telemetry),
-        gap=_gap(arm, (found.ladder[0].rms, given.score().rms), noise, ceilings, series, tolerance),
-        where=() if verdict == "no_gap" else rank_places(maps, excess_errors, settings.gap.map),
-        findings=tuple(findings),
-        heldout=heldout,
+        gap=joint_gaps(arm, models, remaining),
+        where=() if verdict == "no_gap" else where,
+        findings=findings,
+        heldout=HeldOutGain(*errors, shrink, remaining.improvement),
         not_testable=(
             *layout.silent,
             *(one.untestable(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
         ),
-        reservations=selected.reservations + link_reservations(links) + far,
+        reservations=(*selected.reservations, *link_reservations(remaining.links), *far),
         details=Details(
             nearest=find_nearest(found, arm.joint_names),
             detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],
-            baseline=tuned_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
-            baseline_alone=tuned_alone(baseline, evidence, before),
-            baseline_urdf=tuned_alone(baseline, evidence, fixed),
-            outside_score=score_outside(verdict, reported, heldout.shrink, excess.leftover),
-            leftover=excess.leftover,
-            tuned_links=links,
+            baseline=tuned_beside(baseline, selected.fine, selected.estimates)
+            if selected.fine
+            else tuned_alone(baseline, models.evidence, models.after),
+            baseline_alone=tuned_alone(baseline, models.evidence, models.before),
+            baseline_urdf=tuned_alone(baseline, models.evidence, models.fixed),
+            outside_score=score_outside(verdict, estimates, shrink, remaining.excess.leftover),
+            leftover=remaining.excess.leftover,
+            tuned_links=remaining.links,
         ),
         catalogue=tuple(catalogue),
         settings=settings,
     )
-    return Analysis(baseline, session, evidence, found, tuple(series), diagnosis)
+    return Analysis(baseline, session, models.evidence, found, remaining.series, diagnosis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,40 +225,15 @@ def _fit_discrepancies(
     return _DiscrepancyTests(left, tuple(laws), explained)
 
 
-def _gap(
-    arm: ArmModel,
-    rms: tuple[Float[Array, " n"], Float[Array, " n"]],
-    floors: Float[Array, " n"],
-    ceilings: Sequence[Ceiling],
-    series: Sequence[RunResidual],
-    tolerance: Tolerance,
-) -> dict[str, JointGap]:
-    """The gap of each joint; `rms` is the held-out error of the tuned model and of the untuned one."""
-    energy = np.array([run_energy(item, item.unseen_before) for item in series])
-    return {
-        name: JointGap(
-            rms=float(rms[0][j]),
-            fixed_rms=float(rms[1][j]),
-            noise_floor=float(floors[j]),
-            ceiling_rms=float(max(floors[j], ceilings[j].rms)),
-            unexplained=ceilings[j].kind,
-            tuned_away=float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
-            energy_error=(float(energy[:, j].mean()), _spread(energy[:, j : j + 1])),
-            slides=bool(arm.sliding_joints[j]),
-        )
-        for j, name in enumerate(arm.joint_names)
-    }
-
-
 def _findings(
     found: SearchResults,
     estimates: Sequence[Estimate],
     arm: ArmModel,
-    floors: Float[Array, " n"],
-    improvement: Improvement,
+    remaining: Remaining,
     given: HeldOut,
 ) -> tuple[Finding, ...]:
-    """The findings in the order of acceptance; absorbed effects are scored with the untuned URDF, `given`."""
+    """The findings, those that close most first; absorbed effects are scored with the untuned URDF, `given`."""
+    improvement, floors = remaining.improvement, remaining.floors
     joints, findings, groups = arm.joint_names, [], [item.group for item in found.accepted]
     for k, (item, estimate, share) in enumerate(zip(found.accepted, estimates, improvement.shares, strict=True)):
         sides = (given.score(groups[:k]), given.score(groups[: k + 1])) if item.absorbed else (item.before, item.after)
@@ -300,16 +248,13 @@ def _findings(
                 rms_after={joints[j]: float(new[j]) for j in acts},
                 energy_before=float(improvement.energy_before[acts].sum()),
                 energy_after=float(improvement.energy_after[acts].sum()),
-                energy_std=(_spread(improvement.runs_before[:, acts]), _spread(improvement.runs_after[:, acts])),
+                energy_std=(
+                    energy_spread(improvement.runs_before[:, acts]),
+                    energy_spread(improvement.runs_after[:, acts]),
+                ),
                 shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
                 slides=slides(item.group, arm),
             )
         )
-    return tuple(findings)
-
-
-def _spread(energies: Float[Array, "R k"]) -> float | None:
-    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
-    found = spread_of_runs(energies.sum(axis=1))
-    return None if found is None else float(found)
+    return tuple(sorted(findings, key=lambda one: -one.closed))
