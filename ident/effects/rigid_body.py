@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float
 from ident.effects.added_body import (
     LARGEST_TOOL_SHARE,
     PLACE,
@@ -23,16 +23,10 @@ from ident.effects.added_body import (
 from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import RIGID_BODY as LIMIT
-from ident.effects.session_context import arm_mass, arm_reach, rated_torque
-from ident.laws.acting import turned_gravity
+from ident.effects.session_context import arm_mass, arm_reach
 from ident.robot.arm import ArmModel
 
 NOWHERE: Places = MappingProxyType({})
-# The tilt about which columns are laid out, about the base's x and y axes [rad].
-TILT = ("about_x_rad", "about_y_rad")
-LEVEL = freeze(np.zeros(2))
-# A tilt of which the torque is a straight line to all digits that matter [rad].
-STRAIGHT = 1e-4
 # A load that is laid out as more of the last link.
 LIKE_LINK = "like_link"
 
@@ -241,77 +235,20 @@ class LinkInertialError(Effect):
 
 
 class GravityMisalignment(Effect):
-    """A base that is not level: turned about its own x and y axes.
+    """A base that is not level: turned by small angles about its own x and y axes.
 
-    The torque is linear in gravity g, which turns in the base's frame with the tilt w = (w_x, w_y): by −w × g where it
-    is small, by less, and down as well, where it is not. So the columns are straight lines about the tilt that a first
-    look found: along it the chord g(w) − g, which is exact there, across it the slope.
-
-    Args:
-        about: The tilt that was found, (w_x, w_y) [rad]; none where nothing was looked at.
+    Gravity in the base frame changes by −ω × g, and the torque is linear in gravity.
     """
 
     id = "gravity_misalignment"
 
-    def __init__(self, about: Float[Array, " 2"] = LEVEL) -> None:
-        self.about = about
-
-    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> GravityMisalignment:
-        return GravityMisalignment(_likely_tilt(session, leftover))
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return (Variant(shape=dict(zip(TILT, map(float, self.about), strict=True))),)
-
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        about, found = np.array([variant.shape[name] for name in TILT]), []
+        found = []
         for run in session.runs:
-            change = gravity_by_tilt(np.asarray(run.arm.model.gravity.linear), about)
-            found.append(np.stack([run.arm.with_gravity(one).gravity(run.motion.q) for one in change.T], axis=-1))
+            gravity = np.asarray(run.arm.model.gravity.linear)
+            turned = [run.arm.with_gravity(-np.cross(axis, gravity)) for axis in np.eye(3)[:2]]
+            found.append(np.stack([arm.gravity(run.motion.q) for arm in turned], axis=-1))
         return found
-
-
-def gravity_by_tilt(gravity: Float[Array, " 3"], about: Float[Array, " 2"]) -> Float[Array, "3 2"]:
-    """Change of gravity in the base per tilt about its x and y axes, straight about a tilt [m/s² per rad].
-
-    Along that tilt it is the chord from level, across it the slope there.
-    """
-    angle = float(np.linalg.norm(about))
-    if angle < STRAIGHT:
-        return -np.cross(np.eye(3)[:2], gravity).T
-    along = about / angle
-    across = np.array([-along[1], along[0]])
-    step = STRAIGHT * across
-    chord = (_tilted(gravity, about) - gravity) / angle
-    slope = (_tilted(gravity, about + step) - _tilted(gravity, about - step)) / (2.0 * STRAIGHT)
-    return np.outer(chord, along) + np.outer(slope, across)
-
-
-def _tilted(gravity: Float[Array, " 3"], tilt: Float[Array, " 2"]) -> Float[Array, " 3"]:
-    return turned_gravity(gravity, {"tilt_x_rad": float(tilt[0]), "tilt_y_rad": float(tilt[1])})
-
-
-def _likely_tilt(session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " 2"]:
-    """The tilt of the gravity that explains best what tuning changed of all inertias and what it left.
-
-    Gravity's size is free: masses that are off together do the same. Each joint counts by its rated torque.
-    """
-    rated = np.array([rated_torque(session, j) for j in range(session.n)])
-    square, product = np.zeros((3, 3)), np.zeros(3)
-    for run, left in zip(session.runs, leftover, strict=True):
-        tuned = np.zeros(10 * session.n) if session.tuned is None else session.tuned
-        given = run.arm.with_inertial_parameters(run.arm.inertial_parameters - tuned)
-        q, dq, ddq, rigid = (one[run.motion.coarse] for one in (run.motion.q, run.motion.dq, run.motion.ddq, run.rigid))
-        missing = (left + rigid - given.inverse_dynamics(q, dq, ddq)) / rated
-        pulls = np.stack([given.with_gravity(axis).gravity(q) for axis in np.eye(3)], axis=-1) / rated[:, None]
-        seen = np.isfinite(missing)
-        square += pulls[seen].T @ pulls[seen]
-        product += pulls[seen].T @ missing[seen]
-    gravity = np.asarray(session.runs[0].arm.model.gravity.linear)
-    pull = gravity + np.linalg.lstsq(square, product, rcond=None)[0]
-    turn = np.cross(pull, gravity)
-    angle = float(np.arctan2(np.linalg.norm(turn), pull @ gravity))
-    most = float(GravityMisalignment.bounds["tilt_x_rad"][1])
-    return np.asarray(turn[:2] / max(float(np.linalg.norm(turn)), 1e-12) * min(angle, most))
 
 
 def _acting_axes(arm: ArmModel) -> list[int]:
