@@ -238,6 +238,13 @@ SCALE = {
 }
 
 
+@pytest.mark.parametrize(("value", "shown"), [(-8.94e-5, "0"), (0.0, "0"), (8.4e-3, "0.00840"), (0.84, "0.840")])
+def test_what_a_solver_left_of_zero_is_shown_as_zero(value: float, shown: str) -> None:
+    """Law: of an interval of 1.7 nobody reads a ten-thousandth."""
+    (row,) = parameter_rows({"coulomb_change_Nm": {"value": value, "low": -0.842, "high": 0.842}})
+    assert row["value"] == shown
+
+
 def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dict[str, Any]:
     finding = {"effect": effect, "joints": ["elbow"], "class": [effect], "probability": probability, "action": "do so"}
     finding["class_probability"] = probability
