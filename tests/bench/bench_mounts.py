@@ -57,7 +57,7 @@ def found_gravity(session: Session, arm: ArmModel) -> Array:
 def turned(session: Session, arm: ArmModel, turns: Rotation) -> None:
     """One row a turn: the turn, whether the check reports it, and how far what is found is off."""
     true, usual = np.array(arm.model.gravity.linear), {one.issue for one in inspect_alone(session, arm).fatal}
-    own = angle_between(found_gravity(session, arm), true) if session.runs else 0.0
+    own = angle_between(found_gravity(session, arm), true)
     print(f"{session.name}: as it is {own:.1f} degrees are named", flush=True)
     counts: Counter[str] = Counter()
     for turn in turns:
