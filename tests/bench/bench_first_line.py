@@ -2,8 +2,8 @@
 
     python -m tests.bench.bench_first_line RESULT.json ...
 
-Results are those of `ident diagnose --json`, or of a check's cases. A body, a name of another joint that shows there and
-what is said of the whole arm count; where a factor of a torque is what is said first, a name of another joint may follow.
+Results are those of `ident diagnose --json`, or of a check's cases. A body, a name of another joint that shows there,
+and what is said of the whole arm count; where a factor of a torque is said first, a name of another joint may follow.
 """
 
 from __future__ import annotations
