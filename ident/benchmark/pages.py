@@ -10,6 +10,7 @@ from rich.console import Console
 
 from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, TEXT, WORDS, BlindReport
 from ident.errors import plural
+from ident.show.palette import FLEXIBLE
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.page import Section, confusion_section, facts_section, write_report
 from ident.show.report.words import DASH, effect_name, fixed, parameter_name, percent
@@ -153,5 +154,5 @@ def write(console: Console, report: BlindReport) -> None:
 def draw(report: BlindReport) -> Figure:
     """The scores that are shares."""
     shares = {name: score.value for name, score in report.scores.items() if name != "seconds_per_case"}
-    rows = {f"{len(report.outcomes)} cases": ("#0072b2", list(shares.values()))}
+    rows = {f"{len(report.outcomes)} cases": (FLEXIBLE, list(shares.values()))}
     return draw_bars(list(shares), rows, "share", f"withheld effects, seed {report.seed}")

@@ -31,6 +31,7 @@ from ident.files import atomic_write
 from ident.results import Provenance, Result
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
+from ident.show.palette import FLEXIBLE
 from ident.show.results import draw_bars
 from ident.simulation.real.cases import make_cases
 from ident.simulation.real.sources import load_sources, measured_causes
@@ -234,7 +235,7 @@ class RealReport(Result):
 
     def plot(self) -> Figure:
         shares = {name: value for name, value in self.record["scores"].items() if value is not None}
-        return draw_bars(list(shares), {"semi-real": ("#0072b2", list(shares.values()))}, "share", "semi-real cases")
+        return draw_bars(list(shares), {"semi-real": (FLEXIBLE, list(shares.values()))}, "share", "semi-real cases")
 
 
 def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]]:

@@ -175,13 +175,15 @@ class Gains:
 def check_absent(session: Session, states: States, absent: Sequence[str]) -> list[TelemetryIssue]:
     """Whether joints that are not recorded moved: then a torque doesn't follow from the recorded joints' motion.
 
-    Each torque is held against what the recorded angles, one by one, and the joint's own motion can make of it.
+    Each torque is held against the model's with those joints still, and what the recorded angles, one by one, and the
+    joint's own motion can make of it.
     """
     swings = np.hstack([np.sin(states.q), np.cos(states.q), states.ddq])
     found = {}
     for j in np.flatnonzero(states.alive & states.moving):
         dq, tau = states.dq[:, j], states.tau[:, j]
-        table = np.column_stack([swings, states.q[:, j], dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))])
+        model = [states.gravity[:, j], states.inertial[:, j]]
+        table = np.column_stack([swings, *model, states.q[:, j], dq, np.tanh(dq / TRANSITION_RAD_S), np.ones(len(tau))])
         left = tau - table @ least_squares(table, tau)
         found[int(j)] = max(1.0 - float(left.var() / tau.var()), 0.0)
     worst = min(found, key=lambda j: found[j], default=None)

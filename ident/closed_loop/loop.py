@@ -83,7 +83,7 @@ MOST_ROUNDS = 8
 # A gap that looks closed and is not sure to be is looked at in so many rounds before all of them teach again.
 PATIENCE = 2
 # The loop has stalled where so many models in turn came no nearer than this share of the best before them: what is left
-# then has no name, and more motion of these kinds won't give it one.
+# then is unexplained, and more motion of these kinds won't give it one.
 STALLED_MODELS, PROGRESS = 2, 0.97
 Say = Callable[[str], None]
 

@@ -100,7 +100,7 @@ def diagnose(
     evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)
     evidence = evidence.with_dispersion(measure_dispersion(session, baseline, replace(evidence), prior))
-    stage("searching laws", 0.6, 0.9)
+    stage("searching for laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
     selected = name_wrong_links(selected, session, baseline, settings.verdict)

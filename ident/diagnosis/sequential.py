@@ -133,7 +133,7 @@ def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:
         yield f"the verdict is {diagnosis.verdict}"
         return
     if diagnosis.verdict != "named":
-        yield "part of the gap has no name" if diagnosis.findings else "the gap has no name"
+        yield "part of the gap is unexplained" if diagnosis.findings else "the gap is unexplained"
     for one in diagnosis.findings:
         if one.estimate.probability < confidence:
             rivals = (

@@ -12,10 +12,11 @@ from rich.table import Table
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
 from ident.show.console import styled
+from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
 
 WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
 # By state of the file: greys before, then ever nearer to what is written.
-COLOURS = dict(zip(WHEN, ("#cccccc", "#999999", "#e69f00", "#0072b2", "#009e73"), strict=True))
+COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=True))
 
 
 def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:

@@ -9,7 +9,8 @@ MEASURED = "#111111"
 # Of a gap: left by the model before tuning, by the tuned one, after the named effects, by a flexible function without
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
-RUNG_COLOURS = {"analytic": "#d55e00", "inertia": "#cc79a7", "loss": "#0072b2", "named": "#56b4e9", "net": "#009e73"}
+SKY, ORANGE = "#56b4e9", "#e69f00"
+RUNG_COLOURS = {"analytic": TUNED, "inertia": UNTUNED, "loss": FLEXIBLE, "named": SKY, "net": NAMED}
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")
 RUNG_NAMES = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "named": "+ named", "net": "+ net"}

@@ -45,7 +45,7 @@ def excite(
     arm = arm if payload is None else arm.with_payload(payload)
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     hypotheses = ask(arm, chosen.separate, chosen.joint, record, gather_effects(catalogue))
-    stage("searching motions")
+    stage("searching for motions")
     found = Designer(arm, hypotheses, chosen, around).best()
     named = {"robot": arm.name, "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None}
     given = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(chosen).items()}

@@ -83,7 +83,7 @@ class OpenedTask:
             InputError: No such method, or not for this task.
         """
         problem, note = cheapest_goal(self.problems, self.task.pose is not None, options.budget, options.seed)
-        stage("searching a motion")
+        stage("searching for a motion")
         result = solve_problem(problem, options, planner)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
         origin = self._origin("plan solve", method=result.method, **asked)

@@ -161,7 +161,8 @@ class ArmShapes:
         known = [(share, name) for name, _, share in self.meshes if share is not None]
         excess, worst = max(known, default=(0.0, ""))
         parts = f"{len(self.meshes)} meshes of links count as {sum(count for _, count, _ in self.meshes)} convex parts"
-        return parts + (f", {worst} with {100 * excess:.1f} % more volume than its mesh" if worst else "")
+        share = f"{100.0 * excess:.1f}"
+        return parts + (f", {worst} with {share} % more volume than its mesh" if float(share) else "")
 
     def to_dict(self) -> dict[str, Any]:
         """What stands in for which links, the issue that reports it, and the convex parts of meshes."""

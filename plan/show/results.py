@@ -44,7 +44,7 @@ def _say(console: Console, kind: str, result: Any, *more: Any, **given: Any) -> 
 def _print_plan(console: Console, result: PlanResult) -> None:
     """A plan and its certificate, or why there is none; and what became of the initial trajectories."""
     status = (result.status, "green" if result.solved else "red")
-    spent = f" by {result.method}, {result.evaluations} evaluations, {result.seconds:.2f} s"
+    spent = f" by {result.method} in {result.seconds:.2f} s, {result.evaluations} evaluations"
     console.print(styled(status, spent), soft_wrap=True)
     vias = []
     if result.splines is not None and result.certificate is not None:

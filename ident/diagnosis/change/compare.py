@@ -85,7 +85,7 @@ def compare(
         hidden = {one.effect.id + str(one.joint): one for one in (*first.untestable, *few)}.values()
         found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
         return replace(found, still=still, used=used)
-    stage("searching what changed", 0.5, 1.0)
+    stage("searching for what changed", 0.5, 1.0)
     search = _search(first, settings.selection, sides)
     changes = _find_changes(search)
     if any(one.group.effect.id in BODIES for one in changes.estimates):

@@ -42,7 +42,7 @@ ELSEWHERE = {effect.id for effect in CATALOGUE if effect.rows == "all"}  # they 
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The leading joint's gap where no name of its own says it, the verdict, and a torque off by a factor elsewhere."""
+    """The leading joint's gap if no effect of its own explains it, the verdict, and a factor of a torque elsewhere."""
     scale, (joint, beyond), shown = _misread(record), leading_joint(record), in_order_of_joints(record)
     key, size, lead, elsewhere = verdict_key(record), f"{beyond} beyond noise", "", ""
     misread = scale is not None and joint in scale["joints"]
@@ -52,7 +52,7 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         elsewhere = f"{scale['reading']}{scale['others']}." + f" {sentence(scale['remedy'])}." * (not scale["bodily"])
     if not misread and shown and joint not in ("", *shown[0]["joints"]) and key != "mostly":  # which says it itself
         acts = _acts_on(shown[0], joint, record)
-        there = "where a name of another joint shows" if acts else "and has no name there"
+        there = "where a name of another joint shows" if acts else "and is unexplained there"
         lead = f"The gap is largest at {joint}, {size}, {there}."
     # A gain of a joint that reads a factor is only another name of it.
     other = [one for one in shown if not (scale and misread and _names_factor(one, scale))]
@@ -192,7 +192,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     if hidden:
         return f"{beyond} at {joint} may be a load or wrong inertias. " * (joint in hidden) + OWN_INERTIAS
     motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
-    unnamed = f"{beyond} at {joint} have no name. " if record.get("findings") and not named else ""
+    unnamed = f"{beyond} at {joint} are unexplained. " if record.get("findings") and not named else ""
     return f"{unnamed}Record this next: {motion}." if motion else ""
 
 

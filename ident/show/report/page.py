@@ -26,6 +26,7 @@ COLOURS = (
     "NOISE",
     "RUNG_MEANINGS",
     "FLEXIBLE",
+    "SKY",
     "TUNED",
     "UNTUNED",
     "model_colour",

@@ -17,6 +17,8 @@ MINUS, DASH = "−", "–"
 # A number below this is what sums leave of nothing, in any unit.
 ROUNDING = 1e-12
 AT_REST = ("stiffness_Nm_rad", "rest_rad")
+# A value that is less, as a share of its interval's width, is what a solver left of zero.
+NOTHING = 1e-3
 UNITS = re.compile(r"(?<=\d) (N m|J|kg|g|s|%|Hz)\b|(?<=\d) %")
 
 
@@ -135,6 +137,8 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
         return {**cells, "value": f"{value['value']:.0f}"}
     if not name.startswith(STATE):
         low, high = significant(value.get("low"), 3), significant(value.get("high"), 3)
+        if abs(value["value"]) < NOTHING * ((value.get("high") or 0.0) - (value.get("low") or 0.0)):
+            cells["value"] = "0"
         known = {"high": f"{low} or more", "low": f"{high} or less", "both": "open"}
         cells["interval"] = known.get(value.get("open", ""), f"{low} to {high}")
     return cells

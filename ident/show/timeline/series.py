@@ -11,7 +11,7 @@ from ident.arrays import Array, Float
 from ident.model.evaluation import trace_run
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.show.palette import MEASURED, rung_colours, rung_name
+from ident.show.palette import FLEXIBLE, MEASURED, rung_colours, rung_name
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
         for group, table in measured:
             yield Curve(joint, (group, "measured"), "measured", MEASURED, table[:, j])
         yield Curve(joint, ("motion", "position"), "position [rad]", "#444444", motion.q[coarse, j])
-        yield Curve(joint, ("motion", "velocity"), "velocity [rad/s]", "#0072b2", motion.dq[coarse, j])
+        yield Curve(joint, ("motion", "velocity"), "velocity [rad/s]", FLEXIBLE, motion.dq[coarse, j])
     if model is None:
         return
     trace = trace_run(model, motion)

@@ -59,7 +59,7 @@ def test_what_is_missing_is_told_at_the_end() -> None:
     found = diagnose_sequentially(lambda runs, settings: empty("none_of_catalogue", runs), 9, 0.9)
     assert not found.enough
     assert len(found.looks) == 3
-    assert "the gap has no name" in describe_looks(found.to_dict())
+    assert "the gap is unexplained" in describe_looks(found.to_dict())
 
 
 @pytest.mark.parametrize("sure", [0.2, 0.999, float("nan")])
