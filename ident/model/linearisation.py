@@ -41,55 +41,93 @@ LOSSES = 3
 Known = tuple[Bool[Array, "t n"], Float[Array, "n t k"], Float[Array, "s n k k"]]
 
 
-def tune_links(motions: Sequence[Motion], arm: ArmModel, share: float) -> tuple[ArmModel, BaseParameters]:
-    """The arm with base parameters near the URDF's, fitted together with losses; and what these are.
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """An arm after tuning."""
+
+    arm: ArmModel  # its links near the URDF's
+    base: BaseParameters  # which combinations of their numbers act on the torques
+    loss: LossParameters  # losses of each joint
+
+
+def tune_arm(motions: Sequence[Motion], arm: ArmModel, share: float, still: Collection[int] = ()) -> Tuned:
+    """Base parameters near the URDF's and losses, by one least squares over where joints move; no loss is negative.
+
+    It is solved twice from the sums of one pass over the runs: with equal weights, then with each joint's own noise.
 
     Args:
         motions: Runs; known payloads are part of the model.
         arm: The arm as its URDF describes it.
         share: Standard deviation of the URDF's numbers as a share of `parameter_scale`.
+        still: Joints that are left out: they get no loss.
+
+    Raises:
+        RecordingError: A joint hardly moves in any run.
     """
     base, scale = base_parameters(arm), share * parameter_scale(arm)
-    lift, n = lift_base(base, scale), arm.n
-    rank, size = base.rank, base.rank + n * LOSSES
-    targets = [motion.tau_filtered - motion.filtered(rigid_torque(arm, motion)) for motion in motions]
-    widths = transition_speeds(motions, targets)
-    grams = np.zeros((n, rank + LOSSES + 1, rank + LOSSES + 1))  # XᵀX of each joint's moving rows; its torque is last
-    for motion, target in zip(motions, targets, strict=True):
-        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
-        friction = loss_columns(motion, widths)[..., :LOSSES]
+    lift, n, rank = lift_base(base, scale), arm.n, base.rank
+    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
+    for j in sorted(set(np.flatnonzero(moving < LEAST_MOVING)) - set(still)):
+        what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
+        raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
+    sums = _sums_of_joints(motions, arm, base)
+    sums[list(still)] = 0.0
+    change, noise = np.zeros(rank), np.ones(n)
+    for last in (False, True):
+        widths = _transition_widths(sums, change)
+        whole = np.zeros((rank + LOSSES * n + 1, rank + LOSSES * n + 1))
+        whole[:rank, :rank] = lift.T @ (lift / scale[:, None] ** 2)
         for j in range(n):
-            there = motion.moving[:, j]
-            x = np.concatenate([rows[there, j], friction[there, j], target[there, j : j + 1]], axis=1)
-            grams[j] += x.T @ x
-    believed = np.concatenate([(1 / scale)[:, None] * lift, np.zeros((len(scale), n * LOSSES))], axis=1)
-    noise, tuned, losses = np.ones(n), arm, np.zeros((n, LOSSES))
-    for again in (False, True):  # once with equal weights, once with each joint's own noise
-        if again:
-            noise = _effective_noise(motions, tuned, losses, widths)
-        whole = np.zeros((size + 1, size + 1))
-        for j in range(n):
-            own = np.array([*range(rank), *range(rank + LOSSES * j, rank + LOSSES * (j + 1)), size])
-            whole[np.ix_(own, own)] += grams[j] / noise[j] ** 2
-        values, vectors = np.linalg.eigh(whole[:-1, :-1])
-        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the sums over all joints
-        target = np.linalg.lstsq(root.T, whole[:-1, -1], rcond=None)[0]
-        table, goal = np.concatenate([root, believed]), np.concatenate([target, np.zeros(len(scale))])
-        found = solve_partly_non_negative(table, goal, range(rank, size))
-        tuned = arm.with_inertial_parameters(arm.inertial_parameters + lift @ found[:rank])
-        losses = found[rank:].reshape(n, LOSSES)
-    return tuned, base
+            own = np.array([*range(rank), *(rank + LOSSES * j + np.arange(LOSSES)), -1])
+            columns = np.array([*range(rank), rank, rank + 1, rank + LOSSES + widths[j], -1])
+            whole[np.ix_(own, own)] += sums[j][np.ix_(columns, columns)] / noise[j] ** 2
+        found = solve_partly_non_negative(whole, range(rank, rank + LOSSES * n))
+        change, (rotor, viscous, coulomb) = found[:rank], found[rank:].reshape(n, LOSSES).T
+        loss = LossParameters(rotor, viscous, coulomb, np.zeros(n), np.asarray(TRANSITION_GRID)[widths])
+        tuned = Tuned(arm.with_inertial_parameters(arm.inertial_parameters + lift @ change), base, loss)
+        noise = noise if last else _effective_noise(motions, tuned)
+    return tuned
 
 
-def _effective_noise(
-    motions: Sequence[Motion], arm: ArmModel, losses: Float[Array, "n p"], widths: Array
-) -> Float[Array, " n"]:
-    """Standard deviation of each joint's residual, inflated by its correlation time: what one sample is worth."""
-    sums, counts, inflation = np.zeros(arm.n), np.zeros(arm.n), np.zeros(arm.n)
+def _sums_of_joints(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -> Float[Array, "n p p"]:
+    """Sums of squares and products over each joint's moving rows.
+
+    Columns: base parameters, acceleration, speed, one, direction at each width of the grid, and the torque beside the
+    rigid arm's.
+    """
+    sums = np.zeros((arm.n, *2 * (base.rank + LOSSES + len(TRANSITION_GRID) + 1,)))
     for motion in motions:
-        left = motion.tau_filtered - motion.filtered(rigid_torque(arm, motion))
-        left = left - np.einsum("tnk,nk->tn", loss_columns(motion, widths)[..., :LOSSES], losses)
+        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
+        turning = [direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
+        beside = [motion.ddq, motion.dq, np.ones_like(motion.dq), *turning, rigid_torque(arm, motion)]
+        filtered = motion.filtered(np.stack(beside, axis=-1))
+        filtered[..., -1] = motion.tau_filtered - filtered[..., -1]
         for j in range(arm.n):
+            there = motion.moving[:, j]
+            x = np.concatenate([rows[there, j], filtered[there, j]], axis=1)
+            sums[j] += x.T @ x
+    return sums
+
+
+def _transition_widths(sums: Float[Array, "n p p"], change: Float[Array, " r"]) -> Int[Array, " n"]:
+    """Place in the grid of each joint's transition width that leaves least torque beside changed base parameters."""
+    rank, explained = len(change), []
+    moments = sums[..., -1] - sums[..., :rank] @ change
+    for k in range(len(TRANSITION_GRID)):
+        own = np.array([rank, rank + 1, rank + 2, rank + LOSSES + k])
+        inverse = np.linalg.pinv(sums[:, own[:, None], own], hermitian=True)
+        explained.append(np.einsum("nk,nkl,nl->n", moments[:, own], inverse, moments[:, own]))
+    return np.argmax(explained, axis=0)
+
+
+def _effective_noise(motions: Sequence[Motion], tuned: Tuned) -> Float[Array, " n"]:
+    """Standard deviation of each joint's residual, inflated by its correlation time: what one sample is worth."""
+    n = tuned.arm.n
+    sums, counts, inflation = np.zeros(n), np.zeros(n), np.zeros(n)
+    for motion in motions:
+        known = rigid_torque(tuned.arm, motion) + tuned.loss.torque(motion.dq, motion.ddq)
+        left = motion.tau_filtered - motion.filtered(known)
+        for j in range(n):
             residual = left[motion.moving[:, j], j]
             if len(residual) > 10:
                 sums[j] += residual @ residual
@@ -110,63 +148,6 @@ def correlation_time(residual: Float[Array, " T"]) -> float:
     rho = covariance / covariance[0]
     end = int(np.argmax(rho < 0.05)) or len(rho)
     return float(1.0 + 2.0 * rho[1:end].sum())
-
-
-def fit_losses(
-    motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]], still: Collection[int] = ()
-) -> LossParameters:
-    """Losses of each joint by itself, by least squares where it moves.
-
-    Args:
-        motions: Runs.
-        rigid: Modelled rigid torque of each run [N m], not filtered.
-        still: Joints that are left out: they get no loss.
-
-    Raises:
-        RecordingError: A joint hardly moves in any run.
-    """
-    targets = [motion.tau_filtered - motion.filtered(torque) for motion, torque in zip(motions, rigid, strict=True)]
-    widths = transition_speeds(motions, targets)
-    rows = [loss_columns(motion, widths)[..., :LOSSES] for motion in motions]
-    values = np.zeros((LOSSES, motions[0].n))
-    for j in sorted(set(range(motions[0].n)) - set(still)):
-        x, y = _moving(j, motions, rows, targets)
-        if len(y) < LEAST_MOVING:
-            what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
-            raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
-        scale = np.maximum(np.linalg.norm(x, axis=0), 1e-12)
-        values[:, j] = solve_partly_non_negative(x / scale, y, range(LOSSES)) / scale
-    rotor, viscous, coulomb = values
-    return LossParameters(rotor, viscous, coulomb, np.zeros(motions[0].n), widths)
-
-
-def transition_speeds(motions: Sequence[Motion], targets: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
-    """Each joint's transition width that leaves least of its torque [rad/s].
-
-    Args:
-        motions: Runs.
-        targets: Filtered torque beside the rigid arm's [N m].
-    """
-    n = motions[0].n
-    misfit = np.zeros((len(TRANSITION_GRID), n))
-    rows = [loss_columns(motion, np.full(n, TRANSITION_GRID[0])) for motion in motions]
-    for k, width in enumerate(TRANSITION_GRID):
-        for row, motion in zip(rows, motions, strict=True):  # of all columns the width bends one
-            row[..., 2] = motion.filtered(direction(motion.dq, np.full(n, width)))
-        for j in range(n):
-            x, y = _moving(j, motions, rows, targets)
-            left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-            misfit[k, j] = left @ left
-    return np.asarray(TRANSITION_GRID)[np.argmin(misfit, axis=0)]
-
-
-def _moving(
-    j: int, motions: Sequence[Motion], rows: Sequence[Float[Array, "t n k"]], targets: Sequence[Float[Array, "t n"]]
-) -> tuple[Float[Array, "T k"], Float[Array, " T"]]:
-    """Columns and torque of one joint where it moves."""
-    masks = [motion.moving[:, j] for motion in motions]
-    x = np.concatenate([row[mask, j] for row, mask in zip(rows, masks, strict=True)])
-    return x, np.concatenate([target[mask, j] for target, mask in zip(targets, masks, strict=True)])
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
@@ -324,9 +305,3 @@ def _misfit(motions: Sequence[Motion], known: Sequence[Known], trial: Sliding) -
         weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
         found[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return found
-
-
-def loss_columns(motion: Motion, transition_speed: Float[Array, " n"]) -> Float[Array, "t n 4"]:
-    """Filtered regressor columns of a run: ddq, dq, direction, one."""
-    slip = direction(motion.dq, transition_speed)
-    return motion.filtered(np.stack([motion.ddq, motion.dq, slip, np.ones_like(motion.dq)], axis=-1))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.model.inertia import BaseParameters, base_prior, parameter_scale
-from ident.model.linearisation import Sliding, fit_losses, fit_sliding, rigid_torque, tune_links
+from ident.model.linearisation import Sliding, fit_sliding, rigid_torque, tune_arm
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
@@ -87,10 +87,8 @@ def fit_baseline(
         sliding: How dry friction turns round, where that is not to be estimated.
     """
     share = settings.inertia_share if share is None else share
-    tuned, base = tune_links(motions, arm, share)
-    rigid = [rigid_torque(tuned, motion) for motion in motions]
-    loss = fit_losses(motions, rigid, still)
-    number_std = share * parameter_scale(arm)
-    prior = base_prior(base, number_std)
-    sliding = fit_sliding(motions, rigid) if sliding is None else sliding
-    return Baseline(arm, tuned, base, prior, loss, sliding, number_std, settings)
+    tuned, number_std = tune_arm(motions, arm, share, still), share * parameter_scale(arm)
+    if sliding is None:
+        sliding = fit_sliding(motions, [rigid_torque(tuned.arm, motion) for motion in motions])
+    prior = base_prior(tuned.base, number_std)
+    return Baseline(arm, tuned.arm, tuned.base, prior, tuned.loss, sliding, number_std, settings)

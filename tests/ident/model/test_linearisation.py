@@ -19,12 +19,10 @@ from ident.laws.motion import direction
 from ident.model.linearisation import (
     _sharpest,
     correlation_time,
-    fit_losses,
     fit_sliding,
-    loss_columns,
     rigid_torque,
     stop_operator,
-    tune_links,
+    tune_arm,
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
@@ -51,7 +49,7 @@ def _values(params: LossParameters) -> Float[Array, "n 3"]:
 
 
 def _fitted(arm: ArmModel, motions: Sequence[Motion]) -> LossParameters:
-    return fit_losses(motions, [rigid_torque(arm, motion) for motion in motions])
+    return tune_arm(motions, arm, 1e-9).loss
 
 
 def test_exact_data_give_the_exact_losses(arm: ArmModel) -> None:
@@ -64,7 +62,8 @@ def test_equals_the_pseudo_inverse_where_nothing_is_at_its_bound(arm: ArmModel) 
     for inertia, kept in ((0.5, slice(0, 3)), (-0.6, slice(1, 3))):
         motions = _runs(arm, LossParameters([inertia, 0.8], *(getattr(TRUE, k) for k in KINDS)), noise=0.2)
         found = _fitted(arm, motions)
-        x = [loss_columns(m, found.transition_speed)[m.moving[:, 0], 0, kept] for m in motions]
+        moves = [(m.ddq, m.dq, direction(m.dq, found.transition_speed)) for m in motions]
+        x = [m.filtered(np.stack(own, -1))[m.moving[:, 0], 0, kept] for m, own in zip(motions, moves, strict=True)]
         y = [(m.tau_filtered - m.filtered(rigid_torque(arm, m)))[m.moving[:, 0], 0] for m in motions]
         assert np.allclose(_values(found)[0, kept], np.linalg.pinv(np.concatenate(x)) @ np.concatenate(y), rtol=1e-6)
         assert (found.motor_inertia[0] == 0.0) == (inertia < 0.0)
@@ -80,20 +79,20 @@ def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(arm: Ar
         resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
         _fitted(arm, resting)
-    assert not _values(fit_losses(resting, [rigid_torque(arm, m) for m in resting], {1}))[1].any()
+    assert not _values(tune_arm(resting, arm, 2.0, {1}).loss)[1].any()
 
 
 def test_links_come_near_the_true_ones_and_silent_ones_stay(arm: ArmModel) -> None:
     """Torque of links 20 % heavier to 2 % on unseen states; without motion all stays as the URDF has it."""
     real = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
     motions = _runs(real, TRUE, 0.1)
-    tuned, base = tune_links(motions, arm, 2.0)
+    tuned = tune_arm(motions, arm, 2.0)
     test = _runs(real, TRUE, seeds=(9,))[0]
-    found = rigid_torque(tuned, test) + _fitted(tuned, motions).torque(test.dq, test.ddq)  # rotors trade with links
+    found = rigid_torque(tuned.arm, test) + tuned.loss.torque(test.dq, test.ddq)  # rotors trade with links
     assert np.abs(found - test.tau).max() < 0.02 * np.abs(test.tau).max()
-    assert base.rank == len(base.names)
+    assert tuned.base.rank == len(tuned.base.names)
     still = [exact_motion(m.time, (0 * m.q, 0 * m.dq, 0 * m.ddq), m.tau, m.joints) for m in motions]
-    assert np.array_equal(tune_links(still, arm, 2.0)[0].inertial_parameters, arm.inertial_parameters)
+    assert np.array_equal(tune_arm(still, arm, 2.0, {0, 1}).arm.inertial_parameters, arm.inertial_parameters)
 
 
 @pytest.mark.parametrize(("persistence", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
