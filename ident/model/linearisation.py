@@ -67,7 +67,7 @@ def tune_arm(motions: Sequence[Motion], arm: ArmModel, share: float, still: Coll
     base, scale = base_parameters(arm), share * parameter_scale(arm)
     lift, n, rank = lift_base(base, scale), arm.n, base.rank
     moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
-    for j in sorted(set(np.flatnonzero(moving < LEAST_MOVING)) - set(still)):
+    for j in sorted(set(np.flatnonzero(moving < LEAST_MOVING).tolist()) - set(still)):
         what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
         raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
     sums = _sums_of_joints(motions, arm, base)

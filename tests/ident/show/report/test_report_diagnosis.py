@@ -20,7 +20,6 @@ from ident.show.report.diagnosis_verdict import (
     order_of,
 )
 from ident.show.report.evaluation import ReportInput
-from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
 from ident.show.terminal import describe_gap, headline, print_diagnosis
 from tests.ident.show.report.reader import read
@@ -200,13 +199,6 @@ def test_an_evaluation_is_added(source: ReportInput, tmp_path: Path) -> None:
     reader = read(write_diagnosis_report(tmp_path / "d.html", RECORD, source).read_text(encoding="utf-8"))
     assert len(reader.ids) == len(set(reader.ids))
     assert {"findings", "ladder", "fits"} <= set(reader.ids)
-
-
-def test_confusion_counts_the_diagonal() -> None:
-    section = confusion_section({"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}})
-    assert section is not None
-    assert "11 of 12 cases were named rightly" in section.values["summary"]
-    assert confusion_section({}) is None
 
 
 def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
