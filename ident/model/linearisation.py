@@ -1,10 +1,4 @@
-"""The arm about which a diagnosis linearises: its links near the URDF's, and losses joint by joint.
-
-Wherever a joint moves, reversals included: effects are looked for there too. A hybrid model's estimates come from
-`ident.fitting.identification`, which leaves reversals out and knows friction that changes from run to run; the
-diagnosis' acceptance criteria were calibrated on this one.
-
-Direction of sliding: how dry friction turns round when a joint does.
+"""Direction of sliding: how dry friction turns round when a joint does.
 
 Bearings and gears turn their friction round over a small displacement: a stop operator, a spring of range r in series
 with a slider, z⁺ = clip(z + Δq, −r, r), is ±1 (as z / r) while the joint slides and goes from one to the other over 2 r
@@ -16,7 +10,7 @@ Source: Al-Bender 2005 (generalised Maxwell slip).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,130 +18,17 @@ from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
-from ident.errors import RecordingError
 from ident.laws.friction_laws import bent
 from ident.laws.motion import direction, follow
-from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale, solve_partly_non_negative
-from ident.model.loss import TRANSITION_GRID, LossParameters
+from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
 # Samples in motion, all runs together, below which a joint has no loss to be fitted.
 LEAST_MOVING = 20
-# Losses that can't be negative: motor inertia, viscous and Coulomb friction.
-LOSSES = 3
 # Of a run: where it moves; filtered columns of motion and, last, torque to be explained, zero where it does not move;
 # sums of their squares and products, stretch by stretch.
 Known = tuple[Bool[Array, "t n"], Float[Array, "n t k"], Float[Array, "s n k k"]]
-
-
-@dataclass(frozen=True, eq=False)
-class Tuned:
-    """An arm after tuning."""
-
-    arm: ArmModel  # its links near the URDF's
-    base: BaseParameters  # which combinations of their numbers act on the torques
-    loss: LossParameters  # losses of each joint
-
-
-def tune_arm(motions: Sequence[Motion], arm: ArmModel, share: float, still: Collection[int] = ()) -> Tuned:
-    """Base parameters near the URDF's and losses, by one least squares over where joints move; no loss is negative.
-
-    It is solved twice from the sums of one pass over the runs: with equal weights, then with each joint's own noise.
-
-    Args:
-        motions: Runs; known payloads are part of the model.
-        arm: The arm as its URDF describes it.
-        share: Standard deviation of the URDF's numbers as a share of `parameter_scale`.
-        still: Joints that are left out: they get no loss.
-
-    Raises:
-        RecordingError: A joint hardly moves in any run.
-    """
-    base, scale = base_parameters(arm), share * parameter_scale(arm)
-    lift, n, rank = lift_base(base, scale), arm.n, base.rank
-    moving = np.sum([motion.moving.sum(axis=0) for motion in motions], axis=0)
-    for j in sorted(set(np.flatnonzero(moving < LEAST_MOVING).tolist()) - set(still)):
-        what = f"{motions[0].joints[j]} hardly moves: its loss can't be fitted"
-        raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
-    sums = _sums_of_joints(motions, arm, base)
-    sums[list(still)] = 0.0
-    change, noise = np.zeros(rank), np.ones(n)
-    for last in (False, True):
-        widths = _transition_widths(sums, change)
-        whole = np.zeros((rank + LOSSES * n + 1, rank + LOSSES * n + 1))
-        whole[:rank, :rank] = lift.T @ (lift / scale[:, None] ** 2)
-        for j in range(n):
-            own = np.array([*range(rank), *(rank + LOSSES * j + np.arange(LOSSES)), -1])
-            columns = np.array([*range(rank), rank, rank + 1, rank + LOSSES + widths[j], -1])
-            whole[np.ix_(own, own)] += sums[j][np.ix_(columns, columns)] / noise[j] ** 2
-        found = solve_partly_non_negative(whole, range(rank, rank + LOSSES * n))
-        change, (rotor, viscous, coulomb) = found[:rank], found[rank:].reshape(n, LOSSES).T
-        loss = LossParameters(rotor, viscous, coulomb, np.zeros(n), np.asarray(TRANSITION_GRID)[widths])
-        tuned = Tuned(arm.with_inertial_parameters(arm.inertial_parameters + lift @ change), base, loss)
-        noise = noise if last else _effective_noise(motions, tuned)
-    return tuned
-
-
-def _sums_of_joints(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -> Float[Array, "n p p"]:
-    """Sums of squares and products over each joint's moving rows.
-
-    Columns: base parameters, acceleration, speed, one, direction at each width of the grid, and the torque beside the
-    rigid arm's.
-    """
-    sums = np.zeros((arm.n, *2 * (base.rank + LOSSES + len(TRANSITION_GRID) + 1,)))
-    for motion in motions:
-        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
-        turning = [direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
-        beside = [motion.ddq, motion.dq, np.ones_like(motion.dq), *turning, rigid_torque(arm, motion)]
-        filtered = motion.filtered(np.stack(beside, axis=-1))
-        filtered[..., -1] = motion.tau_filtered - filtered[..., -1]
-        for j in range(arm.n):
-            there = motion.moving[:, j]
-            x = np.concatenate([rows[there, j], filtered[there, j]], axis=1)
-            sums[j] += x.T @ x
-    return sums
-
-
-def _transition_widths(sums: Float[Array, "n p p"], change: Float[Array, " r"]) -> Int[Array, " n"]:
-    """Place in the grid of each joint's transition width that leaves least torque beside changed base parameters."""
-    rank, explained = len(change), []
-    moments = sums[..., -1] - sums[..., :rank] @ change
-    for k in range(len(TRANSITION_GRID)):
-        own = np.array([rank, rank + 1, rank + 2, rank + LOSSES + k])
-        inverse = np.linalg.pinv(sums[:, own[:, None], own], hermitian=True)
-        explained.append(np.einsum("nk,nkl,nl->n", moments[:, own], inverse, moments[:, own]))
-    return np.argmax(explained, axis=0)
-
-
-def _effective_noise(motions: Sequence[Motion], tuned: Tuned) -> Float[Array, " n"]:
-    """Standard deviation of each joint's residual, inflated by its correlation time: what one sample is worth."""
-    n = tuned.arm.n
-    sums, counts, inflation = np.zeros(n), np.zeros(n), np.zeros(n)
-    for motion in motions:
-        known = rigid_torque(tuned.arm, motion) + tuned.loss.torque(motion.dq, motion.ddq)
-        left = motion.tau_filtered - motion.filtered(known)
-        for j in range(n):
-            residual = left[motion.moving[:, j], j]
-            if len(residual) > 10:
-                sums[j] += residual @ residual
-                inflation[j] += len(residual) * correlation_time(residual)
-                counts[j] += len(residual)
-    counts = np.maximum(counts, 1.0)
-    return np.sqrt(np.maximum(sums, 1e-12) / counts * np.maximum(inflation / counts, 1.0))
-
-
-def correlation_time(residual: Float[Array, " T"]) -> float:
-    """Samples that one independent sample is worth: 1 + 2 Σ ρ_k, up to where ρ first falls below 0.05."""
-    centred = residual - residual.mean()
-    size = 1 << (2 * len(centred) - 1).bit_length()
-    spectrum = np.fft.rfft(centred, size)
-    covariance = np.fft.irfft(spectrum * spectrum.conj(), size)[: len(centred) // 2]
-    if covariance[0] <= 0.0:
-        return 1.0
-    rho = covariance / covariance[0]
-    end = int(np.argmax(rho < 0.05)) or len(rho)
-    return float(1.0 + 2.0 * rho[1:end].sum())
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:

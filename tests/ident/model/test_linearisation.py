@@ -3,7 +3,7 @@
 Laws of the losses' torque.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +17,16 @@ from ident.fitting.identification import identify
 from ident.fitting.joint_estimate import FitSums
 from ident.laws.motion import direction
 from ident.model.linearisation import (
+    Sliding,
     _sharpest,
-    correlation_time,
     fit_sliding,
     rigid_torque,
     stop_operator,
-    tune_arm,
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Recording, Session
+from ident.regression.baseline import Baseline, correlation_time, fit_baseline
 from ident.robot.arm import ArmModel
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture, Split
 from tests.ident.diagnosis.planted import COULOMB, ROTOR, VISCOUS, load_arm
@@ -49,7 +49,12 @@ def _values(params: LossParameters) -> Float[Array, "n 3"]:
 
 
 def _fitted(arm: ArmModel, motions: Sequence[Motion]) -> LossParameters:
-    return tune_arm(motions, arm, 1e-9).loss
+    return _tuned(motions, arm, 1e-9).loss
+
+
+def _tuned(motions: Sequence[Motion], arm: ArmModel, share: float, still: Collection[int] = ()) -> Baseline:
+    """The arm and its losses, dry friction turning sharply."""
+    return fit_baseline(motions, arm, share, still=still, sliding=Sliding(np.zeros(arm.n), np.zeros(arm.n)))
 
 
 def test_exact_data_give_the_exact_losses(arm: ArmModel) -> None:
@@ -79,20 +84,20 @@ def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(arm: Ar
         resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
         _fitted(arm, resting)
-    assert not _values(tune_arm(resting, arm, 2.0, {1}).loss)[1].any()
+    assert not _values(_tuned(resting, arm, 2.0, {1}).loss)[1].any()
 
 
 def test_links_come_near_the_true_ones_and_silent_ones_stay(arm: ArmModel) -> None:
     """Torque of links 20 % heavier to 2 % on unseen states; without motion all stays as the URDF has it."""
     real = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
     motions = _runs(real, TRUE, 0.1)
-    tuned = tune_arm(motions, arm, 2.0)
+    tuned = _tuned(motions, arm, 2.0)
     test = _runs(real, TRUE, seeds=(9,))[0]
     found = rigid_torque(tuned.arm, test) + tuned.loss.torque(test.dq, test.ddq)  # rotors trade with links
     assert np.abs(found - test.tau).max() < 0.02 * np.abs(test.tau).max()
     assert tuned.base.rank == len(tuned.base.names)
     still = [exact_motion(m.time, (0 * m.q, 0 * m.dq, 0 * m.ddq), m.tau, m.joints) for m in motions]
-    assert np.array_equal(tune_arm(still, arm, 2.0, {0, 1}).arm.inertial_parameters, arm.inertial_parameters)
+    assert np.array_equal(_tuned(still, arm, 2.0, {0, 1}).arm.inertial_parameters, arm.inertial_parameters)
 
 
 @pytest.mark.parametrize(("persistence", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
