@@ -20,7 +20,7 @@ from ident.robot.arm import ArmModel
 from ident.simulation.hardware import Hardware
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.world import PRESETS, World, draw_world_arm, find_worlds, noise_density
-from tests.ident.diagnosis.planted import analyse, load_arm, nothing, record, spring_on_3
+from tests.ident.diagnosis.planted import analyse, nothing, record, spring_on_3
 from tests.schemas import check_record
 
 RIGHT = finding("stribeck_friction", "joint_2", amplitude_Nm=(0.9, 1.1))
@@ -164,25 +164,20 @@ JOINT = 2  # of the spring
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return load_arm()
-
-
-@pytest.fixture(scope="module")
-def spring(arm: ArmModel) -> dict[str, Any]:
+def spring(three_joints: ArmModel) -> dict[str, Any]:
     """What a diagnosis says of an arm with a spring."""
-    return analyse(arm, spring_on_3, [SpringTorque()]).diagnosis.to_dict()
+    return analyse(three_joints, spring_on_3, [SpringTorque()]).diagnosis.to_dict()
 
 
 @pytest.fixture(scope="module")
-def healthy(arm: ArmModel) -> dict[str, Any]:
+def healthy(three_joints: ArmModel) -> dict[str, Any]:
     """What it says of the same arm without."""
-    return analyse(arm, nothing, [SpringTorque()]).diagnosis.to_dict()
+    return analyse(three_joints, nothing, [SpringTorque()]).diagnosis.to_dict()
 
 
 @pytest.fixture(scope="module")
-def motions(arm: ArmModel) -> Sequence[Motion]:
-    return record(arm, nothing)
+def motions(three_joints: ArmModel) -> Sequence[Motion]:
+    return record(three_joints, nothing)
 
 
 def ratio(model: IdentifiedArm, healthy: Mapping[str, Any], motions: Sequence[Motion], arm: ArmModel) -> float:
@@ -190,22 +185,22 @@ def ratio(model: IdentifiedArm, healthy: Mapping[str, Any], motions: Sequence[Mo
 
 
 def test_a_cause_with_right_figures_can_be_taken_out(
-    arm: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
+    three_joints: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
 ) -> None:
     """Law: the patched model less its cause is the model of the arm without it; with the cause left in it is not."""
     assert [one["effect"] for one in spring["findings"]] == ["spring_torque"]
-    assert ratio(edited_arm(spring, arm, [0]), healthy, motions, arm) <= EDIT_WITHIN
-    assert ratio(edited_arm(spring, arm), healthy, motions, arm) > 2.0
+    assert ratio(edited_arm(spring, three_joints, [0]), healthy, motions, three_joints) <= EDIT_WITHIN
+    assert ratio(edited_arm(spring, three_joints), healthy, motions, three_joints) > 2.0
 
 
 def test_a_cause_that_went_into_tuning_cannot(
-    arm: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
+    three_joints: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
 ) -> None:
     """Law: where tuning took the cause, taking the name out leaves what tuning took."""
-    assert ratio(tuned_arm(spring, arm), healthy, motions, arm) > EDIT_WITHIN
+    assert ratio(tuned_arm(spring, three_joints), healthy, motions, three_joints) > EDIT_WITHIN
     swapped = {**spring, "baseline": {**spring["baseline_alone"]}}
     swapped["baseline"]["joint_3"]["laws"] = spring["baseline"]["joint_3"]["laws"]
-    assert ratio(edited_arm(swapped, arm, [0]), healthy, motions, arm) > EDIT_WITHIN
+    assert ratio(edited_arm(swapped, three_joints, [0]), healthy, motions, three_joints) > EDIT_WITHIN
 
 
 def test_the_twin_is_the_arm_of_the_case_without_its_cause() -> None:
