@@ -22,18 +22,12 @@ from ident.laws.friction_laws import bent
 from ident.laws.motion import direction, follow
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
-from ident.robot.arm import ArmModel
 
 # Samples in motion, all runs together, below which a joint has no loss to be fitted.
 LEAST_MOVING = 20
 # Of a run: where it moves; filtered columns of motion and, last, torque to be explained, zero where it does not move;
 # sums of their squares and products, stretch by stretch.
 Known = tuple[Bool[Array, "t n"], Float[Array, "n t k"], Float[Array, "s n k k"]]
-
-
-def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
-    """Rigid torque of a run with its known payload [N m]."""
-    return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
 
 
 # Ranges tried [rad]: beyond them friction with such a memory is an effect of its own.

@@ -16,7 +16,6 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
-from ident.laws.motion import direction
 from ident.model.inertia import (
     BaseParameters,
     base_parameters,
@@ -25,7 +24,7 @@ from ident.model.inertia import (
     parameter_scale,
     solve_partly_non_negative,
 )
-from ident.model.linearisation import LEAST_MOVING, Sliding, fit_sliding, rigid_torque
+from ident.model.linearisation import LEAST_MOVING, Sliding, fit_sliding
 from ident.model.loss import TRANSITION_GRID, LossParameters
 from ident.motion.motion import Motion
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
@@ -130,6 +129,11 @@ def fit_baseline(
     return Baseline(arm, tuned, base, base_prior(base, number_std), loss, sliding, number_std, settings)
 
 
+def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
+    """Rigid torque of a run with its known payload [N m]."""
+    return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
 def _sums_of_joints(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -> Float[Array, "n p p"]:
     """Sums of squares and products over each joint's moving rows.
 
@@ -139,7 +143,7 @@ def _sums_of_joints(motions: Sequence[Motion], arm: ArmModel, base: BaseParamete
     sums = np.zeros((arm.n, *2 * (base.rank + LOSSES + len(TRANSITION_GRID) + 1,)))
     for motion in motions:
         rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, list(base.columns)))
-        turning = [direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
+        turning = [np.tanh(motion.dq / width) for width in TRANSITION_GRID]
         beside = [motion.ddq, motion.dq, np.ones_like(motion.dq), *turning, rigid_torque(arm, motion)]
         filtered = motion.filtered(np.stack(beside, axis=-1))
         filtered[..., -1] = motion.tau_filtered - filtered[..., -1]
