@@ -105,17 +105,22 @@ def test_a_fit_without_a_net_loads_neither_torch_nor_pictures(tmp_path: Path) ->
     assert not loaded_by(*fit, tmp_path / "model") & heavy
 
 
-def test_a_missing_extra_ends_in_one_line_that_says_what_to_install(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [(("inspect", "run.mcap"), "bags"), (("fit", "nothing_there", "--out", "model"), "net")],
+    ids=["inspect", "fit"],
+)
+def test_a_missing_extra_ends_in_one_line_that_says_what_to_install(
+    command: tuple[str, ...], extra: str, tmp_path: Path
+) -> None:
+    """Law: before the work that needs it is begun; a net's, before any recording is read."""
     (tmp_path / "run.mcap").write_bytes(b"")
-    script = (
-        CORE_ONLY
-        + "import sys\nfrom ident.cli.start import main\nsys.argv = "
-        + repr(["ident", "inspect", str(tmp_path / "run.mcap"), "--robot", "tm5-900"])
-    )
-    done = subprocess.run([sys.executable, "-c", script + "\nmain()"], capture_output=True, text=True, check=False)
+    arguments = ["ident", *command, "--robot", "tm5-900"]
+    script = f"{CORE_ONLY}import sys\nfrom ident.cli.start import main\nsys.argv = {arguments!r}\nmain()"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert 'pip install "armgap[bags]"' in done.stderr
+    assert f'pip install "armgap[{extra}]"' in done.stderr
 
 
 def test_a_slip_in_a_scene_file_is_told_before_anything_heavy_is_loaded(tmp_path: Path) -> None:

@@ -26,7 +26,6 @@ import pyarrow.parquet as pq
 from ident.arrays import Array, Float
 from ident.benchmark.cases import FULL_MIX, MADE_NAME, MakeTask, make, plan_slots
 from ident.benchmark.examining import ExamineTask, examine, write_result
-from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import is_true, score_case, shown_joints
 from ident.benchmark.summary import BlindReport
 from ident.command_options import CheckOptions
@@ -212,7 +211,6 @@ def run_blind(
     report.save(options.out / "blind.json")
     with atomic_write(options.out / "cases.parquet") as part:
         pq.write_table(pa.Table.from_pylist([one.to_row() for one in outcomes]), part)
-    write_blind_pages(report, {name: result.get("diagnosis") for name, result in results.items()}, options.out)
     return report
 
 

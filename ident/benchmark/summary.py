@@ -6,12 +6,10 @@ themselves.
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from statistics import median
 from typing import Any, TypeVar
 
@@ -20,9 +18,12 @@ import numpy as np
 from ident.benchmark.scoring import Outcome, Score, auroc, calibration_curve, calibration_error, mean, share
 from ident.results import Result
 
-TEXT = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-"""What the page and the report say of scores, methods and properties of worlds."""
-NUMBERS, WORDS = TEXT["numbers"], TEXT["kinds"]
+# Properties of worlds by which scores are given: numbers, and words.
+NUMBERS = (
+    *("encoder_noise_rad", "rate_hz", "run_spread", "friction_drift", "torque_noise", "jitter", "lost"),
+    *("bandwidth_hz", "friction_scale", "rotor_scale", "runs", "duration_s", "link_error"),
+)
+WORDS = ("world", "robot", "velocity", "encoder_at", "feed_forward", "reference")
 # A number that spans decades is cut at these.
 DECADES = ("encoder_noise_rad",)
 
@@ -155,7 +156,7 @@ def judged(cases: Iterable[Outcome]) -> tuple[list[float], list[bool]]:
 class BlindReport(Result):
     """The outcome of a check."""
 
-    SHOWN_BY = "ident.benchmark.pages"
+    SHOWN_BY = "ident.benchmark.printing"
 
     robot: str  # name of the robot
     seed: int  # of the check

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -76,6 +77,8 @@ def fit(
     from ident.api.fitting import fit_hybrid
     from ident.sessions import open_sessions
 
+    if options.net != "none":
+        import_module("safetensors")  # that a net can't be saved is told before it is fitted
     opened = open_sessions(sessions, robot, **vars(reading), accept=options.accept, motion=options.motion)
     print_issues(console, [one.to_dict() for one in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")

@@ -34,7 +34,7 @@ from ident.export.loaded import LawModel, SimulatorModel
 from ident.export.write import write_patch
 from ident.files import write_record
 from ident.laws.motion import Losses
-from ident.model.residual_net import PRESETS, ResidualNet, fit_residual_net
+from ident.model.residual_net import PRESETS, ResidualNet, fit_net_of_arm
 from ident.motion.motion import Motion, prepare
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -113,15 +113,9 @@ class NetModel:
 
 def train_net(arm: ArmModel, motions: Sequence[Motion], seed: int) -> NetModel:
     """Trains the net on runs of one set-up."""
-    arm = arm.with_payload(motions[0].payload)
-    states, left = [], []
-    for run in motions:
-        rigid, rows = arm.inverse_dynamics(run.q, run.dq, run.ddq), run.coarse
-        states.append((run.q[rows], run.dq[rows], run.ddq[rows], rigid[rows]))
-        left.append(run.tau_filtered - run.filtered(rigid))
-    interval = motions[0].interval * motions[0].lowpass.factor
     options = replace(PRESETS["default"], seed=seed)
-    return NetModel(arm, fit_residual_net(states, left, [run.moving for run in motions], options, interval=interval))
+    net = fit_net_of_arm(motions, arm, lambda _, rigid: 0.0 * rigid, options, None, None)
+    return NetModel(arm.with_payload(motions[0].payload), net)
 
 
 def put_on_a_clock(motions: Sequence[ReferenceMotion], pause: float) -> tuple[PlannedRun, ...]:

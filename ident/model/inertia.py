@@ -207,24 +207,25 @@ def solve_bounded(
     return found
 
 
-def solve_partly_non_negative(
-    table: Float[Array, "T k"], target: Float[Array, " T"], bounded: Iterable[int]
-) -> Float[Array, " k"]:
+def solve_partly_non_negative(sums: Float[Array, "k+1 k+1"], bounded: Iterable[int]) -> Float[Array, " k"]:
     """Least squares of which some unknowns can't be negative: the free ones are eliminated, the rest is bounded.
 
     The same as `solve_bounded` without links, in a thousandth of its time: for arms that are tuned again and again.
 
     Args:
-        table, target: Rows, and what they are to be.
+        sums: Sums of squares and products of the unknowns' columns and, last, of what they are to be.
         bounded: Positions of the unknowns that can't be negative.
     """
     kept = np.array(sorted(bounded), dtype=int)
-    free = np.setdiff1d(np.arange(table.shape[1]), kept)
-    triangle = np.asarray(np.linalg.qr(np.column_stack([table[:, free], table[:, kept], target]), mode="r"))
+    free = np.setdiff1d(np.arange(len(sums) - 1), kept)
+    scale = np.sqrt(np.maximum(np.diag(sums), 1e-300))
+    values, vectors = np.linalg.eigh(sums / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the scaled sums
+    triangle = np.asarray(np.linalg.qr(root[:, [*free, *kept, -1]], mode="r"))
     count = len(free)
-    found = np.zeros(table.shape[1])
+    found = np.zeros(len(sums) - 1)
     if triangle[count:, count:-1].size:  # SciPy's routine spoils memory where there is nothing to solve
         found[kept], _ = nnls(triangle[count:, count:-1], triangle[count:, -1])
     left = triangle[:count, -1] - triangle[:count, count:-1] @ found[kept]
     found[free] = np.linalg.lstsq(triangle[:count, :count], left, rcond=None)[0]
-    return found
+    return found * scale[-1] / scale[:-1]

@@ -32,6 +32,7 @@ from ident.model.joint_nets import JointNets, NetBounds, joint_features, solve_n
 from ident.model.net_gate import JointGate, make_folds, shrink_net
 from ident.model.net_options import PRESETS, NetOptions
 from ident.motion.motion import Motion
+from ident.motion.stretches import hold
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
@@ -44,6 +45,8 @@ __all__ = ["PRESETS", "NetOptions", "ResidualNet", "fit_residual_net"]
 Known = Callable[[Motion, Float[Array, "T n"]], Float[Array, "T n"]]
 # Figures a joint that a net a joint is given.
 JOINT_FEATURES = 6
+# Samples of a longer session that a net is trained on, as stretches from all over it: steps and memory grow with them.
+TRAINED_SAMPLES = 200_000
 # Samples that a net a joint is solved with: of more, every second or third is taken. Neighbours on the filtered grid,
 # which has four samples a period of the filter's corner, are near-copies.
 MOST_SAMPLES = 8000
@@ -257,7 +260,7 @@ def fit_net_of_arm(
     progress: Callable[[int, int, float], None] | None,
     checkpoint: Path | None,
 ) -> ResidualNet:
-    """Fits the net.
+    """Fits the net, of a long session to stretches from all over it.
 
     Args:
         motions: Training runs.
@@ -268,6 +271,7 @@ def fit_net_of_arm(
         checkpoint: Folder in which training may stop and go on.
     """
     states, left = [], []
+    motions = hold(motions, TRAINED_SAMPLES).motions
     for m in motions:
         rigid = arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq)
         states.append((m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], rigid[m.coarse]))

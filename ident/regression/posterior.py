@@ -28,8 +28,7 @@ from ident.regression.design import Group, layout_of
 from ident.regression.discrepancy import BLOCKS, Discrepancy
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
-from ident.regression.least_squares import Prior, Projection, project
-from ident.regression.positive import factorise
+from ident.regression.least_squares import Prior, Projection, factorise, project
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
 # deviation, then half a decade about the best.

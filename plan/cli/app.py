@@ -192,7 +192,3 @@ def schema(
 def main() -> None:
     """Runs the command; the user's mistakes end in one line and exit status 2."""
     run_command("plan", __name__)
-
-
-if __name__ == "__main__":
-    main()

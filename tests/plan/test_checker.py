@@ -22,14 +22,9 @@ LOSS = LossParameters(*(np.full(6, value) for value in (0.3, 4.0, 3.0, 0.2, 0.02
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
-@pytest.fixture(scope="module")
-def folder(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    heavier = arm.with_inertial_parameters(1.1 * arm.inertial_parameters)
-    return HybridModel(arm, arm, heavier, LOSS, inertia="base").save(tmp_path_factory.mktemp("checked") / "model")
+def folder(tm5: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    heavier = tm5.with_inertial_parameters(1.1 * tm5.inertial_parameters)
+    return HybridModel(tm5, tm5, heavier, LOSS, inertia="base").save(tmp_path_factory.mktemp("checked") / "model")
 
 
 def limits_of(arm: ArmModel, n: int, clearance: float) -> dict[str, Any]:
@@ -44,19 +39,19 @@ def straight_line(plan: dict[str, Any]) -> list[list[float]]:
     return [[(1 - s) * a + s * b for a, b in zip(*ends, strict=True)] for s in (0.3, 0.7)]
 
 
-def test_the_checker_knows_the_arm(arm: ArmModel, folder: Path) -> None:
+def test_the_checker_knows_the_arm(tm5: ArmModel, folder: Path) -> None:
     """Its torque is the model's own, at random states."""
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 6))
     assert Model(folder).torque(q, dq, ddq) == pytest.approx(HybridModel.load(folder).torque(q, dq, ddq), abs=1e-9)
 
 
-def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -> None:
+def test_sound_plans_pass_and_touched_ones_do_not(tm5: ArmModel, folder: Path) -> None:
     """A plan round a box is found sound; a moved via point, a faster motion and other joules are not."""
     scene = tomllib.loads((DATA / "obstacle.toml").read_text())
     scene["task"]["objective"] = "energy"
     plan = solve(DATA / "obstacle.toml", folder, method="cma", evaluations=1500, gap=False).to_dict()
     assert plan["status"] == "solved"
-    limits = limits_of(arm, 3, 0.005)
+    limits = limits_of(tm5, 3, 0.005)
     model, world = Model(folder), World(URDF, [], scene)
 
     def found(**changes: Any) -> str:
@@ -71,7 +66,7 @@ def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -
     assert "goal is another" in found(goal_rad=[0.0, 0.0, 0.0])
 
 
-def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_path: Path) -> None:
+def test_a_folded_wrist_cuts_no_other_margin(tm5: ArmModel, folder: Path, tmp_path: Path) -> None:
     """Links 2 mm apart at the ends keep that, with a note; the post is passed at all that was asked for."""
     folded = [1.1, -144.0, -1.9, 140.5, -63.9]
     task = {"start_deg": [-40.0, *folded], "goal_deg": [40.0, *folded], "duration_s": 1.5, "clearance_m": 0.03}
@@ -89,7 +84,7 @@ def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_pa
     assert any(note.startswith("link_6 and link_3 are ") for note in plan["notes"])
     assert "instead of the 30 mm asked for" in result.summary()
     scene["task"]["objective"] = "energy"
-    limits = limits_of(arm, 6, 0.03)
+    limits = limits_of(tm5, 6, 0.03)
     world = World(URDF, [], scene)
     assert faults(plan, scene, Model(folder), world, limits) == []
     assert "link_6 and post" in "; ".join(faults(plan, scene, Model(folder), world, {**limits, "clearance": 0.06}))
@@ -99,7 +94,7 @@ def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_pa
         solve(path, folder)
 
 
-def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp_path: Path) -> None:
+def test_plans_among_what_was_scanned_are_sound(tm5: ArmModel, folder: Path, tmp_path: Path) -> None:
     """A plan round the points on a box is found sound; a straight one hits them."""
     scene = tomllib.loads((DATA / "obstacle.toml").read_text())
     (box,) = scene["obstacle"]
@@ -115,7 +110,7 @@ def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp
     plan = solve(path, folder, evaluations=300, gap=False).to_dict()
     assert plan["status"] == "solved"
     scene["task"]["objective"] = "energy"
-    limits = limits_of(arm, 3, 0.005)
+    limits = limits_of(tm5, 3, 0.005)
     world = World(URDF, [], scene, tmp_path)
     assert faults(plan, scene, Model(folder), world, limits) == []
     plan["via_points_rad"] = straight_line(plan)

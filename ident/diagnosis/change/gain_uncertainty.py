@@ -19,8 +19,7 @@ from ident.arrays import Array, Float
 from ident.effects.catalogue import CATALOGUE
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection
-from ident.regression.positive import positive
+from ident.regression.least_squares import Projection, positive
 from ident.regression.run_spread import block_sums_left, floor_at_model_variance
 
 # Effects whose size is proportional to the gains of the readings: bodies.

@@ -23,8 +23,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.settings import PRIOR
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import RIDGE, Prior
-from ident.regression.positive import factorise
+from ident.regression.least_squares import RIDGE, Prior, factorise
 
 
 def learn_prior(

@@ -30,8 +30,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.change.settings import PERMUTED
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import RIDGE, Prior, carried_noise, ridge_of
-from ident.regression.positive import factorise
+from ident.regression.least_squares import RIDGE, Prior, carried_noise, factorise, ridge_of
 
 
 @dataclass(frozen=True)

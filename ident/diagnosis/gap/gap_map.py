@@ -16,19 +16,23 @@ Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 from ident.regression.noise import Whitening
+
+# The reach changes slowly: it is computed at this rate [1/s], at most for so many samples, and interpolated.
+REACH_RATE, MOST_REACHES = 10.0, 20_000
+
+Axis = Callable[[RunResidual, int], Float[Array, " t"]]
 
 View = Literal["before", "fixed"]
 VIEWS: tuple[View, ...] = ("before", "fixed")
@@ -220,3 +224,42 @@ def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int)
     seen = contrast.sum(axis=0) / size
     values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + flips)
     return [replace(cell.place, p_value=float(value)) for cell, value in zip(cells, values, strict=True)]
+
+
+def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
+    """The axes for which these recordings have data, by their names in the record."""
+    duration = sum(item.time[-1] - item.time[0] for item in series)
+    rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
+
+    @cache  # expensive kinematics, shared by all joints
+    def reached(item: RunResidual) -> Float[Array, " t"]:
+        return reach(item, rate)
+
+    axes: dict[str, Axis] = {
+        "speed": lambda item, j: np.abs(item.speed[:, j]),
+        "direction": lambda item, j: np.sign(item.speed[:, j]),
+        "load": lambda item, j: np.abs(item.run.link[item.run.motion.coarse][:, j]),
+        "position": lambda item, j: item.run.motion.q[item.run.motion.coarse][:, j],
+        "pose": lambda item, _: reached(item),
+        "reversal": reversal_age,
+        "time": lambda item, _: item.time,
+    }
+    if all(item.run.temperature is not None for item in series):
+        axes["temperature"] = lambda item, j: np.asarray(item.run.temperature)[item.run.motion.coarse][:, j]
+    return axes
+
+
+def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    """Time since the joint last changed its direction [s]."""
+    speed = item.speed[:, joint]
+    turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(speed)) != 0) + 1])
+    return item.time - item.time[turns[np.searchsorted(turns, np.arange(len(speed)), side="right") - 1]]
+
+
+def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
+    """Distance of the last link from the base [m]."""
+    every = max(1, round(1.0 / (rate * item.step)))
+    at = np.unique(np.append(np.arange(0, len(item.time), every), len(item.time) - 1))
+    arm = item.run.arm
+    _, places = arm.link_poses(item.run.motion.q[item.run.motion.coarse][at], arm.links[-1:])[arm.links[-1]]
+    return np.interp(np.arange(len(item.time)), at, np.linalg.norm(places, axis=1))

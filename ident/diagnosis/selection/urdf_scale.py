@@ -28,8 +28,7 @@ from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
-from ident.regression.least_squares import Prior, project
-from ident.regression.positive import factorise
+from ident.regression.least_squares import Prior, factorise, project
 from ident.regression.run_spread import measure_inflation
 
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from ident.arrays import Array, Float
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.axes import reversal_age
+from ident.diagnosis.gap.gap_map import reversal_age
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.result import Finding
 from ident.effects.base import Effect

@@ -17,7 +17,6 @@ from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.show import palette
 from ident.show.report import words
-from ident.show.report.words import effect_name, fixed, shade
 
 # What templates colour with.
 COLOURS = (
@@ -110,32 +109,6 @@ def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:
     """A table of issues, the worst first."""
     ordered = sorted(issues, key=lambda issue: SEVERITIES.index(issue["severity"]))
     return Section("telemetry", "Telemetry", "telemetry.html", {"issues": ordered})
-
-
-def confusion_section(counts: Mapping[str, Mapping[str, float]]) -> Section | None:
-    """How often the check took one effect (row) for another (column); the diagonal is right."""
-    if not counts:
-        return None
-    true = list(counts)
-    named = [*true, *sorted({name for row in counts.values() for name in row} - set(true))]
-    named = [name for name in named if any(row.get(name) for row in counts.values())]
-    total = sum(sum(row.values()) for row in counts.values())
-    right = sum(row.get(effect, 0) for effect, row in counts.items())
-    rows = []
-    for effect, row in counts.items():
-        most = sum(row.values())
-        cells = [
-            {
-                "count": f"{row[name]:g}" if row.get(name) else "",
-                "shade": shade(row.get(name, 0) / most if most else 0.0),
-                "right": name == effect,
-            }
-            for name in named
-        ]
-        rows.append({"effect": effect_name(effect), "cells": cells})
-    summary = f"{fixed(right, 0)} of {fixed(total, 0)} cases were named rightly."
-    values = {"named": [effect_name(name) for name in named], "rows": rows, "summary": summary}
-    return Section("confusion", "How often such a name is right", "confusion.html", values)
 
 
 def facts_section(facts: Mapping[str, Any]) -> Section | None:

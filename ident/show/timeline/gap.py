@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.axes import session_axes
+from ident.diagnosis.gap.gap_map import session_axes
 from ident.show.palette import NAMED, TUNED
 from ident.show.report.words import axis_name, interval_words
 from ident.show.timeline.series import Curve, Mark

@@ -16,7 +16,6 @@ from ident.checks.inspection import inspect_sessions
 from ident.checks.report import TelemetryReport
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import two_joint_arm
 
 
 def found(report: TelemetryReport) -> dict[str, str]:
@@ -167,11 +166,6 @@ TIME = np.arange(0.0, SECONDS, 1.0 / RATE)
 Tones = tuple[tuple[float, float], ...]
 ONE, OTHER = ((0.6, 1.9),), ((0.6, 2.5),)
 MANY = ((0.5, 1.1), (0.3, 2.7), (0.2, 4.3))
-
-
-@pytest.fixture(scope="module")
-def two_joints() -> ArmModel:
-    return two_joint_arm()
 
 
 def motion(*tones: Tones, noise: float = 1e-5, seed: int = 0) -> Array:

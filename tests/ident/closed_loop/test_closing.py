@@ -75,11 +75,6 @@ def written_record(arm: ArmModel, share: float) -> dict[str, Any]:
     }
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return two_joint_arm()
-
-
 def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[float]) -> list[int]:
     """Replaces the diagnosis by one that knows more from time to time; the numbers of sessions it was shown."""
     shown: list[int] = []
@@ -95,11 +90,11 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
 
 @pytest.mark.parametrize("shares", [[1.0], [0.5, 0.8, 1.0]])
 def test_a_model_that_is_right_is_closed_once_it_was_checked(
-    monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: list[float]
+    monkeypatch: pytest.MonkeyPatch, two_joints: ArmModel, shares: list[float]
 ) -> None:
     """One round teaches, the next one checks; a model that is wrong is taught again with all recordings."""
-    shown = taught(monkeypatch, arm, shares)
-    found = loop.close_gap(arm, MadeUpArm(arm), 0)
+    shown = taught(monkeypatch, two_joints, shares)
+    found = loop.close_gap(two_joints, MadeUpArm(two_joints), 0)
     assert found.closed
     assert shown == [k + 1 for k in range(len(shares))]
     assert len(found.rounds) == len(shares) + 1
@@ -109,15 +104,17 @@ def test_a_model_that_is_right_is_closed_once_it_was_checked(
     assert found.minutes == pytest.approx(len(found.rounds) * 6 * (8.0 - 1 / 125) / 60)
 
 
-def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
+def test_what_never_gets_right_is_never_told_to_be_closed(
+    monkeypatch: pytest.MonkeyPatch, two_joints: ArmModel
+) -> None:
     for most, rounds, reason in ((3, 3, "rounds spent"), (8, 2 + loop.STALLED_MODELS, "no nearer with more")):
-        taught(monkeypatch, arm, [0.7] * 8)
-        found = loop.close_gap(arm, MadeUpArm(arm), 0, most=most)
+        taught(monkeypatch, two_joints, [0.7] * 8)
+        found = loop.close_gap(two_joints, MadeUpArm(two_joints), 0, most=most)
         assert not found.closed
         assert len(found.rounds) == rounds
         assert reason in found.reason
     with pytest.raises(InputError, match="give 2 or more"):
-        loop.close_gap(arm, MadeUpArm(arm), 0, most=1)
+        loop.close_gap(two_joints, MadeUpArm(two_joints), 0, most=1)
 
 
 JOINTS = ("joint_1", "joint_2")
@@ -152,14 +149,14 @@ def test_drawn_effects_can_be_told_from_each_other() -> None:
         assert all(len(drawn & twins) < 2 for twins in ALIKE)
 
 
-def test_clocks_that_go_on_are_one_session_and_clocks_that_restart_are_not(arm: ArmModel) -> None:
-    one, other = MadeUpArm(arm), MadeUpArm(arm)
+def test_clocks_that_go_on_are_one_session_and_clocks_that_restart_are_not(two_joints: ArmModel) -> None:
+    one, other = MadeUpArm(two_joints), MadeUpArm(two_joints)
     going_on = [one.record(()), one.record(())]
     assert [len(joined.runs) for joined in loop.join_sessions(going_on)] == [12]
     assert len(loop.join_sessions([going_on[0], other.record(())])) == 2
 
 
-def test_an_arm_behind_a_command_gets_files_and_gives_a_session(tmp_path: Path, arm: ArmModel) -> None:
+def test_an_arm_behind_a_command_gets_files_and_gives_a_session(tmp_path: Path, two_joints: ArmModel) -> None:
     """Each round in folders of its own; a command that fails, or leaves nothing, is told as what it is."""
     script = tmp_path / "robot.py"
     script.write_text(
@@ -169,21 +166,21 @@ def test_an_arm_behind_a_command_gets_files_and_gives_a_session(tmp_path: Path, 
         "    (pathlib.Path(sys.argv[2]) / path.name).write_text(text)\n"
     )
     motion = via_spline("spline", np.array([[0.0, 0.1], [0.4, -0.3]]), 1.0)
-    (back,) = read_commands(write_commands([motion], arm.joint_names, tmp_path / "commands")[0], arm)
+    (back,) = read_commands(write_commands([motion], two_joints.joint_names, tmp_path / "commands")[0], two_joints)
     assert back.name == "spline"
     np.testing.assert_allclose(back.q, motion.q[: len(back.q)], atol=2e-6)
-    recorder = CommandRecorder(f"{sys.executable} {script} {{commands}} {{session}}", tmp_path / "rounds", arm)
+    recorder = CommandRecorder(f"{sys.executable} {script} {{commands}} {{session}}", tmp_path / "rounds", two_joints)
     for number in (1, 2):
         session = recorder.record([motion, motion])
         assert len(session.runs) == 2
         assert session.path == tmp_path / "rounds" / f"round_{number}" / "session"
         np.testing.assert_allclose(session.runs[0].position[0], motion.q[0], atol=1e-7)
     with pytest.raises(InputError, match=r"has no \{session\}"):
-        CommandRecorder("robot {commands}", tmp_path, arm)
+        CommandRecorder("robot {commands}", tmp_path, two_joints)
     with pytest.raises(InputError, match="exit status 1 in round 1"):
-        CommandRecorder("false {commands} {session}", tmp_path / "fails", arm).record([motion])
+        CommandRecorder("false {commands} {session}", tmp_path / "fails", two_joints).record([motion])
     with pytest.raises(InputError, match="no recording"):
-        CommandRecorder("true {commands} {session}", tmp_path / "empty", arm).record([motion])
+        CommandRecorder("true {commands} {session}", tmp_path / "empty", two_joints).record([motion])
 
 
 @pytest.mark.slow

@@ -40,7 +40,6 @@ from tests.ident.diagnosis.planted import (
     at_joint,
     carrying,
     healthy_torque,
-    load_arm,
     record,
 )
 from tests.ident.made_up import Law, made_motions, sliding_arm
@@ -76,13 +75,8 @@ with_denser_link = on_top(lambda arm, *s: 0.1 * arm.regressor(*s)[..., 10:20] @ 
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return load_arm()
-
-
-@pytest.fixture(scope="module")
-def before(arm: ArmModel) -> list[Motion]:
-    return record(arm, wrong_everywhere, range(4))
+def before(three_joints: ArmModel) -> list[Motion]:
+    return record(three_joints, wrong_everywhere, range(4))
 
 
 def searched(design: PairedDesign) -> ChangeSearch:
@@ -94,8 +88,8 @@ def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = r
     return compare(before, record(arm, plant, seeds), arm, (Side(), Side()))
 
 
-def test_nothing_changed_is_no_change_though_the_model_is_wrong(arm: ArmModel, before: list[Motion]) -> None:
-    found = compared(arm, before, wrong_everywhere)
+def test_nothing_changed_is_no_change_though_the_model_is_wrong(three_joints: ArmModel, before: list[Motion]) -> None:
+    found = compared(three_joints, before, wrong_everywhere)
     assert found.verdict == "no_change"
     assert not found.changes
 
@@ -109,9 +103,9 @@ def test_nothing_changed_is_no_change_though_the_model_is_wrong(arm: ArmModel, b
     ],
 )
 def test_what_changed_is_found_where_it_changed(
-    arm: ArmModel, before: list[Motion], plant: Plant, effect: str, joint: str, figure: str, size: float
+    three_joints: ArmModel, before: list[Motion], plant: Plant, effect: str, joint: str, figure: str, size: float
 ) -> None:
-    found = compared(arm, before, plant)
+    found = compared(three_joints, before, plant)
     assert [(one.effect, one.joints) for one in found.changes] == [(effect, (joint,))]
     told = found.changes[0].estimate.parameters[figure]
     assert told.value == pytest.approx(size, rel=0.1)
@@ -145,17 +139,18 @@ def with_load_and_rubbing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Arr
 with_rubbing = on_top(lambda arm, *states: RUBBING * np.tanh(states[1] / SLIP) * np.abs(arm.inverse_dynamics(*states)))
 
 
-def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -> None:
+def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(three_joints: ArmModel) -> None:
     """What both sets share, friction by load with its gain-like part too, leaves a body's mass as sure as its readings.
 
     Were a gain of that part free beside the carried body, it would scale the body with the arm: ± 15 %.
     """
     sets = [
-        record(arm, plant, seeds) for plant, seeds in ((with_rubbing, range(4)), (with_load_and_rubbing, range(10, 14)))
+        record(three_joints, plant, seeds)
+        for plant, seeds in ((with_rubbing, range(4)), (with_load_and_rubbing, range(10, 14)))
     ]
     widths = []
     for doubt in (STATED, BY_CURRENT):
-        found = compare(*sets, arm, (Side(), Side()), gain_uncertainty=doubt)
+        found = compare(*sets, three_joints, (Side(), Side()), gain_uncertainty=doubt)
         (figure,) = [one.estimate.parameters["mass_kg"] for one in found.changes if one.effect == "payload"]
         assert figure.low <= LOAD.mass_kg <= figure.high
         widths.append((figure.high - figure.low) / LOAD.mass_kg)
@@ -163,9 +158,9 @@ def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -
     assert 1.3 * widths[0] < widths[1] < 0.3
 
 
-def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, before: list[Motion]) -> None:
-    loaded = record(arm, with_load, range(10, 14))
-    there, back = (compare(*sets, arm, (Side(), Side())) for sets in ((before, loaded), (loaded, before)))
+def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(three_joints: ArmModel, before: list[Motion]) -> None:
+    loaded = record(three_joints, with_load, range(10, 14))
+    there, back = (compare(*sets, three_joints, (Side(), Side())) for sets in ((before, loaded), (loaded, before)))
     for found, sign in ((there, 1.0), (back, -1.0)):
         (change,) = found.changes
         assert "payload" in change.estimate.rivals
@@ -173,9 +168,9 @@ def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, 
         assert figure.low <= sign * LOAD.mass_kg <= figure.high
 
 
-def test_a_body_is_told_with_all_its_places(arm: ArmModel, before: list[Motion]) -> None:
+def test_a_body_is_told_with_all_its_places(three_joints: ArmModel, before: list[Motion]) -> None:
     """Where a tool would pull alike, a person is told to look at it, too; and at no link that can't be it."""
-    (change,) = compared(arm, before, with_denser_link).changes
+    (change,) = compared(three_joints, before, with_denser_link).changes
     places = {(change.effect, "" if change.effect == "payload" else change.joints[0]), *change.elsewhere}
     assert {("link_inertial_error", "joint_2"), ("payload", "")} <= places
     assert ("link_inertial_error", "joint_1") not in places
@@ -185,10 +180,10 @@ def test_a_body_is_told_with_all_its_places(arm: ArmModel, before: list[Motion])
 
 @pytest.mark.parametrize(("plant", "alone"), [(with_friction, False), (with_gain, True)])
 def test_nothing_takes_the_place_of_what_differs_by_itself(
-    arm: ArmModel, before: list[Motion], plant: Plant, alone: bool
+    three_joints: ArmModel, before: list[Motion], plant: Plant, alone: bool
 ) -> None:
     """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
-    search = searched(build_design(before, record(arm, plant, range(10, 14)), arm))
+    search = searched(build_design(before, record(three_joints, plant, range(10, 14)), three_joints))
     change = next(one for one in search.evidence.layout.groups if one.key == ("friction_change", 1, None))
     likely = [one for one in search.candidates(()) if one.joint == 1 and one.key != change.key]
     assert search.is_friction_drift(likely[0], (), [change]) is not alone
@@ -196,9 +191,11 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
 
 
 @pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
-def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plant: Plant, is_one: bool) -> None:
+def test_a_gain_is_no_friction_by_load(
+    three_joints: ArmModel, before: list[Motion], plant: Plant, is_one: bool
+) -> None:
     """Friction by load holds the load itself: it explains a gain too, and does not stand behind one."""
-    design = build_design(before, record(arm, plant, range(10, 14)), arm)
+    design = build_design(before, record(three_joints, plant, range(10, 14)), three_joints)
     evidence = design.sums.evidence
     model = project(evidence.gram(), evidence, design.prior)
     gain, *_ = [one for one in evidence.layout.groups if one.key == ("torque_gain_error", 1, None)]
@@ -207,10 +204,10 @@ def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plan
     assert not is_gain_by_load(model, by_load[0], gain)
 
 
-def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
-    law = partial(healthy_torque, arm)
-    sets = [made_motions(arm, law, range(seed, seed + 1), 1.2, 25.0, noise=NOISE) for seed in (0, 10)]
-    found = compare(*sets, arm, (Side(), Side()))
+def test_fewer_samples_than_figures_tell_nothing(three_joints: ArmModel) -> None:
+    law = partial(healthy_torque, three_joints)
+    sets = [made_motions(three_joints, law, range(seed, seed + 1), 1.2, 25.0, noise=NOISE) for seed in (0, 10)]
+    found = compare(*sets, three_joints, (Side(), Side()))
     assert (found.verdict, found.changes) == ("not_testable", ())
     assert found.not_testable
 
@@ -223,9 +220,9 @@ def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
     assert not distinguished(-3.0 * np.abs(alike))
 
 
-def test_friction_of_another_day_is_no_change(arm: ArmModel, before: list[Motion]) -> None:
+def test_friction_of_another_day_is_no_change(three_joints: ArmModel, before: list[Motion]) -> None:
     """A joint that rubs by 5 % more is as joints are when they are warmer or colder: no change, and told so."""
-    found = compared(arm, before, with_warmth)
+    found = compared(three_joints, before, with_warmth)
     assert found.verdict == "no_change"
     assert any("from day to day" in one.reason for one in found.reservations)
 
@@ -247,9 +244,9 @@ def test_friction_that_wanders_as_usual_is_known_without_dealing_runs() -> None:
     assert (usual.mostly_between_days, misfit.mostly_between_days) == (True, False)
 
 
-def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, before: list[Motion]) -> None:
+def test_what_runs_differ_by_widens_parameters_by_their_own_law(three_joints: ArmModel, before: list[Motion]) -> None:
     """Three times the error is three times the interval of a coefficient; a wave's amplitude is never below zero."""
-    design = build_design(before, record(arm, with_friction, range(10, 14)), arm)
+    design = build_design(before, record(three_joints, with_friction, range(10, 14)), three_joints)
     search = searched(design)
     groups = {(one.effect.id, one.joint): one for one in search.evidence.layout.groups}
     names = [groups["friction_change", 1], groups["torque_ripple", 2]]
@@ -263,10 +260,10 @@ def test_what_runs_differ_by_widens_parameters_by_their_own_law(arm: ArmModel, b
 
 
 def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
-    arm: ArmModel, before: list[Motion]
+    three_joints: ArmModel, before: list[Motion]
 ) -> None:
     """The same share of dry and of viscous friction, and hardly a rigid torque: then, and not else."""
-    design = build_design(before[:2], before[2:], arm)
+    design = build_design(before[:2], before[2:], three_joints)
     groups = design.sums.evidence.layout.groups
     group = next(one for one in groups if one.effect.id == "friction_change" and one.joint == 0)
     level = np.array(friction_level(design.session, 0))
@@ -278,16 +275,16 @@ def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
     assert not may_be_gain(group, heavy, 0.2 * level, sure)
 
 
-def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -> None:
-    found = compared(arm, before[:1], with_friction, range(10, 11))
+def test_one_run_a_side_tells_no_friction(three_joints: ArmModel, before: list[Motion]) -> None:
+    found = compared(three_joints, before[:1], with_friction, range(10, 11))
     assert "friction_change" not in {one.effect for one in found.changes}
     silent = {one.effect.id: one.reason for one in found.not_testable}
     assert "one run a side" in silent["friction_change"]
 
 
-def test_runs_are_dealt_into_sets_that_are_none(arm: ArmModel, before: list[Motion]) -> None:
+def test_runs_are_dealt_into_sets_that_are_none(three_joints: ArmModel, before: list[Motion]) -> None:
     """Half of each side in either, none twice; where the model holds laws gain there what noise alone gives."""
-    design = build_design(before, record(arm, wrong_everywhere, range(10, 14)), arm)
+    design = build_design(before, record(three_joints, wrong_everywhere, range(10, 14)), three_joints)
     dealt = [frozenset(one.tolist()) for one in design.permuted.permutations]
     assert {(len(one & set(range(4))), len(one & set(range(4, 8)))) for one in dealt} == {(2, 2)}
     assert len({frozenset({one, frozenset(range(8)) - one}) for one in dealt}) == len(dealt) > 3
@@ -305,13 +302,13 @@ BRACKET = np.array([0.1, 0.25, 0.1])  # [m]
 with_bracket = on_top(lambda arm, *states: arm.regressor(*states)[..., 20:30] @ (2.5 * point_mass(BRACKET)))
 
 
-def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, before: list[Motion]) -> None:
+def test_a_body_is_laid_out_about_the_place_where_it_was_found(three_joints: ArmModel, before: list[Motion]) -> None:
     """There its second moments are its own, and it explains more than a link of that moment and its own density."""
-    after = record(arm, with_bracket, range(10, 14))
-    first = build_design(before, after, arm)
+    after = record(three_joints, with_bracket, range(10, 14))
+    first = build_design(before, after, three_joints)
     search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
     effects = place_bodies(search, (), first.session, first.effects)
-    design = build_design(before, after, arm, earlier=first.estimates, effects=effects)
+    design = build_design(before, after, three_joints, earlier=first.estimates, effects=effects)
     model = project(design.sums.evidence.gram(), design.sums.evidence, design.prior)
     groups = [one for one in design.sums.evidence.layout.groups if one.key == ("link_inertial_error", 2, None)]
     usual, placed = groups
@@ -327,10 +324,12 @@ def wrong_law(arm: ArmModel) -> Law:
     return lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + wrong_everywhere(arm, q, dq, ddq)
 
 
-def test_laws_that_both_sets_share_are_as_large_as_laws_are(arm: ArmModel) -> None:
+def test_laws_that_both_sets_share_are_as_large_as_laws_are(three_joints: ArmModel) -> None:
     """A few seconds tell a part of the baseline's many columns: the rest must not run away on runs left out."""
-    before, after = (made_motions(arm, wrong_law(arm), seeds, 2.0, 50.0, noise=NOISE) for seeds in FEW)
-    design = build_design(before, after, arm)
+    before, after = (
+        made_motions(three_joints, wrong_law(three_joints), seeds, 2.0, 50.0, noise=NOISE) for seeds in FEW
+    )
+    design = build_design(before, after, three_joints)
     evidence, free = design.sums.evidence, replace(design.prior, further=None)
     bounded, unbounded = (HeldOut(evidence, prior).score().misfit.sum() for prior in (design.prior, free))
     assert bounded < 0.8 * unbounded

@@ -173,11 +173,6 @@ held_by_friction = steady(STILL, COULOMB[STILL])  # at rest a joint's torque may
 pushed = steady(STILL, 8.0 * COULOMB[STILL])  # a hand on the joint at rest, far beyond its static friction
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return load_arm()
-
-
 def compared_held(arm: ArmModel, plant: Plant, held: tuple[bool, bool]) -> ArmComparison:
     before = runs_held(arm, nothing, range(100, 104), held[0])
     return compare(before, runs_held(arm, plant, range(110, 114), held[1]), arm, (Side(), Side()))
@@ -187,19 +182,19 @@ def compared_held(arm: ArmModel, plant: Plant, held: tuple[bool, bool]) -> ArmCo
     ("held", "when"),
     [((True, False), "before"), ((False, True), "after"), ((True, True), "before and after")],
 )
-def test_the_rest_of_the_arm_is_compared(arm: ArmModel, held: tuple[bool, bool], when: str) -> None:
-    found = compared_held(arm, with_offset, held)
+def test_the_rest_of_the_arm_is_compared(three_joints: ArmModel, held: tuple[bool, bool], when: str) -> None:
+    found = compared_held(three_joints, with_offset, held)
     assert [(one.effect, one.joints) for one in found.changes] == [("torque_offset", ("joint_1",))]
     told = found.changes[0].estimate.parameters["offset_Nm"]
     assert told.low <= OFFSET <= told.high
     assert [(one.name, one.when, one.crept) for one in found.still] == [("joint_3", when, False)]
-    assert set(found.rms_before) == set(found.noise) == set(arm.joint_names)
+    assert set(found.rms_before) == set(found.noise) == set(three_joints.joint_names)
     assert "friction_change" in {one.effect.id for one in found.not_testable if one.joint == STILL}
 
 
 @pytest.mark.parametrize("held", [(True, False), (False, True)])
-def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bool]) -> None:
-    found = compared_held(arm, held_by_friction, held)
+def test_what_friction_may_hold_is_no_change(three_joints: ArmModel, held: tuple[bool, bool]) -> None:
+    found = compared_held(three_joints, held_by_friction, held)
     assert (found.verdict, found.changes) == ("no_change", ())
     record = check_record(found.to_dict() | {"provenance": Provenance("ident compare").to_dict()})
     line = describe_notes(record)[-1]
@@ -212,15 +207,15 @@ def test_what_friction_may_hold_is_no_change(arm: ArmModel, held: tuple[bool, bo
     assert "is assumed" not in describe_spread(record | {"before": {"runs": 3}})
 
 
-def test_a_push_far_beyond_static_friction_is_told_of_a_joint_at_rest(arm: ArmModel) -> None:
-    found = compared_held(arm, pushed, (True, True))
+def test_a_push_far_beyond_static_friction_is_told_of_a_joint_at_rest(three_joints: ArmModel) -> None:
+    found = compared_held(three_joints, pushed, (True, True))
     assert found.changes
     assert {joint for one in found.changes for joint in one.joints} == {"joint_3"}
 
 
-def test_a_joint_that_creeps_is_told_from_one_at_rest(arm: ArmModel) -> None:
+def test_a_joint_that_creeps_is_told_from_one_at_rest(three_joints: ArmModel) -> None:
     """An encoder so coarse that its noise moves faster than the joint does."""
-    runs = runs_held(arm, nothing, range(2), False)
+    runs = runs_held(three_joints, nothing, range(2), False)
     std = np.array(runs[0].std)
     std[1, 1] = 10.0
     coarse = [replace(motion, std=std) for motion in runs]

@@ -15,7 +15,7 @@ from ident.diagnosis.selection.urdf_scale import fit_urdf_error, log_bayes_facto
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.regression.baseline import UrdfError
 from ident.regression.friction_sums import FrictionSums
-from ident.regression.positive import factorise, positive
+from ident.regression.least_squares import factorise, positive
 from ident.regression.run_spread import _likelihood
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel

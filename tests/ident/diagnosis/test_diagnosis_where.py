@@ -8,14 +8,12 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.axes import session_axes
-from ident.diagnosis.gap.gap_map import Place, map_gap
-from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, spread_of_runs, spreads
+from ident.diagnosis.gap.gap_map import Place, map_gap, session_axes
+from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, shapley_shares, spread_of_runs, spreads
 from ident.diagnosis.gap.place_ranking import ExcessError, ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP, USUAL_REPLAY
-from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.heldout_gain import LINEAR_UNITS, in_linear_units
 from ident.effects.catalogue import find_effect
 from ident.regression.cross_validation import HeldOut

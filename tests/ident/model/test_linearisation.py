@@ -3,7 +3,7 @@
 Laws of the losses' torque.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,29 +17,21 @@ from ident.fitting.identification import identify
 from ident.fitting.joint_estimate import FitSums
 from ident.laws.motion import direction
 from ident.model.linearisation import (
+    Sliding,
     _sharpest,
-    correlation_time,
-    fit_losses,
     fit_sliding,
-    loss_columns,
-    rigid_torque,
     stop_operator,
-    tune_links,
 )
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Recording, Session
+from ident.regression.baseline import Baseline, correlation_time, fit_baseline, rigid_torque
 from ident.robot.arm import ArmModel
 from tests.bench.peers.ur10_fixture import JOINTS, Fixture, Split
-from tests.ident.diagnosis.planted import COULOMB, ROTOR, VISCOUS, load_arm
-from tests.ident.made_up import exact_motion, made_motions, two_joint_arm
+from tests.ident.diagnosis.planted import COULOMB, ROTOR, VISCOUS
+from tests.ident.made_up import exact_motion, made_motions
 
 TRUE = LossParameters([0.5, 0.8], [10.0, 6.0], [8.0, 5.0], [0.0, 0.0], [0.02, 0.02])
-
-
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return two_joint_arm()
 
 
 def _runs(arm: ArmModel, params: LossParameters, noise: float = 0.0, seeds: Sequence[int] = (1, 2)) -> list[Motion]:
@@ -51,21 +43,27 @@ def _values(params: LossParameters) -> Float[Array, "n 3"]:
 
 
 def _fitted(arm: ArmModel, motions: Sequence[Motion]) -> LossParameters:
-    return fit_losses(motions, [rigid_torque(arm, motion) for motion in motions])
+    return _tuned(motions, arm, 1e-9).loss
 
 
-def test_exact_data_give_the_exact_losses(arm: ArmModel) -> None:
+def _tuned(motions: Sequence[Motion], arm: ArmModel, share: float, still: Collection[int] = ()) -> Baseline:
+    """The arm and its losses, dry friction turning sharply."""
+    return fit_baseline(motions, arm, share, still=still, sliding=Sliding(np.zeros(arm.n), np.zeros(arm.n)))
+
+
+def test_exact_data_give_the_exact_losses(two_joints: ArmModel) -> None:
     """Without noise every loss comes back to 1e-5."""
-    assert np.allclose(_values(_fitted(arm, _runs(arm, TRUE))), _values(TRUE), rtol=1e-5)
+    assert np.allclose(_values(_fitted(two_joints, _runs(two_joints, TRUE))), _values(TRUE), rtol=1e-5)
 
 
-def test_equals_the_pseudo_inverse_where_nothing_is_at_its_bound(arm: ArmModel) -> None:
+def test_equals_the_pseudo_inverse_where_nothing_is_at_its_bound(two_joints: ArmModel) -> None:
     """Eq. 5, joint by joint; where least squares want a negative one it is zero, and the others are the best left."""
     for inertia, kept in ((0.5, slice(0, 3)), (-0.6, slice(1, 3))):
-        motions = _runs(arm, LossParameters([inertia, 0.8], *(getattr(TRUE, k) for k in KINDS)), noise=0.2)
-        found = _fitted(arm, motions)
-        x = [loss_columns(m, found.transition_speed)[m.moving[:, 0], 0, kept] for m in motions]
-        y = [(m.tau_filtered - m.filtered(rigid_torque(arm, m)))[m.moving[:, 0], 0] for m in motions]
+        motions = _runs(two_joints, LossParameters([inertia, 0.8], *(getattr(TRUE, k) for k in KINDS)), noise=0.2)
+        found = _fitted(two_joints, motions)
+        moves = [(m.ddq, m.dq, direction(m.dq, found.transition_speed)) for m in motions]
+        x = [m.filtered(np.stack(own, -1))[m.moving[:, 0], 0, kept] for m, own in zip(motions, moves, strict=True)]
+        y = [(m.tau_filtered - m.filtered(rigid_torque(two_joints, m)))[m.moving[:, 0], 0] for m in motions]
         assert np.allclose(_values(found)[0, kept], np.linalg.pinv(np.concatenate(x)) @ np.concatenate(y), rtol=1e-6)
         assert (found.motor_inertia[0] == 0.0) == (inertia < 0.0)
 
@@ -73,27 +71,29 @@ def test_equals_the_pseudo_inverse_where_nothing_is_at_its_bound(arm: ArmModel) 
 KINDS = ("viscous", "coulomb", "offset", "transition_speed")
 
 
-def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(arm: ArmModel) -> None:
+def test_a_joint_that_never_moves_is_refused_by_name_and_may_be_left_out(two_joints: ArmModel) -> None:
     resting = []
-    for motion in _runs(arm, TRUE):
+    for motion in _runs(two_joints, TRUE):
         states = tuple(values * [1.0, 0.0] for values in (motion.q, motion.dq, motion.ddq))
         resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
-        _fitted(arm, resting)
-    assert not _values(fit_losses(resting, [rigid_torque(arm, m) for m in resting], {1}))[1].any()
+        _fitted(two_joints, resting)
+    assert not _values(_tuned(resting, two_joints, 2.0, {1}).loss)[1].any()
 
 
-def test_links_come_near_the_true_ones_and_silent_ones_stay(arm: ArmModel) -> None:
+def test_links_come_near_the_true_ones_and_silent_ones_stay(two_joints: ArmModel) -> None:
     """Torque of links 20 % heavier to 2 % on unseen states; without motion all stays as the URDF has it."""
-    real = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
+    real = two_joints.with_inertial_parameters(1.2 * two_joints.inertial_parameters)
     motions = _runs(real, TRUE, 0.1)
-    tuned, base = tune_links(motions, arm, 2.0)
+    tuned = _tuned(motions, two_joints, 2.0)
     test = _runs(real, TRUE, seeds=(9,))[0]
-    found = rigid_torque(tuned, test) + _fitted(tuned, motions).torque(test.dq, test.ddq)  # rotors trade with links
+    found = rigid_torque(tuned.arm, test) + tuned.loss.torque(test.dq, test.ddq)  # rotors trade with links
     assert np.abs(found - test.tau).max() < 0.02 * np.abs(test.tau).max()
-    assert base.rank == len(base.names)
+    assert tuned.base.rank == len(tuned.base.names)
     still = [exact_motion(m.time, (0 * m.q, 0 * m.dq, 0 * m.ddq), m.tau, m.joints) for m in motions]
-    assert np.array_equal(tune_links(still, arm, 2.0)[0].inertial_parameters, arm.inertial_parameters)
+    assert np.array_equal(
+        _tuned(still, two_joints, 2.0, {0, 1}).arm.inertial_parameters, two_joints.inertial_parameters
+    )
 
 
 @pytest.mark.parametrize(("persistence", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
@@ -101,11 +101,6 @@ def test_correlation_time_of_a_known_process(persistence: float, expected: float
     """An AR(1) of coefficient φ: (1 + φ) / (1 - φ) samples, within 20 %."""
     noise = np.random.default_rng(2).standard_normal(50_000)
     assert correlation_time(lfilter([1.0], [1.0, -persistence], noise)) == pytest.approx(expected, rel=0.2)
-
-
-@pytest.fixture(scope="module")
-def three_joints() -> ArmModel:
-    return load_arm()
 
 
 def record(three_joints: ArmModel, sliding: str) -> list[Motion]:

@@ -13,12 +13,14 @@ from safetensors.numpy import save_file
 
 from ident.arrays import Array
 from ident.errors import ModelError
+from ident.model import residual_net
 from ident.model.dense_training import DenseNet
 from ident.model.joint_nets import JointNets, solve_net, width_of
 from ident.model.net_gate import describe_gate, shrink_net
-from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_residual_net
+from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, fit_net_of_arm, fit_residual_net
+from ident.motion import stretches
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import multisine, two_joint_arm
+from tests.ident.made_up import made_motions, multisine, two_joint_arm
 
 DEFAULT = PRESETS["default"]
 # A paper net small enough for a test: the same kind, dropout included.
@@ -310,3 +312,19 @@ def test_what_is_said_of_a_row_does_not_know_it() -> None:
     *_, unseen, error = solve_net(x, y, np.ones(600, dtype=bool), fold, 0)
     assert np.mean((unseen - y) ** 2) > 0.97 * np.mean(y**2)
     assert error > 0.97
+
+
+def test_a_long_session_is_learnt_from_stretches_all_over_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: whatever the session's length a net is trained on about so many samples, and on some of most runs."""
+    arm, trained = two_joint_arm(), list[State]()
+    motions = made_motions(arm, arm.inverse_dynamics, range(6), 8.0)
+    length = len(motions[0].time)
+    monkeypatch.setattr(residual_net, "fit_residual_net", lambda states, *_: trained.extend(states))
+    monkeypatch.setattr(residual_net, "TRAINED_SAMPLES", 2 * length)
+    monkeypatch.setattr(stretches, "STRETCH_SAMPLES", length // 4)
+    fit_net_of_arm(motions, arm, lambda _, rigid: 0.0 * rigid, DEFAULT, None, None)
+    every = motions[0].lowpass.factor
+    assert sum(len(state[0]) for state in trained) == pytest.approx(2 * length / every, rel=0.1)
+    starts = {tuple(state[0][0]) for state in trained}
+    runs = [any(tuple(row) in starts for row in motion.q[motion.coarse]) for motion in motions]
+    assert sum(runs) >= 4

@@ -11,7 +11,7 @@ from ident.monitor.alarms import LIMIT, Alarm, EProcess, Point, find_changes, fi
 from ident.monitor.estimates import HABIT, Estimates, ParameterEstimate, estimate_session, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import made_motions, two_joint_arm
+from tests.ident.made_up import made_motions
 from tests.schemas import check_record
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
@@ -131,11 +131,6 @@ def test_however_often_one_looks_false_alarms_stay_below_the_level() -> None:
 NOISE = 0.2
 
 
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return two_joint_arm()
-
-
 def day(arm: ArmModel, seed: int, factor: float) -> Sequence[Motion]:
     """Three runs of a day on which friction is so many times what it usually is."""
 
@@ -151,8 +146,8 @@ def days_of(arm: ArmModel, spread: float, count: int = 8) -> dict[str, Sequence[
     return {f"day_{k}": day(arm, k, float(factor)) for k, factor in enumerate(factors)}
 
 
-def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(arm: ArmModel) -> None:
-    found = find_ranges(days_of(arm, 0.04), arm)
+def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(two_joints: ArmModel) -> None:
+    found = find_ranges(days_of(two_joints, 0.04), two_joints)
     assert all(share >= 0.95 for share in found.inside.values())
     assert found.narrower > 2.0
     friction = found.ranges["joint_1", "coulomb"]
@@ -163,16 +158,16 @@ def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(
     assert "narrower than ±30%" in found.summary()
 
 
-def test_an_arm_that_changes_more_gets_wider_ranges(arm: ArmModel) -> None:
+def test_an_arm_that_changes_more_gets_wider_ranges(two_joints: ArmModel) -> None:
     """And where nothing changes from day to day the parameter's own interval counts; one day has that alone."""
     widths = []
     for spread in (0.0, 0.03, 0.12):
-        found = find_ranges(days_of(arm, spread, 5), arm)
+        found = find_ranges(days_of(two_joints, spread, 5), two_joints)
         one = found.ranges["joint_2", "coulomb"]
         widths.append(one.high - one.low)
     assert widths == sorted(widths)
     assert widths[0] < 0.05 * 2 * HABIT * 6.0 * 4
-    alone = find_ranges(days_of(arm, 0.04, 1), arm)
+    alone = find_ranges(days_of(two_joints, 0.04, 1), two_joints)
     assert {one.source for one in alone.ranges.values()} == {"interval"}
     assert not alone.inside
     assert alone.to_dict()["heldout"]["narrower_than_habit"] is None
@@ -201,9 +196,9 @@ def estimates_of(
     return estimate_session(made_motions(arm, law, [1, 2], noise=0.5), arm)
 
 
-def test_estimates_come_back_within_their_intervals(arm: ArmModel) -> None:
+def test_estimates_come_back_within_their_intervals(two_joints: ArmModel) -> None:
     """Joint 2 is moved by gravity: its gain too. Joint 1's axis is upright: there its inertia is the rotor's."""
-    found = estimates_of(arm, gain=1.08)
+    found = estimates_of(two_joints, gain=1.08)
     true = {"gain": 1.08, "rotor": 0.4, "viscous": 9.0, "coulomb": 6.0, "offset": 1.5}
     for name, value in true.items():
         one = found["joint_2", name]
@@ -213,9 +208,9 @@ def test_estimates_come_back_within_their_intervals(arm: ArmModel) -> None:
     assert abs(found["joint_1", "viscous"].value - 9.0) < 4.0 * found["joint_1", "viscous"].std
 
 
-def test_what_no_parameter_explains_is_the_gap(arm: ArmModel) -> None:
+def test_what_no_parameter_explains_is_the_gap(two_joints: ArmModel) -> None:
     """White noise of 0.5 N m, of which the filter lets a part through; friction does not change it."""
-    first, second = estimates_of(arm)["joint_2", "gap"], estimates_of(arm, viscous=14.0)["joint_2", "gap"]
+    first, second = estimates_of(two_joints)["joint_2", "gap"], estimates_of(two_joints, viscous=14.0)["joint_2", "gap"]
     assert 0.05 < first.value < 0.5
     assert first.value == pytest.approx(second.value, rel=1e-6)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.model.linearisation import loss_columns
 from ident.motion import stretches
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion, prepare
@@ -170,5 +169,5 @@ def test_lowpass_is_one_linear_map_for_torque_and_columns() -> None:
     product = motion.filtered(regressor) @ arm.inertial_parameters
     assert product.shape == motion.tau_filtered.shape
     assert np.allclose(product, motion.tau_filtered, atol=1e-10)
-    columns = loss_columns(motion, np.full(2, 0.01))
-    assert np.allclose(columns[..., 1], motion.filtered(motion.dq), atol=1e-12)
+    pair = motion.filtered(np.stack([motion.ddq, motion.dq], axis=-1))
+    assert np.allclose(pair[..., 1], motion.filtered(motion.dq), atol=1e-12)

@@ -19,11 +19,6 @@ def arm(request: pytest.FixtureRequest) -> ArmModel:
     return sliding_arm() if request.param == "sliding" else ArmModel.load(request.param)
 
 
-@pytest.fixture(scope="module")
-def tm5() -> ArmModel:
-    return ArmModel.load("tm5-900")
-
-
 def _changed(arm: ArmModel, seed: int = 3) -> ArmModel:
     """The arm with every inertial number 10 % off: no body that exists, but a legal point of a search."""
     noise = np.random.default_rng(seed).standard_normal(10 * arm.n)

@@ -2,8 +2,6 @@
 
 import copy
 import json
-import re
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +14,10 @@ from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     diagnosis_headline,
     first_action,
-    in_order_of_joints,
-    order_of,
 )
 from ident.show.report.evaluation import ReportInput
-from ident.show.report.page import confusion_section
 from ident.show.report.words import parameter_rows, with_units
-from ident.show.terminal import describe_gap, headline, print_diagnosis
+from ident.show.terminal import describe_gap, print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -202,13 +197,6 @@ def test_an_evaluation_is_added(source: ReportInput, tmp_path: Path) -> None:
     assert {"findings", "ladder", "fits"} <= set(reader.ids)
 
 
-def test_confusion_counts_the_diagonal() -> None:
-    section = confusion_section({"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}})
-    assert section is not None
-    assert "11 of 12 cases were named rightly" in section.values["summary"]
-    assert confusion_section({}) is None
-
-
 def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
     """The replay is reported in mrad for the named joint; what else is known of each stands in the table."""
     forward = {"window_s": 0.25, "position_rms_rad": {"before": {"joint_2": 5.86e-3}, "after": {"joint_2": 1.12e-3}}}
@@ -227,232 +215,6 @@ def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
 def test_what_is_zero_but_for_rounding_is_no_parameter() -> None:
     flat = {key: {"value": 1e-17, "low": 0.0, "high": 1e-14} for key in ("stiffness_Nm_rad", "rest_rad", "low_Nm")}
     assert [row["name"] for row in parameter_rows(flat)] == ["torque at the lower end"]
-
-
-SCALE = {
-    "issue": "torque_scale",
-    "joints": ["elbow"],
-    "severity": "warning",
-    "evidence": "elbow reads 1.32 ± 0.05 of the model's gravity torque",
-    "remedy": "check its drive gain",
-}
-
-
-@pytest.mark.parametrize(("value", "shown"), [(-8.94e-5, "0"), (0.0, "0"), (8.4e-3, "0.00840"), (0.84, "0.840")])
-def test_what_a_solver_left_of_zero_is_shown_as_zero(value: float, shown: str) -> None:
-    """Law: of an interval of 1.7 nobody reads a ten-thousandth."""
-    (row,) = parameter_rows({"coulomb_change_Nm": {"value": value, "low": -0.842, "high": 0.842}})
-    assert row["value"] == shown
-
-
-def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dict[str, Any]:
-    finding = {"effect": effect, "joints": ["elbow"], "class": [effect], "probability": probability, "action": "do so"}
-    finding["class_probability"] = probability
-    return {"verdict": "named", "findings": [finding], "telemetry": list(telemetry), "gap": {}}
-
-
-@pytest.mark.parametrize("probability", [0.97, 0.3])
-@pytest.mark.parametrize(("named", "mapped"), product(("elbow", "wrist"), ("elbow", "wrist")))
-@pytest.mark.parametrize("scale", [None, "elbow", "wrist"])
-def test_first_line_first_action_and_first_name_are_about_the_first_place(
-    scale: str | None, named: str, mapped: str, probability: float
-) -> None:
-    """Law: whatever is named and off by a factor elsewhere, all three begin with the joint of the first place.
-
-    What is off by a factor there is its gap; what has no name there is said to have none, and what to record.
-    """
-    off = [{**SCALE, "joints": [scale], "evidence": f"session: {scale} reads 1.10 ± 0.02"}] if scale else []
-    record = acted_on("spring_torque", probability, *off) | {"joints": ["elbow", "wrist", "base"]}
-    record["findings"][0] |= {"joints": ["knee", named], "action": f"look at {named}"}
-    record["findings"].insert(0, {**record["findings"][0], "joints": ["base"], "action": "look at base"})
-    record["where"] = [{"joint": mapped, "beyond_noise_Nm": 0.5}]
-    record["next_experiment"] = {"separates": [], "motion": f"move {mapped}"}
-    line, action = diagnosis_headline(record), first_action(record)
-    assert re.findall("elbow|wrist|base|knee", line)[0] == mapped
-    assert re.findall("elbow|wrist|base|knee", action)[0] == mapped
-    gap, reading = f"The gap is largest at {mapped}, 0.50 N m beyond noise", f"{scale} reads 1.10 ± 0.02 in session"
-    if scale == mapped:
-        assert line.startswith(f"{reading} (0.50 N m beyond noise). Beyond that, the gap ")
-        assert action == f"{reading}: check its drive gain."
-        return
-    assert line.endswith(f" {reading}. Check its drive gain.") is bool(scale)
-    assert line.startswith(f"{gap}, and is unexplained there.") is (named != mapped)
-    if named == mapped:
-        assert f"ook at {mapped}" in action
-        assert line.index(f"spring torque in {mapped} and knee") < line.index("spring torque in base")
-    else:
-        assert action == f"0.50 N m at {mapped} are unexplained. Record this next: move {mapped}."
-
-
-def test_where_names_close_a_part_the_first_line_says_where_most_of_the_rest_is() -> None:
-    """Law: beyond noise, and in the slide's unit; nowhere where they leave noise alone."""
-    gap = {"base": {"rms_Nm": 9.0, "noise_floor_Nm": 4.0, "unit": "N"}, "elbow": {"rms_Nm": 2.0, "noise_floor_Nm": 0.4}}
-    record = acted_on("spring_torque", 0.97) | {"verdict": "partial", "gap": gap}
-    for after, rest in (
-        ((5.0, 0.5), "at base, 3.0 N beyond"),
-        ((4.0, 0.5), "at elbow, 0.30 N m beyond"),
-        ((4, 0.4), ""),
-    ):
-        record["heldout"] = {"rms_after_Nm": dict(zip(gap, after, strict=True))}
-        assert (f"most of the rest is {rest} noise." in diagnosis_headline(record)) is bool(rest)
-
-
-def test_a_change_less_likely_than_not_is_not_told_by_one_name() -> None:
-    """Law: the first line of a comparison names what it may be as well; what is likely it names alone."""
-    change = {"effect": "torque_offset", "joints": ["knee"], "class": ["torque_offset", "asymmetric_friction"]}
-    record = {"verdict": "changed", "changes": [change | {"parameters": {}, "probability": 0.4}], "not_testable": []}
-    assert headline(record)[0] == "What changed: torque offset or asymmetric friction in knee."
-    change = record["changes"][0] | {"action": "correct it"}
-    assert order_of(change, record).startswith("act on none yet, for it may be torque offset or asymmetric friction in")
-    record["changes"][0]["probability"] = 0.8
-    assert headline(record)[0] == "What changed: torque offset in knee."
-    assert order_of(change | {"probability": 0.8}, record) == "correct it"
-
-
-def test_of_names_that_show_at_the_leading_joint_the_one_that_closes_most_there_is_first() -> None:
-    """Law: a load that hangs on another joint stands before a ripple of the joint itself, and is its factor."""
-    record = acted_on("torque_ripple", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
-    load = {**record["findings"][0], "effect": "link_inertial_error", "joints": ["wrist"], "action": "weigh it"}
-    closed = {"rms_before_Nm": {"elbow": 9.0, "wrist": 1.0}, "rms_after_Nm": {"elbow": 0.8, "wrist": 0.1}}
-    ripple = {"rms_before_Nm": {"elbow": 0.8}, "rms_after_Nm": {"elbow": 0.7}}
-    record["findings"] = [{**record["findings"][0], "heldout": ripple}, {**load, "heldout": closed}]
-    assert in_order_of_joints(record)[0]["effect"] == "link_inertial_error"
-    assert first_action(record) == "Weigh it."
-    assert "Beyond that" not in diagnosis_headline(record)
-
-
-def test_of_several_joints_off_by_a_factor_the_leading_one_is_said_first() -> None:
-    """Law: also where a body may be the factor, or nothing else is a gap; of one session its name says nothing."""
-    two = {**SCALE, "joints": ["wrist", "elbow"], "evidence": "s: wrist reads 1.50 ± 0.02; elbow reads 1.32 ± 0.05"}
-    record = acted_on("payload", 0.97, two) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 2.0}]}
-    record["provenance"] = {"sessions": ["s"]}
-    line = diagnosis_headline(record)
-    assert line.startswith(
-        "elbow reads 1.32 ± 0.05 (2.0 N m beyond noise); off as well: wrist. A body may be why. The gap has a name"
-    )
-    record |= {"verdict": "no_gap", "findings": [], "where": []}
-    record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
-    assert diagnosis_headline(record).startswith("elbow reads 1.32 ± 0.05; off as well: wrist. Beyond that, no gap: ")
-    assert first_action(record).startswith("elbow reads 1.32 ± 0.05; wrist reads 1.50 ± 0.02: check")
-
-
-@pytest.mark.parametrize("mapped", ["elbow", "wrist", ""])
-def test_a_name_that_shows_at_the_first_place_is_a_name_there(mapped: str) -> None:
-    """A link's mass shows at the joints before it; of gaps too small for a place the first is one that has a name."""
-    record = acted_on("link_inertial_error", 0.97) | {"where": [{"joint": mapped}] if mapped else []}
-    record["findings"][0] |= {"joints": ["wrist"], "heldout": {"rms_before_Nm": {"elbow": 0.5}}}
-    record["gap"] = {name: {"rms_Nm": rms, "noise_floor_Nm": 0.3} for name, rms in {"base": 0.9, "elbow": 0.5}.items()}
-    line = diagnosis_headline(record)
-    assert (first_action(record), "unexplained there" in line) == ("Do so.", False)
-    assert ("largest at elbow, " in line and "where a name of another joint shows" in line) is (mapped != "wrist")
-    record["findings"].append({**record["findings"][0], "joints": ["elbow"], "probability": 0.3})
-    assert in_order_of_joints(record)[0]["joints"] == ["wrist" if mapped == "wrist" else "elbow"]
-
-
-@pytest.mark.parametrize(("left", "off"), [(0.31, False), (0.8, True)])
-def test_a_zero_that_explains_a_factor_comes_in_its_place(left: float, off: bool) -> None:
-    """Law: what turns gravity at several joints, and closes the gap there, is what read as a factor without it.
-
-    Also where tuning had absorbed it: what the name closes counts, not what the tuned model leaves.
-    """
-    record = acted_on("encoder_offset", 0.97, SCALE)
-    errors = {"rms_before_Nm": {"shoulder": 1.0, "elbow": 1.2}, "rms_after_Nm": {"shoulder": 0.3, "elbow": left}}
-    record["findings"][0] |= {"joints": ["shoulder"], "heldout": errors}
-    record["gap"] = {name: {"rms_Nm": 0.3, "noise_floor_Nm": 0.3} for name in ("shoulder", "elbow")}
-    assert ("elbow reads 1.32" in diagnosis_headline(record)) is off
-
-
-@pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
-def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
-    """A gain of one joint says nothing of another that is off; a load acts on all."""
-    assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
-    assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")
-    two = acted_on(effect, 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
-    two["gap"] = {"elbow": {"rms_Nm": 0.5, "noise_floor_Nm": 0.3}}
-    assert first_action(two).startswith("Do so." if effect == "payload" else "elbow reads 1.32")
-    assert diagnosis_headline(two).startswith(
-        "elbow reads 1.32 ± 0.05 of the model's gravity torque; off as well: wrist."
-    )
-
-
-def test_a_factors_gain_is_not_beyond_the_factor() -> None:
-    """Law: a gain of a joint whose factor is said is only another name of it: others are listed, or it stands alone."""
-    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
-    record |= {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
-    assert diagnosis_headline(record).endswith("wrist. The gap has a name: torque gain error in elbow.")
-    record["findings"] += acted_on("spring_torque", 0.97)["findings"]
-    assert diagnosis_headline(record).endswith("wrist. Beyond that, the gap has a name: spring torque in elbow.")
-
-
-@pytest.mark.parametrize(("gain", "same"), [(0.3, True), (-0.09, False)])
-def test_a_gain_of_the_other_side_is_no_name_of_a_factor(gain: float, same: bool) -> None:
-    """Law: a joint that reads 1.32 of gravity is not explained by a gain that reads too little; both are said."""
-    record = acted_on("torque_gain_error", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
-    record["findings"][0]["parameters"] = {"gain": {"value": gain, "low": gain - 0.02, "high": gain + 0.02}}
-    line = diagnosis_headline(record)
-    assert line.startswith("elbow reads 1.32") is not same
-    assert ("Beyond that, the gap has a name: torque gain error in elbow" in line) is not same
-    assert first_action(record) == "Do so." if same else first_action(record).startswith("elbow reads 1.32")
-
-
-@pytest.mark.parametrize("joint", ["elbow", "wrist"])
-def test_a_body_may_be_the_factor_of_joints_that_carry_it(joint: str) -> None:
-    """Law: a body on a link loads the joints before it, also where tuning hides that; none behind it."""
-    record = acted_on("link_inertial_error", 0.97, {**SCALE, "joints": [joint]})
-    record |= {"joints": ["shoulder", "elbow", "forearm", "wrist"], "where": [{"joint": joint}]}
-    record["findings"][0]["joints"] = ["forearm"]
-    assert ("A body may be why." in diagnosis_headline(record)) is (joint == "elbow")
-    assert (first_action(record) == "Do so.") is (joint == "elbow")
-
-
-def test_gains_of_all_joints_that_are_off_stand_first() -> None:
-    """Law: where the leading joint's factor has a name those of others come next, before all else that it has."""
-    record = acted_on("torque_gain_error", 0.97, {**SCALE, "joints": ["elbow", "wrist"]})
-    record["where"] = [{"joint": "wrist", "beyond_noise_Nm": 9.0}]
-    record["findings"] += [
-        {**record["findings"][0], "effect": effect, "joints": ["wrist"]}
-        for effect in ("spring_torque", "torque_gain_error")
-    ]
-    order = [(one["effect"], *one["joints"]) for one in in_order_of_joints(record)]
-    assert order == [("torque_gain_error", "wrist"), ("torque_gain_error", "elbow"), ("spring_torque", "wrist")]
-
-
-@pytest.mark.parametrize("guessed", [True, False])
-def test_a_guessed_gain_comes_before_what_is_told_in_its_unit(guessed: bool) -> None:
-    """Law: at the leading joint a likely gain that nobody measured stands before a friction that closes more."""
-    issue = {"issue": "guessed_gains", "joints": ["elbow"], "evidence": "guesses", "remedy": "measure them"}
-    record = acted_on("torque_gain_error", 0.9, *[issue] * guessed) | {"where": [{"joint": "elbow"}]}
-    rms = {"rms_before_Nm": {"elbow": 2.0}, "rms_after_Nm": {"elbow": 1.0}}
-    friction = {**record["findings"][0], "effect": "load_dependent_friction", "heldout": rms}
-    record["findings"].insert(0, friction)
-    assert (in_order_of_joints(record)[0]["effect"] == "torque_gain_error") is guessed
-
-
-def test_a_body_that_is_not_the_first_name_is_no_factor() -> None:
-    """Law: a name at the joint that reads a factor, and a body behind it, do not come before its drive gain."""
-    record = acted_on("load_dependent_friction", 0.97, SCALE) | {"where": [{"joint": "elbow", "beyond_noise_Nm": 9.0}]}
-    record["findings"] += [{**one, "joints": ["wrist"]} for one in acted_on("link_inertial_error", 0.97)["findings"]]
-    assert first_action(record) == "elbow reads 1.32 ± 0.05 of the model's gravity torque: check its drive gain."
-
-
-def test_headline_says_how_sure_a_name_is_that_is_less_likely_than_not() -> None:
-    assert diagnosis_headline(acted_on("payload", 0.43)) == "The gap may have a name: payload in elbow (43 %)."
-    record = acted_on("payload", 0.97)
-    record["findings"] += acted_on("stribeck_friction", 0.11)["findings"]
-    assert diagnosis_headline(record) == "The gap has a name: payload in elbow and Stribeck friction in elbow (11 %)."
-
-
-def test_a_motion_that_parts_other_names_or_moves_another_joint_is_not_told() -> None:
-    """Law: tied names are distinguished by a motion of their own."""
-    record = acted_on("spring_torque", 0.4)
-    record["findings"][0]["class"] = ["spring_torque", "joint_coupling"]
-    for separates, fits in ((["spring_torque"], False), (record["findings"][0]["class"], True)):
-        record["next_experiment"] = {"separates": separates, "motion": "move it; `plan excite --joint elbow --out x`"}
-        assert ("move it" in order_of(record["findings"][0], record)) is fits
-    record["next_experiment"]["motion"] = "move it; `plan excite --joint wrist --out x`"
-    assert "--separate spring_torque,joint_coupling --joint elbow" in order_of(record["findings"][0], record)
-    record["findings"][0]["class"] = ["payload", "link_inertial_error"]  # which no motion can part
-    assert "take everything off the flange" in order_of(record["findings"][0], record)
 
 
 def test_what_tuning_made_worse_is_shown_beside_what_it_left(tmp_path: Path) -> None:
@@ -486,3 +248,10 @@ def test_session_time_counts_from_its_start(tmp_path: Path) -> None:
     record["where"] = [{**place, "share_of_gap": 0.71, "p_value": 0.001}]
     record["provenance"] = {"sessions": [{"path": "a", "sha256": "", "first": 1.7e9, "last": 1.7e9 + 90.0, "runs": []}]}
     assert "at session time 20 to 40 s" in written(tmp_path, record)
+
+
+@pytest.mark.parametrize(("value", "shown"), [(-8.94e-5, "0"), (0.0, "0"), (8.4e-3, "0.00840"), (0.84, "0.840")])
+def test_what_a_solver_left_of_zero_is_shown_as_zero(value: float, shown: str) -> None:
+    """Law: of an interval of 1.7 nobody reads a ten-thousandth."""
+    (row,) = parameter_rows({"coulomb_change_Nm": {"value": value, "low": -0.842, "high": 0.842}})
+    assert row["value"] == shown

@@ -49,27 +49,28 @@ class Saved:
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel.load("tm5-900", joints=["joint_1", "joint_2", "joint_3"])
+def motions(three_joints: ArmModel) -> list[Motion]:
+    return made_motions(
+        three_joints, lambda q, dq, ddq: three_joints.inverse_dynamics(q, dq, ddq) + 5.0 * np.sign(dq), (1, 2), 3.0
+    )
 
 
 @pytest.fixture(scope="module")
-def motions(arm: ArmModel) -> list[Motion]:
-    return made_motions(arm, lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + 5.0 * np.sign(dq), (1, 2), 3.0)
-
-
-@pytest.fixture(scope="module")
-def model(arm: ArmModel) -> HybridModel:
+def model(three_joints: ArmModel) -> HybridModel:
     zero = np.zeros(3)
-    return HybridModel(arm, arm, arm, LossParameters(zero, zero, np.full(3, 4.0), zero, np.full(3, 0.01)))
+    return HybridModel(
+        three_joints, three_joints, three_joints, LossParameters(zero, zero, np.full(3, 4.0), zero, np.full(3, 0.01))
+    )
 
 
 @pytest.fixture(scope="module")
-def saved(arm: ArmModel, motions: list[Motion], model: HybridModel, tmp_path_factory: pytest.TempPathFactory) -> Saved:
+def saved(
+    three_joints: ArmModel, motions: list[Motion], model: HybridModel, tmp_path_factory: pytest.TempPathFactory
+) -> Saved:
     path = tmp_path_factory.mktemp("timeline") / "t.rrd"
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # Rerun warns where it drops what it can't read
-        assert write_timeline(path, arm, motions, model, [ISSUE], [MARK]) == path
+        assert write_timeline(path, three_joints, motions, model, [ISSUE], [MARK]) == path
     return Saved(path)
 
 
@@ -99,13 +100,13 @@ def test_energy_ends_at_the_energy_error(saved: Saved, motions: list[Motion], mo
         assert modelled - measured == pytest.approx(exact[j], abs=1e-9)
 
 
-def test_boxes_move_with_the_arm(saved: Saved, arm: ArmModel, motions: list[Motion]) -> None:
+def test_boxes_move_with_the_arm(saved: Saved, three_joints: ArmModel, motions: list[Motion]) -> None:
     """Every link's pose over time is forward kinematics', and its boxes are those of the URDF."""
-    boxes = link_boxes(arm)
+    boxes = link_boxes(three_joints)
     assert len(boxes) == 7
     for link, box in boxes.items():
         table = saved.columns[f"/arm/{link}"]
-        first = arm.forward_kinematics(motions[0].q[0])[link]
+        first = three_joints.forward_kinematics(motions[0].q[0])[link]
         np.testing.assert_allclose(table["Transform3D:translation"][0][0], first[:3, 3], atol=1e-6)
         turned = Rotation.from_quat(table["Transform3D:quaternion"][0][0]).as_matrix()
         np.testing.assert_allclose(turned, first[:3, :3], atol=1e-6)
@@ -125,9 +126,9 @@ def test_log_tells_runs_issues_and_marks(saved: Saved, motions: list[Motion]) ->
     assert "slow reversal" in mark["TextLog:text"][0][0]
 
 
-def test_without_a_model_only_measured_curves(arm: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
+def test_without_a_model_only_measured_curves(three_joints: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
     """No model: torque, power, energy and motion of every joint, no rung; a mark falls on the torque."""
-    saved = Saved(write_timeline(tmp_path / "t.rrd", arm, motions, marks=[MARK]))
+    saved = Saved(write_timeline(tmp_path / "t.rrd", three_joints, motions, marks=[MARK]))
     groups = {path.split("/")[3] for path in saved.columns if path.startswith("/joints/")}
     names = {path.split("/")[4] for path in saved.columns if path.startswith("/joints/")}
     assert groups == {"torque", "power", "energy", "motion"}
@@ -135,18 +136,20 @@ def test_without_a_model_only_measured_curves(arm: ArmModel, motions: list[Motio
     assert "/joints/joint_2/torque/mark" in saved.columns
 
 
-def test_model_of_fewer_joints(arm: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
+def test_model_of_fewer_joints(three_joints: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
     """A model that speaks of two of three joints adds its rungs to those two."""
-    small = arm.locked(["joint_3"])
+    small = three_joints.locked(["joint_3"])
     zero = np.zeros(2)
-    model = HybridModel(arm, small, small, LossParameters(zero, zero, zero, zero, zero))
-    saved = Saved(write_timeline(tmp_path / "t.rrd", arm, motions, model))
+    model = HybridModel(three_joints, small, small, LossParameters(zero, zero, zero, zero, zero))
+    saved = Saved(write_timeline(tmp_path / "t.rrd", three_joints, motions, model))
     assert "/joints/joint_2/torque/analytic" in saved.columns
     assert "/joints/joint_3/torque/analytic" not in saved.columns
     assert "/joints/joint_3/torque/measured" in saved.columns
 
 
-def test_viewer_that_fails_is_told(arm: ArmModel, motions: list[Motion], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_viewer_that_fails_is_told(
+    three_joints: ArmModel, motions: list[Motion], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The viewer is started for a whole file, listening on this machine only; where it fails, the remedy is --rrd."""
     commands: list[list[str]] = []
 
@@ -157,16 +160,16 @@ def test_viewer_that_fails_is_told(arm: ArmModel, motions: list[Motion], monkeyp
 
     monkeypatch.setattr(subprocess, "run", no_screen)
     with pytest.raises(InputError, match="--rrd"):
-        show_timeline(arm, motions)
+        show_timeline(three_joints, motions)
     assert commands[0][commands[0].index("--bind") + 1] == "127.0.0.1"
 
 
-def test_boxes_lie_where_the_collision_geometry_does(arm: ArmModel) -> None:
+def test_boxes_lie_where_the_collision_geometry_does(three_joints: ArmModel) -> None:
     """Link pose times box pose is where Pinocchio puts the collision object, in any posture."""
     q = np.array([0.4, -0.7, 1.1])
-    poses = arm.forward_kinematics(q)
-    for (link, box), body in zip(link_boxes(arm).items(), arm.geometry.geometryObjects, strict=True):
-        frame = arm.model.frames[body.parentFrame]
+    poses = three_joints.forward_kinematics(q)
+    for (link, box), body in zip(link_boxes(three_joints).items(), three_joints.geometry.geometryObjects, strict=True):
+        frame = three_joints.model.frames[body.parentFrame]
         of_joint = poses[link] @ np.linalg.inv(frame.placement.homogeneous)
         corner = of_joint @ body.placement.homogeneous @ np.array([*body.geometry.halfSide, 1.0])
         shown = Rotation.from_quat(box["quaternions"][0]).apply(box["half_sizes"][0]) + box["centers"][0]
