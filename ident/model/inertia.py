@@ -216,9 +216,11 @@ def solve_partly_non_negative(sums: Float[Array, "k+1 k+1"], bounded: Iterable[i
         sums: Sums of squares and products of the unknowns' columns and, last, of what they are to be.
         bounded: Positions of the unknowns that can't be negative.
     """
-    kept = np.array(sorted(bounded), dtype=int)
-    free = np.setdiff1d(np.arange(len(sums) - 1), kept)
-    scale = np.sqrt(np.maximum(np.diag(sums), 1e-300))
+    power = np.diag(sums)
+    seen = np.flatnonzero(power[:-1] > 0.0)  # an unknown without rows, as of a joint at rest, stays zero
+    kept = np.intersect1d(seen, list(bounded))
+    free = np.setdiff1d(seen, kept)
+    scale = np.sqrt(np.where(power > 0.0, power, 1.0))
     values, vectors = np.linalg.eigh(sums / np.outer(scale, scale))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root: the scaled sums
     triangle = np.asarray(np.linalg.qr(root[:, [*free, *kept, -1]], mode="r"))

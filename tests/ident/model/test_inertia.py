@@ -149,6 +149,11 @@ def test_both_solvers_find_the_same_losses(seed: int) -> None:
     assert np.abs(slope[:4]).max() < 1e-9
     assert np.all(slope[4:] > -1e-9)
     assert np.all((found[4:] > 0) | (slope[4:] > 0))
+    # An unknown without rows, free or bounded, stays zero and changes none of the others.
+    wider = np.insert(both, [0, 6], 0.0, axis=1)
+    again = solve_partly_non_negative(wider.T @ wider, range(5, 11))
+    assert not again[[0, 7]].any()
+    assert np.allclose(np.delete(again, [0, 7]), found, rtol=1e-9)
 
 
 def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], tm5: ArmModel, real: ArmModel) -> None:
