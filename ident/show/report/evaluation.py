@@ -78,6 +78,7 @@ def evaluation_sections(source: ReportInput) -> list[Section | None]:
         figures.payload_section(source),
         figures.comparison_section(source),
         figures.fits_section(source),
+        figures.residuals_section(source),
         figures.parameters_section(source),
         telemetry_section([one.to_dict() for one in source.issues]),
         models_section(list(zip(names, source.models, strict=True))),

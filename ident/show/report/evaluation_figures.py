@@ -1,4 +1,4 @@
-"""Sections of an evaluation: payloads as in the paper's table 2, models side by side, torque, what was fitted."""
+"""Sections of an evaluation: payloads as in the paper's table 2, models side by side, torque, what is left of it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import NAMES
 from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
 from ident.show.report.evaluation import ReportInput, pool_name
-from ident.show.report.figures import WIDE, make_panel, thin, to_svg
+from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
 from ident.show.report.page import Section
 from ident.show.report.words import fixed, sentence, significant
 
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
+BINS = 14
 
 
 def payload_section(source: ReportInput) -> Section | None:
@@ -146,6 +147,94 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"torque of {joint} over time, measured and modelled")})
     return panels
+
+
+def residuals_section(source: ReportInput) -> Section:
+    """Medians of measured less modelled torque: what a rung leaves has a shape, and the shape names its cause."""
+    traces, robot = source.evaluation.traces, source.model.robot
+    sliding = dict(zip(robot.joint_names, robot.sliding_joints, strict=True))
+    units = ["m" if sliding.get(joint, False) else "rad" for joint in traces[0].motion.joints]
+    rungs = tuple(traces[0].rungs)
+    # Those that hold friction: beside the others nothing of theirs could be seen.
+    close = rungs[rungs.index("loss") :] if "loss" in rungs else rungs
+    colours = rung_colours(rungs)
+    values = {
+        "legend": [(rung_name(rung), colours[rung]) for rung in rungs],
+        "last": rung_name(rungs[-1]),
+        "close": ", ".join(rung_name(rung) for rung in close),
+        "speed": draw_against("speed", traces, units, rungs),
+        "speed_close": draw_against("speed", traces, units, close) if close != rungs else [],
+        "position": draw_against("position", traces, units, close),
+        "time": draw_over_time(traces, rungs[-1]),
+    }
+    return Section("residuals", "What is left, and where", "residuals.html", values)
+
+
+def draw_against(
+    axis: str, traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    """Residual of each joint over an axis: median of every rung's in bins of like counts, for the last 80 % of them.
+
+    Over `speed` the shape of friction, no bin across zero; over `position` gravity, springs and wrong masses.
+    """
+    own = [trace.motion.dq if axis == "speed" else trace.motion.q for trace in traces]
+    values = np.concatenate([one[trace.motion.coarse] for one, trace in zip(own, traces, strict=True)])
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    colours, panels = rung_colours(tuple(traces[0].rungs)), []
+    for j, joint in enumerate(traces[0].motion.joints):
+        x = np.where(moving[:, j], values[:, j], np.nan)
+        parts = [_edges(x[x < 0]), _edges(x[x > 0])] if axis == "speed" else [_edges(x[np.isfinite(x)], 2 * BINS)]
+        figure, axes = make_panel(f"{axis} [{units[j]}{'/s' if axis == 'speed' else ''}]", "residual [N m]")
+        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        for rung in rungs:
+            y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
+            for rows in (binned(x, y, edges) for edges in parts):
+                if rung == rungs[-1]:
+                    axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
+                axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
+        panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual against {axis}")})
+    return panels
+
+
+def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]]:
+    """Residual of one rung where the joint moves, over all runs: its span, and each run's median."""
+    residuals = [_residual(trace, rung) for trace in traces]
+    lengths = [trace.time[-1] - trace.time[0] for trace in traces]
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    time = np.concatenate([trace.time - trace.time[0] + start for trace, start in zip(traces, starts, strict=False)])
+    stacked = np.concatenate(residuals)
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    colour = rung_colours(tuple(traces[0].rungs))[rung]
+    panels = []
+    for j, joint in enumerate(traces[0].motion.joints):
+        figure, axes = make_panel("time, runs end to end [s]", "residual [N m]")
+        for start in starts[1:-1] if len(starts) < 60 else []:
+            axes.axvline(start, color="#e3e3e3", linewidth=0.5)
+        span = envelope(time, np.where(moving[:, j], stacked[:, j], np.nan))
+        axes.fill_between(*span, color=colour, alpha=0.45, linewidth=0.3)
+        own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
+        medians = [float(np.median(values)) if len(values) else np.nan for values in own]
+        axes.hlines(medians, starts[:-1], starts[1:], color="#111111", linewidth=1.4)
+        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        axes.margins(x=0.01)
+        panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
+    return panels
+
+
+def _residual(trace: RunTrace, rung: str) -> Float[Array, "t n"]:
+    """Measured less modelled torque after the common filter [N m]."""
+    return trace.motion.tau_filtered - trace.filtered[rung]
+
+
+def _edges(values: Float[Array, " k"], bins: int = BINS) -> Float[Array, " b"]:
+    """Edges of bins of like counts; none where there is too little."""
+    if len(values) < 10 * bins:
+        bins = max(1, len(values) // 10)
+    if len(values) < 10:
+        return np.zeros(0)
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
+    edges[-1] = np.nextafter(edges[-1], np.inf)
+    return edges
 
 
 WORDS = {

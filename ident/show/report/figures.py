@@ -89,6 +89,19 @@ def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) 
     return x[kept], y[kept]
 
 
+def envelope(x: Float[Array, " T"], y: Float[Array, " T"], bins: int = 240) -> tuple[Array, Array, Array]:
+    """Centre, least and largest value in bins of x; what is not a number is left out, and bins of nothing else too."""
+    edges = np.linspace(x[0], np.nextafter(x[-1], np.inf), min(bins, len(x)) + 1)
+    which = np.clip(np.digitize(x, edges) - 1, 0, len(edges) - 2)
+    low, high = np.full(len(edges) - 1, np.inf), np.full(len(edges) - 1, -np.inf)
+    there = np.isfinite(y)
+    np.minimum.at(low, which[there], y[there])
+    np.maximum.at(high, which[there], y[there])
+    empty = ~np.isfinite(low)
+    low[empty] = high[empty] = np.nan
+    return (edges[:-1] + edges[1:]) / 2, low, high
+
+
 def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
     """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out."""
     which = np.digitize(x, edges) - 1
