@@ -17,10 +17,11 @@ from ident.diagnosis.alternate import Selection, keep_effects, select_effects
 from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.gap_map import map_gap
+from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.named_links import name_wrong_links
-from ident.diagnosis.remaining import Models, Remaining, energy_spread, find_places, joint_gaps, measure_remaining
+from ident.diagnosis.remaining import Models, Remaining, find_places, joint_gaps, measure_remaining
 from ident.diagnosis.reservations import joints_of, link_reservations, replay_reservation
 from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain
 from ident.diagnosis.selection.criteria import SearchResults
@@ -107,7 +108,7 @@ def diagnose(
     stage("what is left, and what could have been seen", 0.9, 1.0)
     models = Models.of(selected)
     remaining = measure_remaining(selected, models, beside.left, beside.explained, session, baseline, settings)
-    limits = find_limits(selected.search, selected.found, models.for_limits, models.inflation, session)
+    limits = find_limits(selected.search, selected.found, (models.after, models.after_fixed), models.inflation, session)
     maps = map_gap(
         remaining.series,
         arm.joint_names,
@@ -119,8 +120,8 @@ def diagnose(
     discounted = discount_by_discrepancy(selected.estimates[:laws], beside.laws, settings.verdict)
     estimates = (*discounted, *selected.estimates[laws:])
     findings = _findings(found, estimates, arm, remaining, models.given)
-    errors = found.ladder[0].rms, found.ladder[-1].rms
-    shrink = measure_shrink(*errors, remaining.floors) if found.accepted else 0.0
+    old, new = found.ladder[0].rms, found.ladder[-1].rms
+    shrink = measure_shrink(old, new, remaining.floors) if found.accepted else 0.0
     verdict = decide(
         found,
         estimates,
@@ -131,9 +132,8 @@ def diagnose(
         settings.verdict,
     )
     far = replay_reservation(
-        remaining.improvement.forward, remaining.series, arm.joint_names, errors[1], remaining.floors, settings
+        remaining.improvement.forward, remaining.series, arm.joint_names, new, remaining.floors, settings
     )
-    where = find_places(arm, maps, models, remaining, findings, telemetry, settings)
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -146,9 +146,9 @@ def diagnose(
         },
         telemetry=tuple(telemetry),
         gap=joint_gaps(arm, models, remaining),
-        where=() if verdict == "no_gap" else where,
+        where=() if verdict == "no_gap" else find_places(arm, maps, models, remaining, findings, telemetry, settings),
         findings=findings,
-        heldout=HeldOutGain(*errors, shrink, remaining.improvement),
+        heldout=HeldOutGain(old, new, shrink, remaining.improvement),
         not_testable=(
             *layout.silent,
             *(one.untestable(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),

@@ -12,7 +12,7 @@ from ident.checks.report import MISREAD
 from ident.diagnosis.alternate import Selection
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import Place, View
-from ident.diagnosis.gap.improvement import Improvement, measure_improvement, run_energy, spread_of_runs
+from ident.diagnosis.gap.improvement import Improvement, energy_spread, measure_improvement, run_energy
 from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.result import Finding, JointGap
@@ -45,13 +45,13 @@ class Models:
     groups: list[Group]  # the accepted effects
     before: Projection  # the tuned model
     after: Projection  # the same with the effects
+    after_fixed: Projection  # with the effects, and the inertias of the search's own fixed prior
     fixed: Projection  # with the URDF's inertias, without effects
     given: HeldOut  # scores models with the URDF's inertias
     # Held-out error of the tuned model, and of that with the URDF's inertias [N m].
     errors: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
     # Held-out error with the inertias of the search's own fixed prior, without and with the effects [N m].
     with_fixed_inertias: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-    for_limits: tuple[Projection, Projection]  # with the effects: tuned, and with the search's own fixed prior
     inflation: float  # variance inflation beside the effects
 
     @classmethod
@@ -67,11 +67,11 @@ class Models:
             groups=groups,
             before=project(gram, evidence, prior),
             after=after,
+            after_fixed=project(gram, evidence, search.fixed.prior, groups),
             fixed=project(gram, evidence, given.prior),
             given=given,
             errors=(selected.found.ladder[0].rms, given.score().rms),
             with_fixed_inertias=(search.fixed.score().rms, search.fixed.score(groups).rms),
-            for_limits=(after, project(gram, evidence, search.fixed.prior, groups)),
             inflation=measure_inflation(evidence, after),
         )
 
@@ -178,9 +178,3 @@ def joint_gaps(arm: ArmModel, models: Models, remaining: Remaining) -> dict[str,
         )
         for j, name in enumerate(arm.joint_names)
     }
-
-
-def energy_spread(energies: Float[np.ndarray, "R k"]) -> float | None:
-    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
-    found = spread_of_runs(energies.sum(axis=1))
-    return None if found is None else float(found)

@@ -77,6 +77,12 @@ def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | Non
     return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
 
 
+def energy_spread(energies: Float[Array, "R k"]) -> float | None:
+    """Standard deviation over runs of the energy error of some joints together [J]; None for a single run."""
+    found = spread_of_runs(energies.sum(axis=1))
+    return None if found is None else float(found)
+
+
 def spreads(before: Any, after: Any) -> dict[str, Any]:
     """The record's standard deviations of energy errors over runs, or the reason why they are missing."""
     found = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
