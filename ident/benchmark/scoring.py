@@ -296,16 +296,20 @@ def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
 def joints_told(record: Mapping[str, Any]) -> list[str]:
     """The joint of the largest gap, and those of the first name.
 
-    Of a gap that was tuned away the size is what had to be tuned; where no joint's error lies above its noise, the
-    candidate that came nearest to a name says where.
+    A gap is what exceeds the noise, or what had to be tuned away; where there is neither, the candidate that came
+    nearest to a name says where.
     """
-    hidden = any(one.get("tuned_away_Nm") for one in record["gap"].values())
-    size = "tuned_away_Nm" if hidden else "rms_Nm"
-    gap = {j: one[size] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
+
+    def size(one: Mapping[str, Any]) -> float:
+        """Size of a joint's gap [noise floors]."""
+        left = one["rms_Nm"] if above_noise(one) else 0.0
+        return float(max(left, one.get("tuned_away_Nm") or 0.0) / max(one["noise_floor_Nm"] or 0.0, 1e-12))
+
+    gap = {joint: size(one) for joint, one in record["gap"].items()}
     where = [max(gap, key=lambda j: gap[j])] if gap else []
     if record["findings"]:
         where += record["findings"][0]["joints"]
-    elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
+    elif record.get("nearest") and not any(gap.values()):
         where = record["nearest"]["joints"]
     return where
 

@@ -31,7 +31,6 @@ from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import (
     decide,
     discount_by_discrepancy,
-    exceeds_noise,
     find_nearest,
     score_outside,
 )
@@ -178,7 +177,7 @@ def diagnose(
 class _DiscrepancyTests:
     """What a discrepancy (a flexible function of each joint's state) explains of a session."""
 
-    left: tuple[LeftAtJoint | None, ...]  # by joint, beside the effects; None where the error is within the noise
+    left: tuple[LeftAtJoint | None, ...]  # by joint, beside the effects; None where it does not move
     laws: tuple[Beside, ...]  # evidence of each effect's law beside it
     explained: Float[Array, " n"]  # share of each joint's mean square that it explains in place of the effects
 
@@ -208,18 +207,15 @@ def _test_against_discrepancy(
 def _fit_discrepancies(
     selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
 ) -> _DiscrepancyTests:
-    """Discrepancies beside the effects and in their place, where any is accepted or an error exceeds its noise."""
+    """Discrepancies at every joint that moves, beside the effects and in their place."""
     search, found = selected.search, selected.found
-    above_noise = [exceeds_noise(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
-    explained = np.zeros(session.n)
-    if not (selected.estimates or any(above_noise)):
+    explained, points = np.zeros(session.n), [estimate.refined for estimate in selected.estimates]
+    joints = np.flatnonzero(search.evidence.samples).tolist()
+    if not joints:
         return _DiscrepancyTests((None,) * session.n, (), explained)
-    points = [estimate.refined for estimate in selected.estimates]
-    acting = {j for item in found.accepted for j in item.affected_joints}
-    joints = sorted(acting | set(np.flatnonzero(above_noise).tolist()))
     posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
-    left = tuple(posterior.left_at(j, posterior.names) if one else None for j, one in enumerate(above_noise))
-    for j in acting:
+    left = tuple(posterior.left_at(j, posterior.names) if j in posterior.blocks else None for j in range(session.n))
+    for j in {j for item in found.accepted for j in item.affected_joints}:
         explained[j] = posterior.left_at(j, ()).share
     laws = [posterior.beside(k, item.affected_joints) for k, item in enumerate(found.accepted)]
     return _DiscrepancyTests(left, tuple(laws), explained)

@@ -33,11 +33,6 @@ def find_floors(
     return np.minimum(np.maximum(settings.noise_margin * evidence.floor, ratio * last.rms), last.rms)
 
 
-def exceeds_noise(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings) -> bool:
-    """Whether a joint's held-out error exceeds its noise floor by the least share that counts as a gap."""
-    return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
-
-
 @dataclass(frozen=True, eq=False)
 class ResidualExcess:
     """Residual of each joint beyond noise and the between-run variation of friction."""

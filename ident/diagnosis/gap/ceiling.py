@@ -37,7 +37,7 @@ def measure_ceiling(
 
     Args:
         series, joint: Residuals of all runs, and index of the joint.
-        left: Evidence of a discrepancy at the joint; None where the error is within the noise.
+        left: Evidence of a discrepancy at the joint; None where it does not move.
         settings: Thresholds of significance.
     """
     moving = [item.valid[:, joint] for item in series]

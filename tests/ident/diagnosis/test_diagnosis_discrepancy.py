@@ -16,8 +16,19 @@ from ident.regression.least_squares import Prior
 from ident.regression.noise import shorter_filters, whiten_after_gaps
 from ident.regression.posterior import Posterior, estimate_variances
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, at_joint, loaded, record, spring_on_3
-from tests.ident.made_up import exact_motion
+from tests.ident.diagnosis.planted import (
+    COULOMB,
+    SLIP,
+    VISCOUS,
+    analyse,
+    at_joint,
+    healthy_torque,
+    loaded,
+    record,
+    spring_on_3,
+)
+from tests.ident.diagnosis.planted import NOISE as NOISE_STD
+from tests.ident.made_up import exact_motion, made_motions
 
 SAMPLES = 2400
 SIZES = (40, 30)
@@ -87,6 +98,27 @@ def test_a_gap_that_is_seen_by_neighbours_alone_is_reported(short_arm: ArmModel)
     assert diagnosis.verdict == "none_of_catalogue"
     assert diagnosis.gap["joint_2"].unexplained == "state"
     assert max(diagnosis.details.leftover) == diagnosis.details.leftover[1] > 1.0
+
+
+@pytest.mark.parametrize(("amplitude", "verdict"), [(0.0, "no_gap"), (0.8, "none_of_catalogue")])
+def test_a_law_that_no_name_has_shows_below_what_friction_varies_by(
+    short_arm: ArmModel, amplitude: float, verdict: str
+) -> None:
+    """Law: friction of one joint that is another in every run hides no function of its angle: the error lies within
+    the noise floor, which counts friction's variation, and is a gap nevertheless; the variation alone is none.
+    """
+    rng, motions = np.random.default_rng(5), []
+    for seed in range(20):
+        more = 0.06 * rng.standard_normal()
+
+        def law(q: Array, dq: Array, ddq: Array, more: float = more) -> Array:
+            wavy = (amplitude * np.sin(q[:, 1]) + more * COULOMB[1]) * np.tanh(dq[:, 1] / SLIP)
+            return healthy_torque(short_arm, q, dq, ddq) + at_joint(1, wavy + more * VISCOUS[1] * dq[:, 1])
+
+        motions += made_motions(short_arm, law, [seed], 4.0, 50.0, noise=NOISE_STD)
+    diagnosis = diagnose(motions, short_arm, [], common_clock=False).diagnosis
+    assert diagnosis.verdict == verdict
+    assert diagnosis.gap["joint_2"].unexplained == ("state" if amplitude else None)
 
 
 RATE = 50.0
