@@ -18,6 +18,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import Doubt, Range
 from ident.effects.ripple import TorqueRipple
+from ident.regression.design import Grid, Group
 
 # Threshold of a ripple's spectral lines, so large that the strongest lines are always candidates.
 MANY_LINES = 1e9
@@ -56,10 +57,27 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
     grid = effect.variants(session, joint)
     if effect.partner:
         return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
-    if len(grid) <= CHANGE.grid_points or effect.id in LATER_ALONE:
+    if len(grid) <= CHANGE.grid_points or effect.id in LATER_ALONE or effect.as_change.body:
         return grid
     inner = np.linspace(0, len(grid) - 1, CHANGE.grid_points + 2)[1:-1]
     return [grid[k] for k in sorted({round(float(at)) for at in inner})]
+
+
+def finer_grids(changes: Sequence[Group], session: SessionContext, later: SessionContext) -> list[Grid]:
+    """Finer grids about the points of some changes; bodies have none, for they are laid out anew about their place.
+
+    Args:
+        changes: Changes at their points of the usual grid.
+        session, later: The runs of both sets, and those of the later one.
+    """
+    found: list[Grid] = []
+    for group in changes:
+        effect = group.effect.effect if isinstance(group.effect, ChangeOf) else group.effect
+        runs = later if effect.id in LATER_ALONE else session
+        finer = effect.refined(runs, group.joint, group.variant)
+        if len(finer) > 1 and not effect.as_change.body:
+            found.append((effect, group.joint, tuple(finer)))
+    return found
 
 
 @dataclass(eq=False)

@@ -14,7 +14,7 @@ from itertools import compress
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.change.candidates import OF_FRICTION, finer_grids
 from ident.diagnosis.change.confounded_links import find_confounded, place_bodies
 from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
@@ -88,10 +88,14 @@ def compare(
     stage("searching for what changed", 0.5, 1.0)
     search = _search(first, settings.selection, sides)
     changes = _find_changes(search)
-    if any(one.group.effect.id in BODIES for one in changes.estimates):
-        others = [one.group for one in changes.estimates if one.group.effect.id not in BODIES]
-        effects = place_bodies(search, others, first.session, first.effects)
-        first = build_design(before, after, arm, earlier=first.estimates, effects=effects, still=first.still)
+    bodies = [one.group for one in changes.estimates if one.group.effect.id in BODIES]
+    finer = finer_grids([one.group for one in changes.estimates], first.session, first.later_session)
+    if bodies or finer:
+        others = [one.group for one in changes.estimates if one.group not in bodies]
+        effects = place_bodies(search, others, first.session, first.effects) if bodies else first.effects
+        first = build_design(
+            before, after, arm, first.estimates, effects, still=first.still, one_clock=one_clock, finer=finer
+        )
         first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
         changes = _find_changes(_search(first, settings.selection, sides))
     sliding = tuple(compress(arm.joint_names, arm.sliding_joints))

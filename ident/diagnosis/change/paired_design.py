@@ -27,7 +27,7 @@ from ident.effects.session_context import rated_torque
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
-from ident.regression.design import Group, NotTestable, find_grids, layout_of
+from ident.regression.design import Grid, Group, NotTestable, find_grids, layout_of
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import gather
 from ident.regression.least_squares import Prior, Projection, project
@@ -122,6 +122,7 @@ def build_design(
     effects: tuple[Effect, ...] | None = None,
     still: tuple[StaticJoint, ...] = (),
     one_clock: bool = True,
+    finer: Sequence[Grid] = (),
 ) -> PairedDesign:
     """Tunes the baseline and sums all columns over blocks.
 
@@ -132,11 +133,12 @@ def build_design(
         effects: All effects that may have changed; the catalogue's if None.
         still: Joints that stand still in one of the sets.
         one_clock: Whether the clock continues from run to run of the later set.
+        finer: Finer grids of some changes.
     """
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
     at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
-    motions = [*first, *second]
+    motions = [replace(motion, state_noise=None) for motion in (*first, *second)]
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, CHANGE.urdf_share, still=at_rest)
     session = build_session(baseline, motions, common_clock=False)
@@ -146,12 +148,13 @@ def build_design(
         left = leftover_torque(own)
         effects = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
     untestable, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
+    grids += finer
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
     layout = layout_of(session, baseline.base.rank, grids, untestable)
     sides = partition_sides(session, later)
     whitening = None if earlier is None else earlier.whitening
     both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
-    sums = pair_sums(both, sides)
+    sums = pair_sums(both, sides, [variant for _, _, points in finer for variant in points])
     held = earlier.held if earlier else tuple(one.friction for one in sums.evidence.dwells)
     evidence = sums.evidence.with_held(held)
     sums = replace(sums, evidence=evidence.with_dwells())

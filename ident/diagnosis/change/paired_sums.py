@@ -6,6 +6,7 @@ block lies in one set, so the sums of the second kind are those of the first wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.change.settings import CHANGE
-from ident.effects.base import SessionContext
+from ident.effects.base import SessionContext, Variant
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.design import LOSS_PARAMETERS, Group, Layout
 from ident.regression.dwells import DwellRows, HeldFriction
@@ -89,16 +90,19 @@ class PairedSums:
     common: tuple[Group, ...]  # effects whose columns in all runs are the baseline's further ones, in their order
 
 
-def pair_sums(evidence: Evidence, sides: Sides) -> PairedSums:
+def pair_sums(evidence: Evidence, sides: Sides, finer: Sequence[Variant] = ()) -> PairedSums:
     """The sums with every candidate twice: in all runs, and in the later set alone.
 
     Args:
         evidence: Sums of all candidates' columns in all runs.
         sides: The set of each block.
+        finer: Points of finer grids: of the later set alone, for the baseline has the coarse ones.
     """
     old = evidence.layout
     candidates = [group for group in old.groups if not isinstance(group.effect, HeldFriction)]
     further = [group for group in old.groups if group.effect.id not in IN_THE_BASELINE]
+    known_apart = {id(variant) for variant in finer}
+    further = [group for group in further if id(group.variant) not in known_apart]
     common = [group for group in further if not group.variant.shape.get("mix")]
     known = {int(group.columns[0]) for group in common}
     shadows = [group for group in old.groups if int(group.columns[0]) not in known]

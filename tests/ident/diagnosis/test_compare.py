@@ -324,6 +324,39 @@ def wrong_law(arm: ArmModel) -> Law:
     return lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + wrong_everywhere(arm, q, dq, ddq)
 
 
+def test_over_a_few_seconds_no_sum_is_negative(three_joints: ArmModel) -> None:
+    """Law: however much encoder noise the states have, and however few rows there are, all columns together have a
+    Gram matrix: what is solved has a solution.
+    """
+    rng, sets = np.random.default_rng(3), []
+    for seeds in FEW:
+        motions = made_motions(three_joints, wrong_law(three_joints), seeds, 2.0, 50.0, noise=NOISE)
+        noisy = [np.array([1e-4, 1e-2, 1.0]) * rng.standard_normal((*one.q.shape, 3)) for one in motions]
+        sets.append([replace(one, state_noise=noise) for one, noise in zip(motions, noisy, strict=True)])
+    gram = build_design(*sets, three_joints).sums.evidence.gram()
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    assert np.linalg.eigvalsh(gram / np.outer(size, size)).min() > -1e-9
+
+
+WIDTH = 0.11  # [rad/s], between two points of the search's grid
+with_stribeck = on_top(
+    lambda arm, q, dq, ddq: at_joint(0, 6.0 * np.exp(-((dq[:, 0] / WIDTH) ** 2)) * np.tanh(dq[:, 0] / SLIP))
+)
+
+
+def test_a_law_between_two_points_of_the_grid_is_found_where_it_is(
+    three_joints: ArmModel, before: list[Motion]
+) -> None:
+    """Law: parameters of a change come from a grid as fine as a diagnosis has, not from the coarse one of the search,
+    and what the coarse one leaves of the law has no name of its own.
+    """
+    (change,) = compared(three_joints, before, with_stribeck).changes
+    assert (change.effect, change.joints) == ("stribeck_friction", ("joint_1",))
+    speed = change.estimate.parameters["stribeck_velocity_rad_s"]
+    assert speed.value == pytest.approx(WIDTH, rel=0.15)
+    assert speed.low <= WIDTH <= speed.high
+
+
 def test_laws_that_both_sets_share_are_as_large_as_laws_are(three_joints: ArmModel) -> None:
     """A few seconds tell a part of the baseline's many columns: the rest must not run away on runs left out."""
     before, after = (
