@@ -13,6 +13,8 @@ from ident.regression.design import LOSS_PARAMETERS
 
 # Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
 FRICTION = slice(1, LOSS_PARAMETERS)
+# Least square of a direction of both columns, as a share of the other's: below it is rounding.
+LEAST_SQUARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +53,20 @@ class FrictionSums:
     ) -> Float[Array, "B p"]:
         """The same of every block, times weights.
 
+        A stretch's rows X with a level of their own have the sums XᵀV⁻¹X, V⁻¹ = (I − F C Fᵀ)²; a block takes part in
+        them with its rows of (I − F C Fᵀ) X, which are as independent as noise is.
+
         Args:
             joint: The joint.
             spread: Relative standard deviation of its friction level.
             weights: What each block's sums are multiplied by.
             count: Number of blocks.
         """
-        pieces, whole, place = self.sums[joint], self._wholes[joint], self._place
-        known = self._known(whole, joint, spread)[place]
-        products = _along(pieces, known, (whole @ weights)[place])
-        if whole is not pieces:  # what is taken off a piece is the symmetric half of what its stretch takes with it
-            products = 0.5 * (products + _along(whole[place], known, pieces @ weights))
+        pieces, whole, place = self.sums[joint], self._wholes[joint][self._place], self._place
+        root = self._root(joint, spread)[place]
+        ours, theirs = (_times(root, one @ weights) for one in (pieces, whole))
+        again = _times(root, _times(pieces[:, :, self.columns], theirs))
+        products = np.einsum("kap,ka->kp", pieces, theirs) + np.einsum("kap,ka->kp", whole, ours - again)
         own = csr_array((np.ones(len(products)), (self.block, np.arange(len(products)))), (count, len(products)))
         return np.asarray(own @ products)
 
@@ -126,6 +131,19 @@ class FrictionSums:
         inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
         return np.asarray(sizes[:, None] * np.linalg.inv(inner) * sizes)
 
+    def _root(self, joint: int, spread: float) -> Float[Array, "R 2 2"]:
+        """C of each stretch, with (I − F C Fᵀ)² = I − F K Fᵀ and K = `_known`: with S² = FᵀF, of an eigenvalue k of
+        S K S the matrix S C S has 1 − √(1 − k).
+        """
+        inner = self._wholes[joint][:, :, self.columns]
+        squares, axes = np.linalg.eigh(0.5 * (inner + np.swapaxes(inner, 1, 2)))
+        sizes = np.sqrt(np.maximum(squares, LEAST_SQUARE * np.maximum(squares[:, -1:], 1e-300)))
+        root, back = ((axes * one[:, None, :]) @ np.swapaxes(axes, 1, 2) for one in (sizes, 1.0 / sizes))
+        values, vectors = np.linalg.eigh(root @ self._known(self._wholes[joint], joint, spread) @ root)
+        less = 1.0 - np.sqrt(1.0 - np.clip(values, 0.0, 1.0))
+        turned = back @ vectors
+        return np.asarray((turned * less[:, None, :]) @ np.swapaxes(turned, 1, 2))
+
     def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "R 2 2"]]:
         """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they follow, and how surely.
 
@@ -147,8 +165,6 @@ class FrictionSums:
         return found.reshape(-1, whole.shape[2]), misfit * inverse
 
 
-def _along(
-    sums: Float[Array, "K 2 p"], known: Float[Array, "K 2 2"], levels: Float[Array, "K 2"]
-) -> Float[Array, "K p"]:
-    """Sums of each piece times what is known of its levels times these."""
-    return np.asarray(np.einsum("kap,ka->kp", sums, np.einsum("kab,kb->ka", known, levels)))
+def _times(matrices: Float[Array, "K 2 2"], vectors: Float[Array, "K 2"]) -> Float[Array, "K 2"]:
+    """Each matrix times its vector."""
+    return np.asarray(np.einsum("kab,kb->ka", matrices, vectors))

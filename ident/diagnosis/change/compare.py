@@ -86,23 +86,27 @@ def compare(
         found = ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden))
         return replace(found, still=still, used=used)
     stage("searching for what changed", 0.5, 1.0)
-    search = _search(first, settings.selection, sides)
+    search = _search(first, settings.selection, sides, first_look=True)
     changes = _find_changes(search)
-    bodies = [one.group for one in changes.estimates if one.group.effect.id in BODIES]
-    finer = finer_grids([one.group for one in changes.estimates], first.session, first.later_session)
-    if bodies or finer:
-        others = [one.group for one in changes.estimates if one.group not in bodies]
-        effects = place_bodies(search, others, first.session, first.effects) if bodies else first.effects
-        first = build_design(
-            before, after, arm, first.estimates, effects, still=first.still, one_clock=one_clock, finer=finer
-        )
-        first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
+    groups = [one.group for one in changes.estimates]
+    if groups:
+        bodies = [one for one in groups if one.effect.id in BODIES]
+        finer = finer_grids(groups, first.session, first.later_session)
+        if bodies or finer:
+            others = [one for one in groups if one not in bodies]
+            effects = place_bodies(search, others, first.session, first.effects) if bodies else first.effects
+            first = build_design(
+                before, after, arm, first.estimates, effects, still=first.still, one_clock=one_clock, finer=finer
+            )
+            first = replace(first, gain_uncertainty=gain_uncertainty, seed=seed)
         changes = _find_changes(_search(first, settings.selection, sides))
     sliding = tuple(compress(arm.joint_names, arm.sliding_joints))
     return replace(_result(changes, first, arm, sides, _find_untestable(first, used)), used=used, slides=sliding)
 
 
-def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side]) -> ChangeSearch:
+def _search(
+    design: PairedDesign, settings: SelectionSettings, sides: tuple[Side, Side], first_look: bool = False
+) -> ChangeSearch:
     """The search over a design, laws of friction excluded at joints that move in one run a side at most."""
     evidence = design.sums.evidence
     once = design.moves_once
@@ -110,7 +114,15 @@ def _search(design: PairedDesign, settings: SelectionSettings, sides: tuple[Side
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
-        evidence, design.prior, held_out, 0, frozenset(excluded), settings=settings, design=design, sessions=sessions
+        evidence,
+        design.prior,
+        held_out,
+        0,
+        frozenset(excluded),
+        settings=settings,
+        design=design,
+        sessions=sessions,
+        first_look=first_look,
     )
 
 

@@ -113,6 +113,7 @@ class ChangeSearch(Search):
 
     design: PairedDesign  # both sets of runs
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
+    first_look: bool = False  # whether what it finds is looked at once more, on finer grids
 
     @cached_property
     def threshold(self) -> float:
@@ -291,6 +292,7 @@ class ChangeSearch(Search):
         cost = self.complexity_cost(group) - 0.5 * freedom * significance.log_variance_inflation
         least_cost = self.complexity_cost(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
         odds = significance.log_likelihood_ratio - max(cost, least_cost) - self.threshold
-        if not significance.mostly_between_days:  # its variance was estimated from few permutations
+        # Its variance was estimated from few permutations. (On coarse grids a law leaves part of itself.)
+        if not (significance.mostly_between_days or self.first_look):
             odds -= np.log(CHANGE.few_dealt_odds)
         return TestedChange(group, significance, float(odds))

@@ -151,17 +151,16 @@ def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> No
 
 @pytest.mark.parametrize("spread", [0.0, 0.05, 0.7])
 def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spread: float) -> None:
-    """Law: what is made of free sums and of what varying friction takes off them is what the tied sums would give."""
+    """Law: whatever friction varies by, every block's sums are of some rows (symmetric, with no square below zero), and
+    all blocks' together are the whole's.
+    """
     evidence = healthy.evidence.with_run_spread(np.full(3, spread))
-    rng = np.random.default_rng(7)
     for j, free in enumerate(evidence.free):
-        sums = free.part(np.arange(free.size))
-        for block, each in enumerate(sums):
-            each -= evidence.friction.taken(j, spread, evidence.friction.block == block)
-        weights = rng.standard_normal(sums.shape[-1]) * (rng.random(sums.shape[-1]) < 0.5)
-        products, size = evidence.times(j, weights), np.abs(sums).max()
-        assert np.allclose(products, sums @ weights, rtol=0, atol=1e-10 * size)
-        assert np.allclose(evidence.total[j].over(), sums.sum(axis=0), rtol=0, atol=1e-10 * size)
+        of_blocks = np.stack([evidence.times(j, one) for one in np.eye(free.size)], axis=2)
+        size = np.abs(of_blocks).max()
+        assert np.allclose(of_blocks, np.swapaxes(of_blocks, 1, 2), rtol=0, atol=1e-9 * size)
+        assert np.linalg.eigvalsh(of_blocks).min() > -1e-9 * size
+        assert np.allclose(of_blocks.sum(axis=0), evidence.total[j].over(), rtol=0, atol=1e-9 * size)
 
 
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
