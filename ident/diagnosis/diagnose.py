@@ -207,15 +207,16 @@ def _test_against_discrepancy(
 def _fit_discrepancies(
     selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
 ) -> _DiscrepancyTests:
-    """Discrepancies at every joint that moves, beside the effects and in their place."""
+    """Discrepancies at every joint that moves, or where an effect acts, beside the effects and in their place."""
     search, found = selected.search, selected.found
     explained, points = np.zeros(session.n), [estimate.refined for estimate in selected.estimates]
-    joints = np.flatnonzero(search.evidence.samples).tolist()
+    acting = {j for item in found.accepted for j in item.affected_joints}
+    joints = sorted(acting | set(np.flatnonzero(search.evidence.samples).tolist()))
     if not joints:
         return _DiscrepancyTests((None,) * session.n, (), explained)
     posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
     left = tuple(posterior.left_at(j, posterior.names) if j in posterior.blocks else None for j in range(session.n))
-    for j in {j for item in found.accepted for j in item.affected_joints}:
+    for j in acting:
         explained[j] = posterior.left_at(j, ()).share
     laws = [posterior.beside(k, item.affected_joints) for k, item in enumerate(found.accepted)]
     return _DiscrepancyTests(left, tuple(laws), explained)
