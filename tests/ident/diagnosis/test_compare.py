@@ -21,6 +21,7 @@ from ident.diagnosis.selection.name_probability import estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import PLACE
+from ident.effects.rigid_body import LIKE_LINK
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.session_context import friction_level, rated_torque
 from ident.laws.acting import point_mass
@@ -307,6 +308,8 @@ def test_a_body_is_laid_out_about_the_place_where_it_was_found(three_joints: Arm
     after = record(three_joints, with_bracket, range(10, 14))
     first = build_design(before, after, three_joints)
     search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
+    loads = [one.variant.shape for one in first.sums.evidence.layout.groups if one.effect.id == "payload"]
+    assert any(LIKE_LINK in shape for shape in loads)  # else how a load is spread would decide its name
     effects = place_bodies(search, (), first.session, first.effects)
     design = build_design(before, after, three_joints, earlier=first.estimates, effects=effects)
     model = project(design.sums.evidence.gram(), design.sums.evidence, design.prior)
