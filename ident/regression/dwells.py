@@ -86,15 +86,15 @@ def _holds_of(moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int
 
 
 def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
-    """Each joint's stretches that neither are settled nor have a hold in them; the ends of a run are left out."""
+    """Each joint's stretches that neither are settled nor lie within a filter's reach of a hold or of a run's ends."""
     found = []
     for j, holds in enumerate(find_holds(motion)):
         reach, last = int(motion.blurred[j]), motion.filtered_length
         unknown = ~motion.settled[:, j]
         unknown[:reach] = unknown[last - reach :] = False
-        stretches = _stretches(unknown)
-        free = [(a, b) for a, b in stretches if not any(a < one.stop and one.start < b for one in holds)]
-        found.append(tuple(Hold(a, b, 0.0, turn=True) for a, b in free))
+        for one in holds:
+            unknown[max(one.start - reach, 0) : one.stop + reach] = False
+        found.append(tuple(Hold(a, b, 0.0, turn=True) for a, b in _stretches(unknown)))
     return tuple(found)
 
 
