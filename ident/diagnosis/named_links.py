@@ -19,7 +19,7 @@ from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import VerdictSettings
-from ident.diagnosis.tuned_links import ABOUT, MASS, measure_tuned_links
+from ident.diagnosis.tuned_links import ABOUT, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.baseline import Baseline
@@ -57,7 +57,8 @@ def name_wrong_links(
         refused |= {k for k in added if not _leads(found.estimates[k], held, verdict.even_odds)}
         if not refused:
             return found
-        wrong -= {found.estimates[k].group.joint for k in refused}
+        # A key's joint is -1 for the whole arm: a load is at the last one.
+        wrong -= {found.estimates[k].group.key[1] % evidence.layout.n for k in refused}
     return selected
 
 
@@ -77,10 +78,17 @@ def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -
 
 
 def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> list[Group]:
-    """For some links the best candidate of a link inertia error beside the accepted effects."""
-    model = project(search.evidence.gram(), search.evidence, search.prior, groups)
-    best = (group for _, group in search.best_by_key(model, groups).values())
-    return [group for group in best if group.effect.id == LinkInertialError.id and group.joint in set(wrong)]
+    """For some links the best candidate of a link inertia error beside the accepted effects.
+
+    A last link that is too heavy carries a load: no recording tells one from the other, and a tool that nobody noted is
+    likelier than a flange that was mismeasured.
+    """
+    evidence, last = search.evidence, search.evidence.layout.n - 1
+    model = project(evidence.gram(), evidence, search.prior, groups)
+    best = search.best_by_key(model, groups).values()
+    loads = [group for score, group in best if group.effect.id == UnknownPayload.id and score > 0.0]
+    links = [group for _, group in best if group.effect.id == LinkInertialError.id and group.joint in set(wrong)]
+    return [loads[0] if loads and group.joint == last else group for group in links]
 
 
 def _with_bodies(
@@ -121,10 +129,5 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
-    listed = any(group.effect.id == UnknownPayload.id for group in evidence.layout.groups)
-    if listed and one.group.joint == evidence.layout.n - 1 and one.parameters[MASS].high > 0.0:
-        # A payload and a heavier last link are the same.
-        odds = odds | {UnknownPayload.id: min(odds.get(UnknownPayload.id, 1.0), 1.0)}
-        rivals = (*rivals, *({UnknownPayload.id} - set(rivals)))
     probability = trust / (1.0 + sum(1.0 / each for each in odds.values()))
     return replace(one, probability=probability, rivals=rivals, odds=odds)

@@ -136,7 +136,7 @@ class PreslidingHysteresis(Effect):
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
         """Whether more of the build-up than half lies beyond the shortest range, which contacts of all gears bend."""
         areas = {size: max(part, 0.0) * size for size, part in zip(variant.shape.values(), coefficients, strict=True)}
-        return areas.get(min(LIMIT.displacements), 0.0) <= 0.5 * sum(areas.values())
+        return areas.get(min(LIMIT.displacements), 0.0) <= 0.75 * sum(areas.values())
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the parameters of one law hang on all of its build-up."""

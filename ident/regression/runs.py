@@ -51,8 +51,8 @@ def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which filters blur [N m].
 
-    Of a joint at rest what static friction may hold is zero. Near a stop or a turn, where friction may have either sign,
-    what is within twice its level is NaN: nobody knows.
+    Of a joint at rest what static friction may hold is zero. Near a stop or a turn, where friction may have either
+    sign, what is within twice its level is NaN: nobody knows.
     """
     found = []
     held = static_level(session)

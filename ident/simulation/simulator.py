@@ -30,6 +30,8 @@ FILTER_PER_BANDWIDTH = 11.25
 LARGEST_LOOP_RAD_S = 800.0
 # A controller that knows friction knows this share of it, and turns it round over this speed [rad/s].
 FED_FRICTION, FED_SPEED = 0.85, 0.02
+# A real controller stops an arm that lags by less [rad or m].
+MOST_LAG = 1.0
 # Temperatures in the state: they alone outlast a run.
 WARMTH = ("lubricant_rise", "housing_rise")
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
@@ -98,7 +100,8 @@ class Simulator:
             feeds: Feed-forward torque of each motion [N m], if it is known already (`feed_forward`).
 
         Raises:
-            InputError: The simulation left the finite numbers: an effect's size is beyond what the arm can bear.
+            InputError: The simulation left the finite numbers, or the arm its motion: an effect's size is beyond what
+                the arm can bear.
         """
         traces, clock, state = [], 0.0, self.state
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
@@ -123,6 +126,8 @@ class Simulator:
             run_loop(*views, piece.q, piece.dq, ahead, noise, start, log)
             if not check_finite(log, self.data):
                 raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
+            if np.abs(log.angle - piece.q).max() > MOST_LAG:
+                raise InputError(motion.name, "the arm can't follow its motion", "choose a smaller effect")
         return Trace(motion, clock, log)
 
     def _laws(self, number: int) -> Laws:

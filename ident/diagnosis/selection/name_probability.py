@@ -20,6 +20,7 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext, undefined
 from ident.effects.intervals import NORMAL_95
+from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
@@ -241,6 +242,18 @@ def _nested_laws(
     return found
 
 
+def _as_last_link(search: Search, group: Group, scores: Mapping[Key, float]) -> list[float]:
+    """Score of a load by that of a heavier last link, which no recording tells from it; empty for other effects.
+
+    Loads and wrong links are as likely beforehand, and the last link is one of n.
+    """
+    n = search.evidence.layout.n
+    twins = [key for key in scores if key[:2] == (LinkInertialError.id, n - 1)]
+    return [
+        scores[key] + float(np.log(n)) / search.settings.temper for key in twins if group.effect.id == UnknownPayload.id
+    ]
+
+
 def compare_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], excess: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
@@ -268,7 +281,7 @@ def compare_rivals(
     allowed -= apart | {item.group.key for item in stronger if not item.criteria.passed}
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
-    own = max([scores[group.key], *both])
+    own = max([scores[group.key], *both, *_as_last_link(search, group, scores)])
     by_effect = _nested_laws(search, best, group, others, apart, unit)
     for (effect, _, _), score in scores.items():
         by_effect[effect] = max(by_effect.get(effect, -np.inf), score)

@@ -108,6 +108,14 @@ def test_a_diverging_plant_is_refused(hardware, tmp_path, monkeypatch, capfd):
     assert not capfd.readouterr().err
 
 
+def test_a_load_that_the_arm_drops_is_refused(hardware):
+    """A joint whose motor is far too weak falls away from its motion: no controller would go on."""
+    weak = hardware.with_laws("drive", 1, effort_limit=1.0)
+    motion = plan_motions(hardware.arm, ["spline"], 1, 2.0, np.random.default_rng(0))
+    with pytest.raises(InputError, match="can't follow"):
+        Simulator(weak, np.random.default_rng(1)).run(motion, [0.0], lambda: None)
+
+
 TINY = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0)
 ANSWER = Answer(
     "tm5-900", 3, (TrueEffect("payload", True, (), 1.0, "mass_kg", {"mass_kg": 1.0}),), ("inertia",), {"joint_1": 0.4}
