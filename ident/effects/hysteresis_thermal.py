@@ -134,9 +134,8 @@ class PreslidingHysteresis(Effect):
         return [(_of_ranges([sizes[k] for k in some]), some) for some in stated]
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
-        """Whether more of the build-up than half lies beyond the shortest range, which contacts of all gears bend."""
-        areas = {size: max(part, 0.0) * size for size, part in zip(variant.shape.values(), coefficients, strict=True)}
-        return areas.get(min(LIMIT.displacements), 0.0) <= 0.75 * sum(areas.values())
+        """Whether its displacement is longer than the shortest range, over which contacts of all gears bend."""
+        return _displacement(np.array(list(variant.shape.values())), coefficients) > min(LIMIT.displacements)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the parameters of one law hang on all of its build-up."""
@@ -153,8 +152,7 @@ class PreslidingHysteresis(Effect):
         sizes = np.array(list(variant.shape.values()))
 
         def displacement(k: Array) -> float:
-            area = np.maximum(k, 0.0) @ sizes
-            return SMOOTH_SHARE * float(np.maximum(k, 0.0) @ sizes**2 / area) if area > 0.0 else float(sizes[0])
+            return _displacement(sizes, k) or float(sizes[0])
 
         def amplitude(k: Array) -> float:
             return float(np.maximum(k, 0.0) @ sizes) / displacement(k)
@@ -203,6 +201,12 @@ class PreslidingHysteresis(Effect):
             parts = amplitude * (1.0 - share), amplitude * share
         found = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
         return found | {f"part_{i}_Nm": part for i, part in enumerate(parts)}
+
+
+def _displacement(sizes: Float[Array, " k"], parts: Float[Array, " k"]) -> float:
+    """Displacement of the smooth build-up that stops of some ranges stand for [rad]; 0 where they bear nothing."""
+    area = float(np.maximum(parts, 0.0) @ sizes)
+    return SMOOTH_SHARE * float(np.maximum(parts, 0.0) @ sizes**2) / area if area > 0.0 else 0.0
 
 
 def _of_ranges(sizes: Sequence[float]) -> Variant:

@@ -102,7 +102,7 @@ class UnknownPayload(Effect):
         return {"mass_kg": mass, **centres, "moment_about_axis_kgm": moment}
 
     def action(self, where: str, estimates: Mapping[str, Interval]) -> str:
-        if estimates["mass_kg"].open:
+        if estimates["mass_kg"].open or estimates["mass_kg"].low <= 0.0:
             moment = estimates["moment_about_axis_kgm"].words("kg m")
             return f"weigh the tool: a load of {moment} about the last axis is not in the model; give it as [payload]"
         mass = estimates["mass_kg"].words("kg")

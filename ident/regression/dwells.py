@@ -86,15 +86,24 @@ def _holds_of(moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int
 
 
 def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
-    """Each joint's stretches that neither are settled nor lie within a filter's reach of a hold or of a run's ends."""
+    """Each joint's stretches without a hold or a settled sample, such as turns, and moves too short to settle.
+
+    Ends of a run are left out, and so is what the filter smears between a hold and the settled motion beside it.
+    """
     found = []
     for j, holds in enumerate(find_holds(motion)):
         reach, last = int(motion.blurred[j]), motion.filtered_length
-        unknown = ~motion.settled[:, j]
-        unknown[:reach] = unknown[last - reach :] = False
-        for one in holds:
-            unknown[max(one.start - reach, 0) : one.stop + reach] = False
-        found.append(tuple(Hold(a, b, 0.0, turn=True) for a, b in _stretches(unknown)))
+        settled, held = motion.settled[:, j], np.zeros(last, dtype=bool)
+        for start, stop in _stretches(~motion.moving[:, j]):
+            held[start:stop] = any(start <= one.start < stop for one in holds)
+        free = ~settled & ~held
+        free[:reach] = free[last - reach :] = False
+        own = []
+        for start, stop in _stretches(free):
+            beside = [start - 1, min(stop, last - 1)]
+            if not (held[beside].any() and settled[beside].any()):
+                own.append(Hold(start, stop, 0.0, turn=True))
+        found.append(tuple(own))
     return tuple(found)
 
 

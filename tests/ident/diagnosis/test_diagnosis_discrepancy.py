@@ -10,11 +10,14 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import NOT_BEYOND_DISCREPANCY, diagnose
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.effects.contact import screen_windows
 from ident.motion.motion import Motion
-from ident.regression.dwells import DwellRows, dwell_rows, find_holds, join_runs, resting
+from ident.regression.baseline import fit_baseline
+from ident.regression.dwells import DwellRows, dwell_rows, find_holds, find_turns, join_runs, resting
 from ident.regression.least_squares import Prior
 from ident.regression.noise import shorter_filters, whiten_after_gaps
 from ident.regression.posterior import Posterior, estimate_variances
+from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     COULOMB,
@@ -24,6 +27,7 @@ from tests.ident.diagnosis.planted import (
     at_joint,
     healthy_torque,
     loaded,
+    nothing,
     record,
     spring_on_3,
 )
@@ -126,18 +130,19 @@ FRICTION, NOISE = np.array([3.0, 2.0]), np.array([0.1, 0.1])
 ANGLES = (0.0, 0.7, 0.2)
 
 
-def stepped(hold_s: float = 2.0, push: float = 0.0) -> Motion:
+def stepped(hold_s: float = 2.0, push: float = 0.0, move_s: float = 1.0) -> Motion:
     """Two joints: the first rests at some angles and moves between, the second moves all the time."""
     pieces = [np.full(int(hold_s * RATE), ANGLES[0])]
     for old, new in pairwise(ANGLES):
-        s = np.arange(int(RATE)) / RATE
+        s = np.arange(int(move_s * RATE)) / (move_s * RATE)
         pieces += [old + (10 * s**3 - 15 * s**4 + 6 * s**5) * (new - old), np.full(int(hold_s * RATE), new)]
     first = np.concatenate(pieces)
     time = np.arange(len(first)) / RATE
     q = np.stack([first, np.sin(2.0 * time)], axis=1)
     dq, ddq = (np.stack([part, wave], axis=1) for part, wave in zip(_rates(first), _waves(time), strict=True))
     tau = np.zeros_like(q)
-    rest = slice(int((hold_s + 1.0 + 0.4 * hold_s) * RATE), int((hold_s + 1.0 + 0.7 * hold_s) * RATE))
+    start = hold_s + move_s
+    rest = slice(int((start + 0.4 * hold_s) * RATE), int((start + 0.7 * hold_s) * RATE))
     tau[rest, 0] += push
     return exact_motion(time, (q, dq, ddq), tau, ("a", "b"), "run")
 
@@ -162,6 +167,16 @@ def test_holds_are_where_a_joint_rests_with_the_sign_of_the_motion_that_ended_th
     assert [one.sign for one in first] == [0.0, 1.0, -1.0]
     assert not second
     assert not motion.moving[:, 0][resting(motion)[motion.coarse, 0]].any()
+
+
+@pytest.mark.parametrize(("move_s", "seen"), [(0.12, True), (0.5, False)])
+def test_a_move_that_is_too_short_to_settle_is_an_observation(move_s: float, seen: bool) -> None:
+    """Law: what moves between holds is seen, by friction's level where nothing of it settles; never twice."""
+    motion = stepped(hold_s=0.8, move_s=move_s)
+    turns = find_turns(motion)[0]
+    moves = np.flatnonzero(np.diff(motion.moving[:, 0].astype(int))) + 1
+    assert [(one.start, one.stop) for one in turns] == ([tuple(one) for one in moves.reshape(-1, 2)] if seen else [])
+    assert motion.settled[:, 0].any() != seen
 
 
 def test_a_hold_is_worth_one_observation_however_long_it_lasts_and_however_it_is_cut() -> None:
@@ -216,3 +231,18 @@ def test_rows_after_a_gap_are_whitened_by_what_of_their_past_counts() -> None:
         assert white[rows].std() == pytest.approx(1.0, abs=0.05)
     both = counts[1:] & counts[:-1]
     assert np.corrcoef(white[1:][both], white[:-1][both])[0, 1] == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize(("before", "behind"), [(0.1, 0.4), (0.45, 0.1)])
+def test_a_push_while_a_joint_turns_is_found_as_a_whole(short_arm: ArmModel, before: float, behind: float) -> None:
+    """Law: what friction may hide near a turn is unknown, and not the end of a push."""
+    motions = list(record(short_arm, nothing))
+    time, dq = motions[2].time, motions[2].dq[:, 2]
+    turn = time[np.flatnonzero(np.diff(np.sign(dq[300:500])))[0] + 300]
+    start, end = turn - before, turn + behind
+    torque = np.where(((time > start) & (time < end))[:, None], [1.0, 1.0, 9.0], 0.0)
+    motions[2] = replace(motions[2], tau=motions[2].tau + torque)
+    session = build_session(fit_baseline(motions, short_arm), motions, common_clock=False)
+    found = screen_windows(session, leftover_torque(session))[0]
+    assert found.run == motions[2].name
+    np.testing.assert_allclose((found.start, found.end), (start, end), atol=0.1)

@@ -263,10 +263,10 @@ def test_what_is_dry_friction_as_well_is_the_joints() -> None:
 
 
 def test_what_all_gears_bend_is_no_build_up_of_its_own() -> None:
-    """Law: a build-up of which the shortest range is more than half of the area is that of any joint's contacts."""
+    """Law: a build-up over less than the shortest range is that of any joint's contacts."""
     short, long = (Variant(shape={"range_0_rad": one, "range_1_rad": 3.0 * one}) for one in (0.002, 0.006))
     stands = find_effect("presliding_hysteresis").stands_for
-    assert [stands(short, np.array(parts)) for parts in ([2.9, 1.0], [3.1, 1.0], [1.0, -1.0])] == [True, False, False]
+    assert [stands(short, np.array(parts)) for parts in ([8.9, 1.0], [9.1, 1.0], [1.0, -1.0])] == [True, False, False]
     assert stands(long, np.array([9.0, 0.1]))
 
 
