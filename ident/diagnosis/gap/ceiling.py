@@ -1,8 +1,8 @@
 """Ceiling of each joint: how much of the residual beside the accepted effects a function of the state could explain.
 
 Two flexible functions are tried. The discrepancy (`regression.posterior`) is smooth over its inputs. A
-nearest-neighbour mean over the joint's angle finds what repeats many times a turn, such as gear teeth; it is tested on
-other runs.
+nearest-neighbour mean over the joint's angle, each way by itself, finds what repeats many times a turn, such as torque
+or friction of gear teeth; it is tested on other runs.
 """
 
 from __future__ import annotations
@@ -42,8 +42,12 @@ def measure_ceiling(
     """
     moving = [item.valid[:, joint] for item in series]
     y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
-    q = np.concatenate(
-        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
+    motions = [item.run.motion for item in series]
+    q, dq = (
+        np.concatenate(
+            [one[run.coarse][inside, joint] for one, run, inside in zip(signal, motions, moving, strict=True)]
+        )
+        for signal in ([run.q for run in motions], [run.dq for run in motions])
     )
     piece = np.concatenate(
         [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
@@ -54,10 +58,15 @@ def measure_ceiling(
         evidence = left.evidence
         significant = evidence >= settings.least_nats and left.share >= settings.least_fall
         share, kind = (left.share, left.kind) if significant else (0.0, None)
-    repeated = _share_repeated_by_angle(q, y, piece, settings)
+    repeated = _share_repeated_by_angle(_each_way(q, dq), y, piece, settings)
     if repeated > share:
         share, kind, significant = repeated, "state", True
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, significant, evidence)
+
+
+def _each_way(q: Float[Array, " t"], dq: Float[Array, " t"]) -> Float[Array, " t"]:
+    """Angles on which samples of opposite motion are no neighbours."""
+    return np.asarray(q + np.where(dq < 0.0, 2.0 * np.ptp(q), 0.0)) if len(q) else q
 
 
 def _share_repeated_by_angle(
