@@ -165,7 +165,8 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     halves = (part.start == 0) != (part.stop == len(near))
     if halves and np.mean(values[near[rest]] ** 2) > np.mean(values[near[part]] ** 2):
         part = rest  # of two halves the push is the one that is away from zero
-    return float(time[near[part.start]]), float(time[near[part.stop - 1]])
+    step = float(np.median(np.diff(time[near])))  # it set in and faded between two samples
+    return float(time[near[part.start]]) - step / 2, float(time[near[part.stop - 1]]) + step / 2
 
 
 def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
@@ -178,8 +179,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     run, left = session.runs[at], leftover[at]
     time = run.motion.time[run.motion.coarse]
     near = np.flatnonzero((time > push.start - LIMIT.around) & (time < push.end + LIMIT.around))
-    # While the force sets in and fades it is neither there nor away.
-    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2]
+    # While the force sets in and fades it is neither there nor away, if samples are so close.
+    fades = min(LIMIT.edge / 2, float(np.median(np.diff(time))) / 4)
+    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > fades]
     during = (time[near] > push.start) & (time[near] < push.end)
     if np.count_nonzero(during) < 3:
         return push, 0.0

@@ -51,16 +51,17 @@ def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which filters blur [N m].
 
-    Of a joint at rest what static friction may hold is zero. Near a stop or a turn, where friction may have either
-    sign, what is within twice its level is NaN: nobody knows.
+    Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a turn, where friction may
+    have either sign, it is what goes beyond twice as much, and NaN where nothing does: nobody knows.
     """
     found = []
     held = static_level(session)
     for run in session.runs:
         left = run.motion.tau_filtered - run.motion.filtered(run.total)
-        rests = resting(run.motion)[run.motion.coarse]
-        known = run.motion.settled | (np.abs(left) > np.where(rests, held, 2.0 * held))
-        kept = np.where(known, left, np.where(rests, 0.0, np.nan))
+        rests, settled = resting(run.motion)[run.motion.coarse], run.motion.settled
+        friction = np.where(rests, held, 2.0 * held)
+        beyond = left - np.clip(left, -friction, friction)
+        kept = np.where(settled, left, np.where(rests | (beyond != 0.0), beyond, np.nan))
         for j, reach in enumerate(run.motion.blurred):
             kept[: int(reach), j] = kept[len(kept) - int(reach) :, j] = np.nan
         found.append(kept)
