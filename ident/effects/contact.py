@@ -183,9 +183,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     fades = min(LIMIT.edge / 2, float(np.median(np.diff(time))) / 4)
     near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > fades]
     during = (time[near] > push.start) & (time[near] < push.end)
-    if np.count_nonzero(during) < 3:
-        return push, 0.0
     counts = ~np.isnan(left[near])
+    if np.count_nonzero(during & counts.any(axis=1)) < 3:
+        return push, 0.0
     level = np.where(counts[:, :, None], np.eye(run.n), 0.0).reshape(-1, run.n)
     target = np.nan_to_num(left[near] / usual).ravel()
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
