@@ -296,16 +296,17 @@ def _is_at(true: TrueEffect, joints: Sequence[str], answer: Answer) -> bool:
 def joints_told(record: Mapping[str, Any]) -> list[str]:
     """The joint of the largest gap, and those of the first name.
 
-    A gap is what exceeds the noise, or what had to be tuned away; where there is neither, the candidate that came
-    nearest to a name says where.
+    A gap is what exceeds the noise, by much or significantly, or what had to be tuned away; where there is neither, the
+    candidate that came nearest to a name says where.
     """
 
-    def size(one: Mapping[str, Any]) -> float:
+    def size(joint: str, one: Mapping[str, Any]) -> float:
         """Size of a joint's gap [noise floors]."""
-        left = one["rms_Nm"] if above_noise(one) else 0.0
+        unexplained = record.get("leftover", {}).get(joint, 0.0) > 1.0
+        left = one["rms_Nm"] if unexplained or above_noise(one) else 0.0
         return float(max(left, one.get("tuned_away_Nm") or 0.0) / max(one["noise_floor_Nm"] or 0.0, 1e-12))
 
-    gap = {joint: size(one) for joint, one in record["gap"].items()}
+    gap = {joint: size(joint, one) for joint, one in record["gap"].items()}
     where = [max(gap, key=lambda j: gap[j])] if gap else []
     if record["findings"]:
         where += record["findings"][0]["joints"]

@@ -108,10 +108,11 @@ def diagnose(
     models = Models.of(selected)
     remaining = measure_remaining(selected, models, beside.left, beside.explained, session, baseline, settings)
     limits = find_limits(selected.search, selected.found, (models.after, models.after_fixed), models.inflation, session)
+    whitening = models.evidence.whitening
     maps = map_gap(
         remaining.series,
         arm.joint_names,
-        models.evidence.whitening,
+        replace(whitening, level=np.minimum(whitening.level, remaining.noise)),
         np.random.default_rng(seed),
         settings=settings.gap.map,
     )

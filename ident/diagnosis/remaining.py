@@ -113,7 +113,9 @@ def measure_remaining(
     ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(left))
     excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    lower = np.minimum(settings.verdict.noise_margin * excess.noise, floors)
+    # What a function of the state explains is no noise, though the noise was estimated with it.
+    shown = np.array([one.rms / one.before if one.significant else 1.0 for one in ceilings]) * found.ladder[-1].rms
+    lower = np.minimum.reduce([settings.verdict.noise_margin * excess.noise, floors, shown])
     return Remaining(
         series=tuple(series),
         ceilings=ceilings,
@@ -154,6 +156,7 @@ def find_places(
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         remaining.noise,
         [ReportedCause(one.joints, one.hidden_torque) for one in findings]
+        + [ReportedCause((arm.joint_names[j],), {}) for j in np.flatnonzero(remaining.excess.present)]
         + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
         settings.verdict.loud,
     )

@@ -51,8 +51,8 @@ def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
     """What the tuned model leaves of each run's torque, filtered; NaN at a run's ends, which filters blur [N m].
 
-    Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a turn, where friction may
-    have either sign, it is what goes beyond twice as much, and NaN where nothing does: nobody knows.
+    Of a joint at rest it is what goes beyond its static friction: mostly zero. Near a stop or a turn, where friction
+    may have either sign, it is what goes beyond twice as much, and NaN where nothing does: nobody knows.
     """
     found = []
     held = static_level(session)

@@ -30,7 +30,7 @@ class ExcessError:
 
 @dataclass(frozen=True)
 class ReportedCause:
-    """A reported cause of the gap: a finding, or a torque that is wrong by a factor."""
+    """What is reported of a gap: a finding, a torque that is wrong by a factor, or that no name explains it."""
 
     joints: tuple[str, ...]  # joints for which it is reported
     hidden_torque: Mapping[str, float]  # torque of it that tuning hides, by affected joint [N m]
@@ -51,8 +51,8 @@ def measure_excess_errors(
         joints, noise: Joint names, and noise floors [N m].
         errors: Held-out error of the tuned model, and of the model with the URDF's inertias fixed [N m].
         tuned_away: Torque that only inertias beyond the URDF's tolerance explain [N m].
-        names: Reported causes.
-        threshold: Least error over noise of a gap at a joint without a reported cause.
+        names: What is reported of joints.
+        threshold: Least error over noise of a gap at a joint of which nothing is reported.
     """
     found: dict[str, ExcessError] = {}
     for j, joint in enumerate(joints):

@@ -123,6 +123,19 @@ def test_a_law_that_no_name_has_shows_below_what_friction_varies_by(
     diagnosis = diagnose(motions, short_arm, [], common_clock=False).diagnosis
     assert diagnosis.verdict == verdict
     assert diagnosis.gap["joint_2"].unexplained == ("state" if amplitude else None)
+    assert {one.joint for one in diagnosis.where} == ({"joint_2"} if amplitude else set())
+
+
+@pytest.mark.parametrize(("amplitude", "verdict"), [(0.0, "no_gap"), (0.5, "none_of_catalogue")])
+def test_friction_that_waves_with_the_teeth_shows(short_arm: ArmModel, amplitude: float, verdict: str) -> None:
+    """Law: what repeats by the angle is found though it is of the other sign on the way back."""
+
+    def teeth(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        return at_joint(1, amplitude * np.cos(60.0 * q[:, 1]) * np.tanh(dq[:, 1] / SLIP))
+
+    diagnosis = diagnose(record(short_arm, teeth), short_arm, [], common_clock=False).diagnosis
+    assert diagnosis.verdict == verdict
+    assert {one.joint for one in diagnosis.where} == ({"joint_2"} if amplitude else set())
 
 
 RATE = 50.0
