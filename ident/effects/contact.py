@@ -179,8 +179,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     run, left = session.runs[at], leftover[at]
     time = run.motion.time[run.motion.coarse]
     near = np.flatnonzero((time > push.start - LIMIT.around) & (time < push.end + LIMIT.around))
-    # While the force sets in and fades it is neither there nor away, if samples are so close.
-    fades = min(LIMIT.edge / 2, float(np.median(np.diff(time))) / 4)
+    # While the force sets in and fades it is neither there nor away; of few samples none lies in between.
+    step = float(np.median(np.diff(time)))
+    fades = LIMIT.edge / 2 if step < LIMIT.edge / 2 else step / 4
     near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > fades]
     during = (time[near] > push.start) & (time[near] < push.end)
     counts = ~np.isnan(left[near])

@@ -180,7 +180,8 @@ def test_a_push_is_found_in_its_window(
     np.testing.assert_allclose(found["start_s"].value, start, atol=timed)
     np.testing.assert_allclose(found["end_s"].value, start + seconds, atol=timed)
     np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=sized)
-    assert found["link"].value == 6.0
+    # Ends of a swell are known less well, and the next joint lies near the last link's centre.
+    assert found["link"].value in ({5.0, 6.0} if swells else {6.0})
 
 
 def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -> None:
