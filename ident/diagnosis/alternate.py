@@ -25,7 +25,6 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
 from ident.diagnosis.selection.urdf_scale import fit_urdf_error, initial_urdf_error, log_bayes_factor, one_link_is_wrong
 from ident.effects.base import SessionContext
-from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key
@@ -179,25 +178,6 @@ def _find_random_walks(search: Search, groups: Sequence[Group], tested: Sequence
     return found
 
 
-def _with_load(
-    search: Search, found: SearchResults, estimates: Sequence[Estimate]
-) -> tuple[Search, SearchResults] | None:
-    """The selection with a load in place of a last link that is too heavy, or None where there is nothing to replace.
-
-    No recording tells one from the other, and a tool that nobody noted is likelier than a flange that was mismeasured.
-    """
-    last = search.evidence.layout.n - 1
-    for one in estimates:
-        heavier = one.group.effect.id == LinkInertialError.id and one.group.joint == last
-        if heavier and UnknownPayload.id in one.rivals:
-            lost = {one.group.key}
-            other = replace(search, excluded=search.excluded | lost, redundant=search.redundant | lost)
-            again = other.run([item.group for item in found.accepted], found.accepted)
-            if any(item.group.effect.id == UnknownPayload.id for item in again.accepted):
-                return other, again
-    return None
-
-
 def _select_stepwise(
     search: Search,
     session: SessionContext,
@@ -228,10 +208,6 @@ def _select_stepwise(
             found = search.run(groups, found.accepted)
             continue
         estimates = estimate_effects(search, fine, session, found.accepted)
-        load = _with_load(search, found, estimates)
-        if load is not None:
-            search, found = load
-            continue
         kept = [k for k, estimate in enumerate(estimates) if estimate.class_probability >= settings.least_probability]
         refused = find_implausible({k: (effects[k], estimates[k]) for k in kept}, session)
         hidden = [k for k in kept if effects[k].absorbed or groups[k].prior is not None]

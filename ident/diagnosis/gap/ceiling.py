@@ -58,15 +58,12 @@ def measure_ceiling(
         evidence = left.evidence
         significant = evidence >= settings.least_nats and left.share >= settings.least_fall
         share, kind = (left.share, left.kind) if significant else (0.0, None)
-    repeated = _share_repeated_by_angle(_each_way(q, dq), y, piece, settings)
+    # Samples of opposite motion are no neighbours.
+    each_way = q + np.where(dq < 0.0, 2.0 * np.ptp(q), 0.0) if len(q) else q
+    repeated = _share_repeated_by_angle(each_way, y, piece, settings)
     if repeated > share:
         share, kind, significant = repeated, "state", True
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, significant, evidence)
-
-
-def _each_way(q: Float[Array, " t"], dq: Float[Array, " t"]) -> Float[Array, " t"]:
-    """Angles on which samples of opposite motion are no neighbours."""
-    return np.asarray(q + np.where(dq < 0.0, 2.0 * np.ptp(q), 0.0)) if len(q) else q
 
 
 def _share_repeated_by_angle(
