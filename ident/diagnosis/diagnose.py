@@ -104,9 +104,8 @@ def diagnose(
     stage("searching for laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     if any(group.effect.id == UnknownPayload.id for group in layout.groups):
-        # A heavier last link is the load's rival, and no second effect beside it.
-        twin = frozenset({(LinkInertialError.id, arm.n - 1, None)})
-        first = replace(first, excluded=twin, redundant=twin)
+        # A heavier last link is a load; one that is lighter is found among the tuned links.
+        first = replace(first, excluded=frozenset({(LinkInertialError.id, arm.n - 1, None)}))
     selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
     selected = name_wrong_links(selected, session, baseline, settings.verdict)
     stage("what is left, and what could have been seen", 0.9, 1.0)

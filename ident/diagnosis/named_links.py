@@ -129,9 +129,5 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
-    if one.group.effect.id == UnknownPayload.id:
-        # Never told from a heavier last link, which is one of n.
-        odds = {LinkInertialError.id: float(evidence.layout.n)} | odds
-        rivals = (*rivals, *({LinkInertialError.id} - set(rivals)))
     probability = trust / (1.0 + sum(1.0 / each for each in odds.values()))
     return replace(one, probability=probability, rivals=rivals, odds=odds)

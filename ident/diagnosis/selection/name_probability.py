@@ -242,18 +242,6 @@ def _nested_laws(
     return found
 
 
-def _as_last_link(search: Search, group: Group, scores: Mapping[Key, float]) -> list[float]:
-    """Score of a load by that of a heavier last link, which no recording tells from it; empty for other effects.
-
-    Loads and wrong links are as likely beforehand, and the last link is one of n.
-    """
-    n = search.evidence.layout.n
-    twins = [key for key in scores if key[:2] == (LinkInertialError.id, n - 1)]
-    return [
-        scores[key] + float(np.log(n)) / search.settings.temper for key in twins if group.effect.id == UnknownPayload.id
-    ]
-
-
 def compare_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], excess: float
 ) -> tuple[float, tuple[str, ...], dict[str, float]]:
@@ -269,6 +257,8 @@ def compare_rivals(
     settings, gram = search.settings, search.evidence.gram()
     wider = replace(search, excluded=search.excluded - (search.redundant - search.implausible))
     best = wider.best_by_key(projection, others, group)
+    if group.effect.id == UnknownPayload.id:
+        best.pop((LinkInertialError.id, search.evidence.layout.n - 1, None), None)
     share = group.effect.doubt.share / NORMAL_95
     unit = excess + settings.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = max(best[group.key][0] - settings.rival_nats * unit, settings.least_nats)
@@ -281,11 +271,15 @@ def compare_rivals(
     allowed -= apart | {item.group.key for item in stronger if not item.criteria.passed}
     scores: dict[Key, float] = {key: score / unit for key, (score, _) in best.items() if key in allowed}
     both = [scores[key] + added[key] / unit for key in (ahead & allowed & added.keys()) - search.redundant]
-    own = max([scores[group.key], *both, *_as_last_link(search, group, scores)])
+    own = max([scores[group.key], *both])
     by_effect = _nested_laws(search, best, group, others, apart, unit)
     for (effect, _, _), score in scores.items():
         by_effect[effect] = max(by_effect.get(effect, -np.inf), score)
     by_effect[group.effect.id] = own
+    if group.effect.id == UnknownPayload.id:
+        # No recording tells a load from a heavier last link; wrong links are as likely, and the last one is one of n.
+        link = own - float(np.log(search.evidence.layout.n)) / settings.temper
+        by_effect[LinkInertialError.id] = max(by_effect.get(LinkInertialError.id, -np.inf), link)
     ids = list(by_effect)
     # A law with implausible parameters that explains it far better points to a cause that the catalogue lacks.
     laws = search.best_implausible(projection).values()
