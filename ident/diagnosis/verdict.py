@@ -114,8 +114,8 @@ def decide(
     # Mean squares in units of the floor, so that joints of different size add up.
     pairs = [(start[joints] ** 2 / unit, end[joints] ** 2 / unit) for start, end in (tuned, given)]
     share = max(float((old - new).sum() / max(np.maximum(old - 1.0, 0.0).sum(), 1e-12)) for old, new in pairs)
-    if any(item.absorbed for item in found.accepted) and not left.any():
-        share = 1.0  # held-out error does not show what tuning absorbs
+    if any(item.absorbed or item.group.effect.event for item in found.accepted) and not left.any():
+        share = 1.0  # held-out error shows neither what tuning absorbs nor what happens once, at rest
     if share >= settings.named_from and not tolerance.exceeded:
         return "named"
     return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
