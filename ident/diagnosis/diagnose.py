@@ -35,7 +35,6 @@ from ident.diagnosis.verdict import (
     score_outside,
 )
 from ident.effects.base import Effect, SessionContext
-from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded
@@ -103,9 +102,6 @@ def diagnose(
     evidence = evidence.with_dispersion(measure_dispersion(session, baseline, replace(evidence), prior))
     stage("searching for laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
-    if any(group.effect.id == UnknownPayload.id for group in layout.groups):
-        # A heavier last link is a load; one that is lighter is found among the tuned links.
-        first = replace(first, excluded=frozenset({(LinkInertialError.id, arm.n - 1, None)}))
     selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
     selected = name_wrong_links(selected, session, baseline, settings.verdict)
     stage("what is left, and what could have been seen", 0.9, 1.0)

@@ -19,6 +19,7 @@ from ident.arrays import Array
 from ident.diagnosis.selection.criteria import AcceptanceCriteria, Evaluated
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.effects.intervals import SizePrior
+from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
@@ -94,11 +95,19 @@ class Candidates:
     def gain_of(self, projection: Projection, group: Group) -> tuple[float, Array]:
         """Fall of the misfit by an effect, and its scaled coefficients.
 
-        The fall is 0 where the coefficients belong to another point of the grid (`Effect.stands_for`).
+        The fall is 0 where the coefficients belong to another point of the grid (`Effect.stands_for`), and of a heavier
+        last link, which is a load.
         """
         gain, scaled = projection.gain(group)
         holds = group.effect.stands_for(group.variant, scaled / self.evidence.scale[group.columns])
-        return gain if holds else 0.0, scaled
+        carries = group.key == self._carrier and scaled[0] > 0.0
+        return gain if holds and not carries else 0.0, scaled
+
+    @cached_property
+    def _carrier(self) -> Key | None:
+        """Key of the last link, whose first column is its mass, where a load is a candidate, too; else None."""
+        listed = any(group.effect.id == UnknownPayload.id for group in self.evidence.layout.groups)
+        return (LinkInertialError.id, self.evidence.layout.n - 1, None) if listed else None
 
     def complexity_cost(self, group: Group) -> float:
         """Cost of an effect's columns and of the choice of its grid point and joint [nats]."""

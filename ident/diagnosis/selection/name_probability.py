@@ -257,8 +257,6 @@ def compare_rivals(
     settings, gram = search.settings, search.evidence.gram()
     wider = replace(search, excluded=search.excluded - (search.redundant - search.implausible))
     best = wider.best_by_key(projection, others, group)
-    if group.effect.id == UnknownPayload.id:
-        best.pop((LinkInertialError.id, search.evidence.layout.n - 1, None), None)
     share = group.effect.doubt.share / NORMAL_95
     unit = excess + settings.temper * 0.5 * share**2 * search.gain_of(projection, best[group.key][1])[0]
     least = max(best[group.key][0] - settings.rival_nats * unit, settings.least_nats)
