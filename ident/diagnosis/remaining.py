@@ -114,7 +114,7 @@ def measure_remaining(
     excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     # What a function of the state explains is no noise, though the noise was estimated with it.
-    shown = np.array([one.rms / one.before if one.significant else 1.0 for one in ceilings]) * found.ladder[-1].rms
+    shown = np.array([one.ratio for one in ceilings]) * found.ladder[-1].rms
     lower = np.minimum.reduce([settings.verdict.noise_margin * excess.noise, floors, shown])
     return Remaining(
         series=tuple(series),

@@ -29,7 +29,7 @@ def find_floors(
     evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore, settings: VerdictSettings = USUAL_VERDICT
 ) -> Float[Array, " n"]:
     """Floor of each joint's error [N m]: its noise, or its ceiling where that is significant and higher."""
-    ratio = np.array([c.rms / c.before if c.before > 0 and c.significant else 0.0 for c in ceilings])
+    ratio = np.array([c.ratio * c.significant for c in ceilings])
     return np.minimum(np.maximum(settings.noise_margin * evidence.floor, ratio * last.rms), last.rms)
 
 

@@ -165,8 +165,7 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     halves = (part.start == 0) != (part.stop == len(near))
     if halves and np.mean(values[near[rest]] ** 2) > np.mean(values[near[part]] ** 2):
         part = rest  # of two halves the push is the one that is away from zero
-    step = float(np.median(np.diff(time[near])))  # it set in and faded between two samples
-    return float(time[near[part.start]]) - step / 2, float(time[near[part.stop - 1]]) + step / 2
+    return float(time[near[part.start]]), float(time[near[part.stop - 1]])
 
 
 def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
@@ -180,10 +179,9 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     time = run.motion.time[run.motion.coarse]
     near = np.flatnonzero((time > push.start - LIMIT.around) & (time < push.end + LIMIT.around))
     # While the force sets in and fades it is neither there nor away; of few samples none lies in between.
-    step = float(np.median(np.diff(time)))
-    fades = LIMIT.edge / 2 if step < LIMIT.edge / 2 else step / 4
-    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > fades]
-    during = (time[near] > push.start) & (time[near] < push.end)
+    if float(np.median(np.diff(time))) < LIMIT.edge / 2:
+        near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2]
+    during = (time[near] >= push.start) & (time[near] <= push.end)
     counts = ~np.isnan(left[near])
     if np.count_nonzero(during & counts.any(axis=1)) < 3:
         return push, 0.0

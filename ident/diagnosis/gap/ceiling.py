@@ -29,6 +29,11 @@ class Ceiling:
     significant: bool  # whether the fall is significant
     evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
+    @property
+    def ratio(self) -> float:
+        """What the better function leaves of the residual, as a share; one where there is no residual."""
+        return self.rms / self.before if self.before > 0.0 else 1.0
+
 
 def measure_ceiling(
     series: Sequence[RunResidual], joint: int, left: LeftAtJoint | None, settings: CeilingSettings = USUAL_CEILING
@@ -42,13 +47,10 @@ def measure_ceiling(
     """
     moving = [item.valid[:, joint] for item in series]
     y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
-    motions = [item.run.motion for item in series]
-    q, dq = (
-        np.concatenate(
-            [one[run.coarse][inside, joint] for one, run, inside in zip(signal, motions, moving, strict=True)]
-        )
-        for signal in ([run.q for run in motions], [run.dq for run in motions])
+    q = np.concatenate(
+        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
     )
+    dq = np.concatenate([item.speed[inside, joint] for item, inside in zip(series, moving, strict=True)])
     piece = np.concatenate(
         [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
     )

@@ -180,8 +180,20 @@ def test_a_push_is_found_in_its_window(
     np.testing.assert_allclose(found["start_s"].value, start, atol=timed)
     np.testing.assert_allclose(found["end_s"].value, start + seconds, atol=timed)
     np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=sized)
-    # Ends of a swell are known less well, and the next joint lies near the last link's centre.
-    assert found["link"].value in ({5.0, 6.0} if swells else {6.0})
+    assert found["link"].value == 6.0
+
+
+def test_a_push_of_which_one_sample_is_known_is_none(session: SessionContext) -> None:
+    """Law: three components of a force explain any one sample, so that it says nothing of a push."""
+    time = session.runs[2].motion.time[session.runs[2].motion.coarse]
+    start = float(time[0]) + 8.0
+    torque = push(session, 2, start, start + 1.2)
+    left = [run.motion.filtered(tau) for run, tau in zip(session.runs, torque, strict=True)]
+    window = Push("run_2", start, start + 1.2)
+    assert locate(session, left, window)[1] > 0.9
+    inside = np.flatnonzero((time > start - 0.1) & (time < start + 1.3))
+    left[2][np.delete(inside, len(inside) // 2)] = np.nan
+    assert locate(session, left, window)[1] == 0.0
 
 
 def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -> None:
