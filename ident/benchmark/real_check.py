@@ -88,9 +88,7 @@ def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[lis
         new = []
         for one in findings if answer["kind"] != "control" else ():
             true = any(holds(one, effect) for effect in answer["effects"])
-            old = not true and any(
-                _class(one) & _class(other) and set(one["joints"]) & set(other["joints"]) for other in owned
-            )
+            old = not true and any(_class(one) & _class(other) and _places(one) & _places(other) for other in owned)
             name = f"{one['effect']}:{'+'.join(one['joints'])}"
             row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
             names.append(row)
@@ -135,6 +133,11 @@ def _findings(result: Mapping[str, Any]) -> list[Finding]:
 
 def _class(finding: Finding) -> set[str]:
     return {finding["effect"], *finding.get("class", ())}
+
+
+def _places(finding: Finding) -> set[str]:
+    """Joints of a name, and those where it may stand as well."""
+    return {*finding["joints"], *(one["joint"] for one in finding.get("elsewhere", ()) if one["joint"])}
 
 
 def _probability(finding: Finding) -> float:

@@ -252,6 +252,7 @@ def _findings(
                 ),
                 shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
+                elsewhere=tuple((item.group.effect.id, joints[j]) for j in estimate.places),
                 slides=slides(item.group, arm),
             )
         )

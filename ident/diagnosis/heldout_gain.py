@@ -29,6 +29,8 @@ class ReportedEffect:
     rms_before: dict[str, float]  # held-out error without it, by joint [N m]
     rms_after: dict[str, float]  # held-out error with it, by joint [N m]
     shrink: float  # share of the mean square above the noise that it closes at these joints
+    # Confounded effects elsewhere, each with its joint ("" for the whole arm).
+    elsewhere: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)
     slides: bool = field(default=False, kw_only=True)  # whether its joint is prismatic: units are N and m then
     caveat: str = field(default="", kw_only=True)  # an unmeasured assumption of its action; "" if there is none
 
@@ -48,8 +50,10 @@ class ReportedEffect:
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it: one sentence."""
-        return self.action_at(", ".join(self.joints)) + self.caveat
+        """What a person at the cell can do about it, with the other joints where it may be: one sentence."""
+        where = [joint for effect, joint in self.elsewhere if effect == self.effect]
+        joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
+        return self.action_at((" or " if where else ", ").join(joints)) + self.caveat
 
     def action_at(self, where: str) -> str:
         """The action for other words in place of the joint."""
@@ -65,6 +69,7 @@ class ReportedEffect:
             "class": list(self.estimate.rivals),
             "class_probability": self.estimate.class_probability,
             "class_shares": self.estimate.shares,
+            "elsewhere": [{"effect": effect, "joint": joint or None} for effect, joint in self.elsewhere],
             "action": self.action,
             "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
         }

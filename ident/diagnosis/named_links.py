@@ -1,20 +1,23 @@
 """Acceptance of link inertia errors: links that differ from the URDF by more than its tolerance.
 
 Tuning absorbs a wrong link, so that the stepwise selection does not see it. The evidence for a wrong link is the log
-Bayes factor of its own error scale, its neighbours' scales free (`TunedLink.evidence`), beside all accepted effects. A
-payload, a gain error of its joint and the link itself act on the same base parameters: the likeliest of them is
-accepted, and the others form its class as far as the recordings cannot distinguish them.
+Bayes factor of its own error scale, or of a link's that could take its place (`TunedLink.evidence`), beside all
+accepted effects; the latter are reported as other places. A payload, a gain error of its joint and the link itself act
+on the same base parameters: the likeliest of them is accepted, and the others form its class as far as the recordings
+cannot distinguish them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from ident.diagnosis.alternate import Selection
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.criteria import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, compare_rivals, estimate_effects
+from ident.diagnosis.selection.name_probability import MOST_LOG_ODDS, Estimate, compare_rivals, estimate_effects
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -43,15 +46,17 @@ def name_wrong_links(
     model = project(evidence.gram(), evidence, search.prior, groups)
     links = measure_tuned_links(baseline, evidence, model, search.prior, measure_inflation(evidence, model))
     # The moment about a joint's axis may come from any link behind it, so it alone does not identify the link.
-    wrong = {
-        k for k, one in enumerate(links.values()) if one.beyond - {ABOUT} and one.evidence >= verdict.wrong_link_nats
-    }
+    each = tuple(links.values())
+    wrong = {k for k, one in enumerate(each) if one.beyond - {ABOUT} and one.evidence >= verdict.wrong_link_nats}
     while wrong:
-        alone = _believing_usual(search, wrong, baseline)
+        alone = _believing_usual(search, wrong.union(*(each[k].against for k in wrong)), baseline)
         bodies = _links(alone, wrong, groups)
         if not bodies:
             break
-        found = _with_bodies(replace(selected, search=alone), bodies, session, baseline, verdict.wrong_link_trust)
+        places = {k: each[k].against for k in wrong}
+        found = _with_bodies(
+            replace(selected, search=alone), bodies, places, session, baseline, verdict.wrong_link_trust
+        )
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.accepted[k], found.estimates[k]) for k in added}, session))
         refused |= {k for k in added if not _leads(found.estimates[k], held, verdict.even_odds)}
@@ -92,9 +97,20 @@ def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> lis
 
 
 def _with_bodies(
-    selected: Selection, bodies: Sequence[Group], session: SessionContext, baseline: Baseline, trust: float
+    selected: Selection,
+    bodies: Sequence[Group],
+    places: Mapping[int, Mapping[int, float]],
+    session: SessionContext,
+    baseline: Baseline,
+    trust: float,
 ) -> Selection:
-    """The selection with link inertia errors added after its effects."""
+    """The selection with link inertia errors added after its effects.
+
+    Args:
+        selected, bodies: The accepted effects, and the link errors.
+        places: By index of a wrong link the log evidence for it against each that could take its place [nats].
+        session, baseline, trust: The runs, the tuned model, and the probability that one of a class is the cause.
+    """
     search, first = selected.search, len(selected.found.accepted)
     groups = [*(item.group for item in selected.found.accepted), *bodies]
     accepted, ladder = list(selected.found.accepted), list(selected.found.ladder)
@@ -107,16 +123,22 @@ def _with_bodies(
     # Its size is estimated with tuned inertias, for other links may be wrong as well.
     as_tuned = [replace(item, absorbed=item.absorbed and k < first) for k, item in enumerate(accepted)]
     estimates = estimate_effects(search, fine, session, as_tuned)
-    estimates[first:] = [_among_bodies(search, one, groups, trust) for one in estimates[first:]]
+    n = search.evidence.layout.n
+    estimates[first:] = [
+        _among_bodies(search, one, groups, places.get(one.group.key[1] % n, {}), trust) for one in estimates[first:]
+    ]
     found = SearchResults(tuple(accepted), tuple(ladder), selected.found.best_rejected)
     return replace(selected, found=found, estimates=estimates, fine=fine)
 
 
-def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust: float) -> Estimate:
+def _among_bodies(
+    search: Search, one: Estimate, groups: Sequence[Group], against: Mapping[int, float], trust: float
+) -> Estimate:
     """The estimate of a link error with its class: rivals are the effects that act on the same base parameters.
 
     Args:
         search, one, groups: The search, the estimate of the link error, and all accepted effects.
+        against: Log evidence for the link against each other that could take its place, by its index [nats].
         trust: Probability that one of the class is the cause.
     """
     evidence = search.evidence
@@ -129,5 +151,7 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], trust:
     among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
-    probability = trust / (1.0 + sum(1.0 / each for each in odds.values()))
-    return replace(one, probability=probability, rivals=rivals, odds=odds)
+    places = {k: float(np.exp(search.settings.temper * min(nats, MOST_LOG_ODDS))) for k, nats in against.items()}
+    probability = trust / (1.0 + sum(1.0 / each for each in (*odds.values(), *places.values())))
+    near = {k: each for k, each in places.items() if each <= search.settings.class_odds}
+    return replace(one, probability=probability, rivals=rivals, odds=odds, places=near)

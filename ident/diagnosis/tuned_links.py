@@ -15,6 +15,9 @@ information J, that of the recordings alone. Two changes are reported of each li
 supports a larger one (automatic relevance determination, one link after the other). A parameter whose prior variance
 the recordings reduce by less than half is left out: it is the URDF's.
 
+Often several links could carry the same change. The evidence for a link is that it or one of those is off by more than
+usual, for that is what the recordings know; the evidence for it against each of those is reported beside.
+
 A link is beyond tolerance if the interval of one of its own parameters lies wholly beyond three standard deviations of
 a usual URDF; or, where its own are not determined and its σ_k is larger than usual, if that about its axis does.
 
@@ -23,8 +26,8 @@ Source: MacKay 1992 and Tipping 2001 (relevance determination); Gautier 1991 (ba
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,8 +59,11 @@ class TunedLink:
     about_axis: Interval | None
     urdf_moment: float  # that moment by the URDF [kg m]; 0 where it is below the URDF's usual error
     beyond: frozenset[str]  # names, as in `changes`, of the changes that exceed the URDF's tolerance
-    # Log Bayes factor of the link's own error scale, its neighbours' scales free [nats]; 0 where nothing is beyond.
+    # Log Bayes factor that it, or a link that could take its place, is off by more than usual [nats]; 0 where nothing
+    # of it is beyond.
     evidence: float = 0.0
+    # Log evidence for this link against each that could take its place, by the other's index [nats].
+    against: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -140,8 +146,8 @@ def measure_tuned_links(
             wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        log_evidence = relevance.log_evidence_of(factors, k) if wrong else 0.0
-        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), log_evidence)
+        log_evidence, against = relevance.compare_places(factors, k) if wrong else (0.0, {})
+        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), log_evidence, against)
     return found
 
 
@@ -170,8 +176,8 @@ class _Relevance:
         """Prior standard deviation of every link's inertial parameters, given the factors."""
         return np.asarray(np.repeat(factors, 10) * self.baseline.number_std)
 
-    def best(self, start: Sequence[float] = (), excluded: int = -1) -> tuple[float, ...]:
-        """Factors of greatest log evidence by coordinate ascent from `start` (or ones); link `excluded` has none."""
+    def best(self, start: Sequence[float] = (), excluded: Collection[int] = ()) -> tuple[float, ...]:
+        """Factors of greatest log evidence by coordinate ascent from `start` (or ones); `excluded` links stay as is."""
         factors = tuple(start) or (1.0,) * self.baseline.nominal.n
         reached = self._log_evidence(factors)
         for _ in range(2 * len(factors)):
@@ -179,20 +185,31 @@ class _Relevance:
                 (*factors[:k], factor, *factors[k + 1 :])
                 for k in range(len(factors))
                 for factor in (1.0, *LIMIT.factors)
-                if k != excluded and factor != factors[k]
+                if k not in excluded and factor != factors[k]
             ]
             found = [self._log_evidence(one) for one in tried]
-            if max(found) <= reached:
+            if max(found, default=-np.inf) <= reached:
                 break
             reached, factors = max(found), tried[int(np.argmax(found))]
         return factors
 
-    def log_evidence_of(self, factors: tuple[float, ...], link: int) -> float:
-        """Log Bayes factor of a link's factor against one, the other links' factors maximised in both cases [nats]."""
+    def compare_places(self, factors: tuple[float, ...], link: int) -> tuple[float, dict[int, float]]:
+        """Log Bayes factor that a link, or one that could take its place, is off by more than usual; and against those.
+
+        A link could take its place if its own factor is larger where the link's is one. The other links' factors are
+        maximised in all cases.
+        """
+        right, against, reached = {link}, dict[int, float](), self._log_evidence(factors)
         if factors[link] == 1.0:
-            return 0.0
-        without = self.best((*factors[:link], 1.0, *factors[link + 1 :]), link)
-        return self._log_evidence(factors) - self._log_evidence(without)
+            return 0.0, against
+        while True:
+            without = self.best([1.0 if k in right else one for k, one in enumerate(factors)], right)
+            lost = reached - self._log_evidence(without)
+            others = {k for k, one in enumerate(without) if one > factors[k]}
+            if not others:
+                return lost, against
+            against |= dict.fromkeys(others, lost)
+            right |= others
 
     def _log_evidence(self, factors: tuple[float, ...]) -> float:
         """Log evidence of some factors, with a prior cost for each that is not one [nats]."""

@@ -144,7 +144,7 @@ def describe(finding: Mapping[str, Any], runs: int) -> str:
     rivals = f"; one of its class {finding['class_probability']:.0%}: {names}" if others else ""
     before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
     return (
-        f"  {', '.join(finding['joints'])}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
+        f"  {with_others(finding)}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
         f"{parameters_in_words(finding['parameters'])}; explains {significant(heldout['gain_rms_Nm'])} N m (rms) on "
         f"unseen parts, {heldout['shrink']:.0%} of what can be closed; energy error {before} → {after} J"
     )
@@ -174,9 +174,13 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
 
 def places_of(change: Mapping[str, Any]) -> str:
     """A change's joints, and those where it may be as well; nothing of one of the whole arm."""
-    others = [one["joint"] for one in change.get("elsewhere", ()) if one["joint"] and one["effect"] == change["effect"]]
-    where = join_words(change["joints"]) + (f" (or {join_words(others)})" if others else "")
-    return "" if change["effect"] in OF_THE_ARM else where
+    return "" if change["effect"] in OF_THE_ARM else with_others(change)
+
+
+def with_others(one: Mapping[str, Any]) -> str:
+    """The joints of a finding or change, and those where the same effect may be as well."""
+    others = [it["joint"] for it in one.get("elsewhere", ()) if it["joint"] and it["effect"] == one["effect"]]
+    return join_words(one["joints"]) + (f" (or {join_words(others)})" if others else "")
 
 
 def print_comparison(console: Console, record: Mapping[str, Any]) -> None:

@@ -37,21 +37,16 @@ class ArmChange(ReportedEffect):
     log_score: tuple[float, float]  # gain on held-out runs with its standard error [nats]
     evidence: float  # log evidence [nats]
     run_spread: float  # between-run standard deviation of the effect, as a share of the change
-    elsewhere: tuple[tuple[str, str], ...] = ()  # confounded effects, each with its joint ("" for the whole arm)
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, with the other joints where it may be."""
-        where = [joint for effect, joint in self.elsewhere if effect == self.effect]
-        joints = [*self.joints, *where] if len(where) and self.estimate.refined.effect.scope == "joint" else self.joints
-        sentence = self.action_at((" or " if where else ", ").join(joints))
+        """What a person at the cell can do about it, with the other joints where it may be, and a load if it may be."""
         carried = self.effect != CARRIED and any(effect == CARRIED for effect, _ in self.elsewhere)
-        return f"{sentence}; or is it the tool? these recordings can't tell" if carried else sentence
+        return f"{super().action}; or is it the tool? these recordings can't tell" if carried else super().action
 
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.shared_record(),
-            "elsewhere": [{"effect": effect, "joint": joint or None} for effect, joint in self.elsewhere],
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,

@@ -8,7 +8,7 @@ evidence E over the effects that explain the same torque, and none: p_i = p_max 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -45,6 +45,7 @@ class Estimate:
     coefficients: Float[Array, " k"]  # estimates there
     covariance: Float[Array, "k k"]  # covariance of the coefficients
     odds: Mapping[str, float]  # odds of the effect against each rival, by the rival's id
+    places: Mapping[int, float] = field(default_factory=dict)  # odds against the same effect at other joints, by index
     significant: bool = False  # whether its essential coefficients differ from zero at 95 %
 
     @property
@@ -55,8 +56,9 @@ class Estimate:
 
     @property
     def class_probability(self) -> float:
-        """Probability that one of the effects of its class is the cause."""
-        return min(sum(self.shares.values()), 1.0)
+        """Probability that one of the effects of its class, or the same at another joint, is the cause."""
+        elsewhere = (self.probability / odds for odds in self.places.values())
+        return min(sum((*self.shares.values(), *elsewhere)), 1.0)
 
     @property
     def undefined(self) -> str | None:
@@ -88,7 +90,9 @@ def estimate_effects(
         projection = project(gram, search.evidence, search.prior, others)
         probability, rivals, odds = compare_rivals(search, projection, group, others, inflation)
         parameters, beta, cells, significant = found[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, refined, beta, cells, odds, significant))
+        estimates.append(
+            Estimate(group, parameters, probability, rivals, refined, beta, cells, odds, significant=significant)
+        )
     return estimates
 
 

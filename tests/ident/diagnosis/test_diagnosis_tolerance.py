@@ -1,5 +1,6 @@
 """What tuning takes away: a load that the tuned inertias swallow is still told to be there."""
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from ident.regression.baseline import UrdfError
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
+from ident.show.terminal import describe
 from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
 from tests.ident.made_up import made_motions
 
@@ -196,3 +198,39 @@ def test_a_link_is_named_whatever_its_neighbours_are(short_arm: ArmModel, doubte
     apart = [link.evidence for link in links.values()]
     assert apart[2] > USUAL_VERDICT.wrong_link_nats
     assert max(apart[:2]) < 0.2 * apart[2]
+
+
+def test_of_two_links_that_gravity_cannot_tell_apart_one_is_off_for_sure(short_arm: ArmModel) -> None:
+    """Law: where only the moment about joint 2 is known, one link behind it is off for sure; which one stays open."""
+    numbers = short_arm.inertial_parameters * np.repeat((1.0, 1.0, 1.6), 10)
+    analysis = analysed(short_arm, numbers)
+    baseline, true = analysis.baseline, short_arm.inertial_parameters - numbers
+    axis = short_arm.joint_axes[1]
+    moment = (np.eye(3) - np.outer(axis, axis)) @ turning_moment(short_arm, 1)
+    known = np.linalg.lstsq(baseline.base.mapping.T, moment.T, rcond=None)[0] * 1e3  # to a gram metre
+    prior = Prior.of(analysis.evidence, baseline.prior)
+    scale = analysis.evidence.scale[: analysis.evidence.layout.rank]
+    information = known @ known.T / np.outer(scale, scale)
+    spread = np.linalg.inv(information + prior.base)
+    estimate = spread @ information @ (scale * (baseline.base.mapping @ true))
+    model = SimpleNamespace(estimate=estimate, spread=spread)
+    links = measure_tuned_links(baseline, analysis.evidence, model, prior, 1.0)  # type: ignore[arg-type]
+    (one,) = [link for link in links.values() if link.beyond_tolerance]
+    assert one.evidence > USUAL_VERDICT.wrong_link_nats
+    at = short_arm.joint_names.index(one.joint)
+    assert {at, *one.against} == {1, 2}
+    assert max(one.against.values()) < 3.0
+
+
+def test_a_link_error_that_may_stand_at_another_joint_says_so(short_arm: ArmModel) -> None:
+    """Law: action, record and terminal name both joints; the probability of the class counts both."""
+    urdf = short_arm.with_inertial_parameters(short_arm.inertial_parameters * np.repeat((1.0, 1.0, 1.6), 10))
+    catalogue = [find_effect("link_inertial_error"), find_effect("stribeck_friction")]
+    (found,) = diagnose(record(short_arm, nothing), urdf, catalogue, common_clock=False).diagnosis.findings
+    shared = replace(found.estimate, probability=found.estimate.probability / 2.0, places={1: 1.0})
+    either = replace(found, estimate=shared, elsewhere=((found.effect, "joint_2"),))
+    assert "joint_3 or joint_2" in either.action
+    assert "joint_2" not in found.action
+    assert either.to_dict()["elsewhere"] == [{"effect": "link_inertial_error", "joint": "joint_2"}]
+    assert either.to_dict()["class_probability"] == pytest.approx(found.estimate.class_probability)
+    assert describe(either.to_dict(), 6).strip().startswith("joint_3 (or joint_2): ")
