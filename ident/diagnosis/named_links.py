@@ -31,6 +31,8 @@ from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
 from ident.regression.run_spread import measure_inflation
 
+Places = tuple[tuple[frozenset[int], float], ...]
+
 
 def name_wrong_links(
     selected: Selection, session: SessionContext, baseline: Baseline, verdict: VerdictSettings
@@ -49,7 +51,9 @@ def name_wrong_links(
     each = tuple(links.values())
     wrong = {k for k, one in enumerate(each) if one.beyond - {ABOUT} and one.evidence >= verdict.wrong_link_nats}
     while wrong:
-        alone = _believing_usual(search, wrong.union(*(each[k].against for k in wrong)), baseline)
+        alone = _believing_usual(
+            search, wrong.union(*(others for k in wrong for others, _ in each[k].against)), baseline
+        )
         bodies = _links(alone, wrong, groups)
         if not bodies:
             break
@@ -99,7 +103,7 @@ def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> lis
 def _with_bodies(
     selected: Selection,
     bodies: Sequence[Group],
-    places: Mapping[int, Mapping[int, float]],
+    against: Mapping[int, Places],
     session: SessionContext,
     baseline: Baseline,
     trust: float,
@@ -108,7 +112,7 @@ def _with_bodies(
 
     Args:
         selected, bodies: The accepted effects, and the link errors.
-        places: By index of a wrong link the log evidence for it against each that could take its place [nats].
+        against: By index of a wrong link those that could take its place (`TunedLink.against`).
         session, baseline, trust: The runs, the tuned model, and the probability that one of a class is the cause.
     """
     search, first = selected.search, len(selected.found.accepted)
@@ -125,20 +129,18 @@ def _with_bodies(
     estimates = estimate_effects(search, fine, session, as_tuned)
     n = search.evidence.layout.n
     estimates[first:] = [
-        _among_bodies(search, one, groups, places.get(one.group.key[1] % n, {}), trust) for one in estimates[first:]
+        _among_bodies(search, one, groups, against.get(one.group.key[1] % n, ()), trust) for one in estimates[first:]
     ]
     found = SearchResults(tuple(accepted), tuple(ladder), selected.found.best_rejected)
     return replace(selected, found=found, estimates=estimates, fine=fine)
 
 
-def _among_bodies(
-    search: Search, one: Estimate, groups: Sequence[Group], against: Mapping[int, float], trust: float
-) -> Estimate:
+def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], against: Places, trust: float) -> Estimate:
     """The estimate of a link error with its class: rivals are the effects that act on the same base parameters.
 
     Args:
         search, one, groups: The search, the estimate of the link error, and all accepted effects.
-        against: Log evidence for the link against each other that could take its place, by its index [nats].
+        against: Links that could take its place (`TunedLink.against`).
         trust: Probability that one of the class is the cause.
     """
     evidence = search.evidence
@@ -151,7 +153,7 @@ def _among_bodies(
     among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
-    places = {k: float(np.exp(search.settings.temper * min(nats, MOST_LOG_ODDS))) for k, nats in against.items()}
-    probability = trust / (1.0 + sum(1.0 / each for each in (*odds.values(), *places.values())))
-    near = {k: each for k, each in places.items() if each <= search.settings.class_odds}
+    places = [(others, float(np.exp(search.settings.temper * min(nats, MOST_LOG_ODDS)))) for others, nats in against]
+    probability = trust / (1.0 + sum(1.0 / each for each in (*odds.values(), *(each for _, each in places))))
+    near = {k: each * len(others) for others, each in places if each <= search.settings.class_odds for k in others}
     return replace(one, probability=probability, rivals=rivals, odds=odds, places=near)

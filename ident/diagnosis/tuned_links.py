@@ -27,7 +27,7 @@ Source: MacKay 1992 and Tipping 2001 (relevance determination); Gautier 1991 (ba
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -62,8 +62,8 @@ class TunedLink:
     # Log Bayes factor that it, or a link that could take its place, is off by more than usual [nats]; 0 where nothing
     # of it is beyond.
     evidence: float = 0.0
-    # Log evidence for this link against each that could take its place, by the other's index [nats].
-    against: Mapping[int, float] = field(default_factory=dict)
+    # Links that together could take its place, by index, with the log evidence for this one against them [nats].
+    against: tuple[tuple[frozenset[int], float], ...] = ()
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -146,7 +146,7 @@ def measure_tuned_links(
             wrong.add(ABOUT)
         moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
         mass = own[at[0]] if known[at[0]] else None
-        log_evidence, against = relevance.compare_places(factors, k) if wrong else (0.0, {})
+        log_evidence, against = relevance.compare_places(factors, k) if wrong else (0.0, ())
         found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, frozenset(wrong), log_evidence, against)
     return found
 
@@ -193,22 +193,24 @@ class _Relevance:
             reached, factors = max(found), tried[int(np.argmax(found))]
         return factors
 
-    def compare_places(self, factors: tuple[float, ...], link: int) -> tuple[float, dict[int, float]]:
-        """Log Bayes factor that a link, or one that could take its place, is off by more than usual; and against those.
+    def compare_places(
+        self, factors: tuple[float, ...], link: int
+    ) -> tuple[float, tuple[tuple[frozenset[int], float], ...]]:
+        """Log Bayes factor that a link, or some that could take its place, are off by more than usual; against those.
 
-        A link could take its place if its own factor is larger where the link's is one. The other links' factors are
-        maximised in all cases.
+        Some take its place if their factors are larger where the link's is one. The other links' factors are maximised
+        in all cases.
         """
-        right, against, reached = {link}, dict[int, float](), self._log_evidence(factors)
+        right, against, reached = {link}, list[tuple[frozenset[int], float]](), self._log_evidence(factors)
         if factors[link] == 1.0:
-            return 0.0, against
+            return 0.0, ()
         while True:
             without = self.best([1.0 if k in right else one for k, one in enumerate(factors)], right)
             lost = reached - self._log_evidence(without)
-            others = {k for k, one in enumerate(without) if one > factors[k]}
+            others = frozenset(k for k, one in enumerate(without) if one > factors[k])
             if not others:
-                return lost, against
-            against |= dict.fromkeys(others, lost)
+                return lost, tuple(against)
+            against.append((others, lost))
             right |= others
 
     def _log_evidence(self, factors: tuple[float, ...]) -> float:
