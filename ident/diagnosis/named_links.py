@@ -51,23 +51,19 @@ def name_wrong_links(
     each = tuple(links.values())
     wrong = {k for k, one in enumerate(each) if one.beyond - {ABOUT} and one.evidence >= verdict.wrong_link_nats}
     while wrong:
-        alone = _believing_usual(
-            search, wrong.union(*(others for k in wrong for others, _ in each[k].against)), baseline
-        )
-        bodies = _links(alone, wrong, groups)
+        against = {k: each[k].against for k in wrong}
+        alone = _believing_usual(search, wrong.union(*(one for ties in against.values() for one, _ in ties)), baseline)
+        bodies = _bodies(alone, against, groups)
         if not bodies:
             break
-        places = {k: each[k].against for k in wrong}
-        found = _with_bodies(
-            replace(selected, search=alone), bodies, places, session, baseline, verdict.wrong_link_trust
-        )
+        usual = replace(selected, search=alone)
+        found = _with_bodies(usual, bodies, against, session, baseline, verdict.wrong_link_trust)
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.accepted[k], found.estimates[k]) for k in added}, session))
         refused |= {k for k in added if not _leads(found.estimates[k], held, verdict.even_odds)}
         if not refused:
             return found
-        # A key's joint is -1 for the whole arm: a load is at the last one.
-        wrong -= {found.estimates[k].group.key[1] % evidence.layout.n for k in refused}
+        wrong -= {bodies[found.estimates[k].group] for k in refused}
     return selected
 
 
@@ -86,23 +82,34 @@ def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -
     return replace(search, prior=prior, held_out=held_out, excluded=search.excluded - allowed)
 
 
-def _links(search: Search, wrong: Iterable[int], groups: Sequence[Group]) -> list[Group]:
-    """For some links the best candidate of a link inertia error beside the accepted effects.
+def _bodies(search: Search, against: Mapping[int, Places], groups: Sequence[Group]) -> dict[Group, int]:
+    """For some links the best candidate of a link inertia error beside the accepted effects; the links by candidate.
 
     A last link that is too heavy carries a load: no recording tells one from the other, and a tool that nobody noted is
-    likelier than a flange that was mismeasured.
+    likelier than a flange that was mismeasured, by as much as the last link is one of n. So a load stands for a link
+    whose place the last one could take.
+
+    Args:
+        search, groups: The search, and the accepted effects.
+        against: By index of a wrong link those that could take its place (`TunedLink.against`).
     """
-    evidence, last = search.evidence, search.evidence.layout.n - 1
+    evidence, last, settings = search.evidence, search.evidence.layout.n - 1, search.settings
     model = project(evidence.gram(), evidence, search.prior, groups)
     best = search.best_by_key(model, groups).values()
-    loads = [group for score, group in best if group.effect.id == UnknownPayload.id and score > 0.0]
-    links = [group for _, group in best if group.effect.id == LinkInertialError.id and group.joint in set(wrong)]
-    return [loads[0] if loads and group.joint == last else group for group in links]
+    loads = [(score, group) for score, group in best if group.effect.id == UnknownPayload.id and score > 0.0]
+    favour, near = np.log([evidence.layout.n, settings.class_odds]) / settings.temper
+    bodies = dict[Group, int]()
+    for score, link in best:
+        if link.effect.id == LinkInertialError.id and link.joint in against:
+            ties = {k for others, nats in against[link.joint] if nats <= near for k in others}
+            carried = link.joint == last or (last in ties and loads and loads[0][0] + favour >= score)
+            bodies[loads[0][1] if loads and carried else link] = link.joint
+    return bodies
 
 
 def _with_bodies(
     selected: Selection,
-    bodies: Sequence[Group],
+    bodies: Mapping[Group, int],
     against: Mapping[int, Places],
     session: SessionContext,
     baseline: Baseline,
@@ -111,7 +118,7 @@ def _with_bodies(
     """The selection with link inertia errors added after its effects.
 
     Args:
-        selected, bodies: The accepted effects, and the link errors.
+        selected, bodies: The accepted effects, and the link errors or loads, each with the index of the wrong link.
         against: By index of a wrong link those that could take its place (`TunedLink.against`).
         session, baseline, trust: The runs, the tuned model, and the probability that one of a class is the cause.
     """
@@ -127,10 +134,10 @@ def _with_bodies(
     # Its size is estimated with tuned inertias, for other links may be wrong as well.
     as_tuned = [replace(item, absorbed=item.absorbed and k < first) for k, item in enumerate(accepted)]
     estimates = estimate_effects(search, fine, session, as_tuned)
-    n = search.evidence.layout.n
-    estimates[first:] = [
-        _among_bodies(search, one, groups, against.get(one.group.key[1] % n, ()), trust) for one in estimates[first:]
-    ]
+    for k in range(first, len(groups)):
+        # A load's class has link errors wherever they may be.
+        ties = () if groups[k].effect.id == UnknownPayload.id else against[bodies[groups[k]]]
+        estimates[k] = _among_bodies(search, estimates[k], groups, ties, trust)
     found = SearchResults(tuple(accepted), tuple(ladder), selected.found.best_rejected)
     return replace(selected, found=found, estimates=estimates, fine=fine)
 
