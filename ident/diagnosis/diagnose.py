@@ -119,7 +119,7 @@ def diagnose(
     found, laws = selected.found, len(beside.laws)  # the effects after these are link errors
     discounted = discount_by_discrepancy(selected.estimates[:laws], beside.laws, settings.verdict)
     estimates = (*discounted, *selected.estimates[laws:])
-    findings = _findings(found, estimates, arm, remaining, models.given)
+    findings = _findings(found, estimates, arm, remaining, models.given, settings.selection.class_odds)
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     shrink = measure_shrink(old, new, remaining.floors) if found.accepted else 0.0
     verdict = decide(
@@ -229,8 +229,15 @@ def _findings(
     arm: ArmModel,
     remaining: Remaining,
     given: HeldOut,
+    most: float,
 ) -> tuple[Finding, ...]:
-    """The findings, those that close most first; absorbed effects are scored with the untuned URDF, `given`."""
+    """The findings, those that close most first.
+
+    Args:
+        found, estimates, arm, remaining: What was accepted, its estimates, the arm, and what is left.
+        given: The untuned URDF, by which absorbed effects are scored.
+        most: Largest odds of an effect against itself at another joint for that to be reported.
+    """
     improvement, floors = remaining.improvement, remaining.floors
     joints, findings, groups = arm.joint_names, [], [item.group for item in found.accepted]
     for k, (item, estimate, share) in enumerate(zip(found.accepted, estimates, improvement.shares, strict=True)):
@@ -252,7 +259,9 @@ def _findings(
                 ),
                 shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
-                elsewhere=tuple((item.group.effect.id, joints[j]) for j in estimate.places),
+                elsewhere=tuple(
+                    (item.group.effect.id, joints[j]) for j, odds in estimate.places.items() if odds <= most
+                ),
                 slides=slides(item.group, arm),
             )
         )

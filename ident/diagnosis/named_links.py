@@ -162,5 +162,5 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], agains
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
     places = [(others, float(np.exp(search.settings.temper * min(nats, MOST_LOG_ODDS)))) for others, nats in against]
     probability = trust / (1.0 + sum(1.0 / each for each in (*odds.values(), *(each for _, each in places))))
-    near = {k: each * len(others) for others, each in places if each <= search.settings.class_odds for k in others}
-    return replace(one, probability=probability, rivals=rivals, odds=odds, places=near)
+    apart = {k: each * len(others) for others, each in places for k in others}
+    return replace(one, probability=probability, rivals=rivals, odds=odds, places=apart)

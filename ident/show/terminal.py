@@ -141,7 +141,12 @@ def describe(finding: Mapping[str, Any], runs: int) -> str:
     """One finding's record in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
     heldout, others = finding["heldout"], list(finding["class_shares"].items())[1:]
     names = ", ".join(f"{one} {share:.0%}" for one, share in others)
-    rivals = f"; one of its class {finding['class_probability']:.0%}: {names}" if others else ""
+    sure = f"{finding['class_probability']:.0%}"
+    rivals = (
+        f"; one of its class {sure}: {names}"
+        if others
+        else f"; at one of these {sure}" * bool(finding.get("elsewhere"))
+    )
     before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
     return (
         f"  {with_others(finding)}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
