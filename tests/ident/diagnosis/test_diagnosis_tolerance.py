@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.named_links import _bodies
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import UrdfErrorFit
 from ident.diagnosis.settings import USUAL_VERDICT
@@ -235,3 +238,24 @@ def test_a_link_error_that_may_stand_at_another_joint_says_so(short_arm: ArmMode
     assert either.to_dict()["elsewhere"] == [{"effect": "link_inertial_error", "joint": "joint_2"}]
     assert either.to_dict()["class_probability"] == pytest.approx(found.estimate.class_probability)
     assert describe(either.to_dict(), 6).strip().startswith("joint_3 (or joint_2): ")
+
+
+@pytest.mark.parametrize(
+    ("load", "tie", "stands"), [(20.0, 1.0, True), (18.0, 1.0, True), (5.0, 1.0, False), (20.0, 50.0, False)]
+)
+def test_a_load_stands_for_a_link_whose_place_the_last_one_could_take(
+    short_arm: ArmModel, load: float, tie: float, stands: bool
+) -> None:
+    """Law: unless the link has more evidence by more than the odds of one link of three, or the last one much less."""
+    catalogue = [find_effect("link_inertial_error"), find_effect("payload")]
+    evidence = diagnose(record(short_arm, nothing), short_arm, catalogue, common_clock=False).evidence
+    groups = evidence.layout.groups
+    link = next(one for one in groups if one.effect.id == "link_inertial_error" and one.joint == 1)
+    body = next(one for one in groups if one.effect.id == "payload")
+    scores = {link.key: (20.0, link), body.key: (load, body)}
+    baseline = analysed(short_arm, short_arm.inertial_parameters).baseline
+    prior = Prior.of(evidence, baseline.prior)
+    search: Any = SimpleNamespace(
+        evidence=evidence, prior=prior, settings=USUAL_SELECTION, best_by_key=lambda *_: scores
+    )
+    assert _bodies(search, {1: ((frozenset({2}), tie),)}, []) == {body if stands else link: 1}
