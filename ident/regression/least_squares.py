@@ -71,16 +71,22 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """A model (the baseline and some groups) solved, and every column seen after it."""
+    """A model (the baseline and some groups) solved, and every column, or some, seen after it."""
 
     inside: Int[Array, " z"]  # the model's columns
     estimate: Float[Array, " z"]  # its scaled coefficients
-    spread: Float[Array, "z z"]  # inverse of its information (prior included), the model-based covariance
+    factor: Factor  # of its information, prior included
     across: Float[Array, "z P"]  # sums of the model's columns times every column
     total: Float[Array, "P P"]  # the whole Gram matrix, the torque its last row and column
     slopes: Float[Array, "z P"]  # coefficients of every column on the model's
     noise: Float[Array, " P"]  # encoder noise, taken off, in what the model leaves of every column: its power
     settings: RegressionSettings  # what counts as seen
+    columns: Int[Array, " P"] | None = None  # which columns are seen, if not all
+
+    @cached_property
+    def spread(self) -> Float[Array, "z z"]:
+        """Inverse of its information, the model-based covariance."""
+        return self.factor.solve(np.eye(len(self.inside)))
 
     @property
     def misfit(self) -> float:
@@ -89,7 +95,12 @@ class Projection:
 
     def rest(self, columns: Int[Array, " k"]) -> Float[Array, "k k"]:
         """Sums of some columns after the model, a part of the Schur complement."""
-        return np.asarray(self.total[columns[:, None], columns] - self.across[:, columns].T @ self.slopes[:, columns])
+        at = self._at(columns)
+        return np.asarray(self.total[at[:, None], at] - self.across[:, at].T @ self.slopes[:, at])
+
+    def _at(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
+        """Where some columns stand among those that are seen."""
+        return columns if self.columns is None else np.argmax(self.columns == columns[:, None], axis=1)
 
     def places(self, columns: Int[Array, " k"]) -> Int[Array, " k"]:
         """Where some of the model's columns stand in it."""
@@ -122,7 +133,8 @@ class Projection:
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Share of each column's power that the model can't absorb; nothing of a column without power."""
-        left, power = self._left[columns], self._power[columns]
+        at = self._at(columns)
+        left, power = self._left[at], self._power[at]
         return np.divide(left, power, out=np.zeros_like(left), where=power > LEAST_POWER)
 
     def gain_without(self, group: Group, columns: Sequence[int]) -> float:
@@ -163,12 +175,14 @@ class Projection:
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
-        power, left = self._power[columns], self._left[columns]
+        at = self._at(columns)
+        power, left = self._power[at], self._left[at]
         return (left > self.settings.least_visible * power) & (power > 0) & ~self.buried(columns)
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model leaves no more than some of the encoder noise in what it leaves."""
-        return np.asarray(self._left[columns] <= self.settings.least_over_noise * self.noise[columns])
+        at = self._at(columns)
+        return np.asarray(self._left[at] <= self.settings.least_over_noise * self.noise[at])
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
@@ -176,12 +190,13 @@ class Projection:
 
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
         """Fall of the misfit by further columns, and their coefficients: zero of those that can't be seen."""
-        power, seen, target = self._power[columns], self.seen(columns), self._target[columns]
+        at = self._at(columns)
+        power, seen, target = self._power[at], self.seen(columns), self._target[at]
         signed = np.zeros(len(columns), dtype=bool)
         signed[[k for k in nonnegative if k < len(columns)]] = True  # an effect may have fewer columns here than it can
         beta = np.zeros(len(columns))
         if len(columns) == 1:  # most candidates: no matrix is needed
-            left = float(self._left[columns[0]])
+            left = float(self._left[at[0]])
             if seen[0]:
                 value = float(target[0]) / (left + RIDGE * float(power[0]))
                 beta[0] = max(value, 0.0) if signed[0] else value
@@ -230,8 +245,7 @@ def project(
         evidence: Where they come from.
         prior: What the URDF says of the base parameters.
         groups: Candidates that are part of the model.
-        columns: Which columns are to be seen after it, in their order, the torque last; all if None. A few cost a
-            fraction of the work.
+        columns: Which columns are to be seen after it, the torque last; all if None. A few cost a fraction of the work.
         signed: Whether coefficients that can't be negative are zero where they would be.
     """
     inside, factor = _factorise(gram, evidence, prior, groups, signed)
@@ -241,12 +255,13 @@ def project(
     return Projection(
         inside=inside,
         estimate=slopes[:, -1],
-        spread=factor.solve(np.eye(len(inside))),
+        factor=factor,
         across=across,
         total=total,
         slopes=slopes,
         noise=carried_noise(evidence, every, inside, slopes),
         settings=evidence.settings,
+        columns=columns,
     )
 
 

@@ -176,7 +176,8 @@ class Candidates:
 
     def log_evidence_beside(self, gram: Array, group: Group, others: Sequence[Group]) -> float:
         """Log evidence that an effect adds to a model of other effects."""
-        return self.log_evidence_of(project(gram, self.evidence, self.prior, others), group)
+        columns = np.append(group.columns, len(gram) - 1)
+        return self.log_evidence_of(project(gram, self.evidence, self.prior, others, columns), group)
 
     def is_absorbed(self, tuned: Projection, fixed: Projection, group: Group) -> bool:
         """Whether tuned inertias absorb an effect, so that it must be evaluated with the URDF's inertias fixed."""
@@ -202,7 +203,8 @@ class Candidates:
             gram, tuned, chosen: Normal equations of the whole session, and the chosen effects with their model.
             short: The candidates with their log evidence.
         """
-        fixed = project(gram, self.evidence, self.fixed.prior, chosen)
+        seen = np.concatenate([*(group.columns for _, group in short), [len(gram) - 1]]).astype(int)
+        fixed = project(gram, self.evidence, self.fixed.prior, chosen, seen)
         without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
 
         def evaluated(score: float, group: Group, absorbed: bool) -> Evaluated:

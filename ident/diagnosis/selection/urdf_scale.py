@@ -97,14 +97,13 @@ def log_bayes_factor(
     """
     evidence, gram = search.evidence, search.evidence.gram()
     columns = np.append(group.columns, len(gram) - 1)
-    lone = replace(group, columns=np.arange(len(group.columns)))
     usual = group.effect.prior_scale(session, group.joint, group.variant)
     without, beside = [], []
     for error in _error_grid(search.settings):
         prior = Prior.believing(evidence, baseline, replace(error, usual=search.prior.error.usual))
         alone = _log_evidence(search, prior, others, inflation) - _minus_log_prior(error, search.settings)
         view = project(gram, evidence, prior, others, columns)
-        (gain, scaled), known = view.gain(lone), view.rest(lone.columns) / inflation
+        (gain, scaled), known = view.gain(group), view.rest(group.columns) / inflation
         if group.prior is not None:
             cost = search.prior_cost(group, group.prior, scaled, known)
         elif usual is None:
