@@ -22,7 +22,7 @@ from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import VerdictSettings
-from ident.diagnosis.tuned_links import ABOUT, measure_tuned_links
+from ident.diagnosis.tuned_links import ABOUT, Places, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.baseline import Baseline
@@ -30,8 +30,6 @@ from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.least_squares import Prior, project
 from ident.regression.run_spread import measure_inflation
-
-Places = tuple[tuple[frozenset[int], float], ...]
 
 
 def name_wrong_links(

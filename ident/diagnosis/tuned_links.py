@@ -45,6 +45,8 @@ from ident.robot.arm import ArmModel
 LIMIT = read_group(__file__, "tuned_links")
 # Parameter names of a link's changes.
 MASS, MOMENT, ABOUT = "mass_change_kg", "moment_change_{}_kgm", "about_axis_kgm"
+# Links that together could take one's place, by index, with the log evidence for that one against them [nats].
+Places = tuple[tuple[frozenset[int], float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +64,7 @@ class TunedLink:
     # Log Bayes factor that it, or a link that could take its place, is off by more than usual [nats]; 0 where nothing
     # of it is beyond.
     evidence: float = 0.0
-    # Links that together could take its place, by index, with the log evidence for this one against them [nats].
-    against: tuple[tuple[frozenset[int], float], ...] = ()
+    against: Places = ()  # links that could take its place
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -193,9 +194,7 @@ class _Relevance:
             reached, factors = max(found), tried[int(np.argmax(found))]
         return factors
 
-    def compare_places(
-        self, factors: tuple[float, ...], link: int
-    ) -> tuple[float, tuple[tuple[frozenset[int], float], ...]]:
+    def compare_places(self, factors: tuple[float, ...], link: int) -> tuple[float, Places]:
         """Log Bayes factor that a link, or some that could take its place, are off by more than usual; against those.
 
         Some take its place if their factors are larger where the link's is one. The other links' factors are maximised

@@ -155,6 +155,18 @@ def test_gain_of_a_group_is_the_fall_of_the_misfit(healthy: Analysis, whitened: 
     assert tried >= 5
 
 
+def test_a_model_seen_by_some_columns_says_the_same_of_them(healthy: Analysis) -> None:
+    evidence = healthy.evidence
+    gram, prior = evidence.gram(), Prior.of(evidence, healthy.baseline.prior)
+    whole = project(gram, evidence, prior)
+    for group in evidence.layout.groups[::7]:
+        part = project(gram, evidence, prior, (), np.append(group.columns, len(gram) - 1))
+        for name in ("rest", "visibility", "seen"):
+            assert getattr(part, name)(group.columns) == pytest.approx(getattr(whole, name)(group.columns))
+        assert part.gain(group)[0] == pytest.approx(whole.gain(group)[0])
+        assert part.gain(group)[1] == pytest.approx(whole.gain(group)[1])
+
+
 def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
     """Law: the score of a fold comes from coefficients that never saw it: refitted rows give the same misfit."""
     tall, blocks, joints = whitened
