@@ -119,7 +119,7 @@ def diagnose(
     found, laws = selected.found, len(beside.laws)  # the effects after these are link errors
     discounted = discount_by_discrepancy(selected.estimates[:laws], beside.laws, settings.verdict)
     estimates = (*discounted, *selected.estimates[laws:])
-    findings = _findings(found, estimates, arm, remaining, models.given, settings.selection.class_odds)
+    findings = _findings(found, estimates, arm, remaining, models.given, settings)
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     shrink = measure_shrink(old, new, remaining.floors) if found.accepted else 0.0
     verdict = decide(
@@ -229,16 +229,16 @@ def _findings(
     arm: ArmModel,
     remaining: Remaining,
     given: HeldOut,
-    most: float,
+    settings: DiagnosisSettings,
 ) -> tuple[Finding, ...]:
-    """The findings, those that close most first.
+    """The findings, those likelier than not first, and of these what closes most.
 
     Args:
         found, estimates, arm, remaining: What was accepted, its estimates, the arm, and what is left.
-        given: The untuned URDF, by which absorbed effects are scored.
-        most: Largest odds of an effect against itself at another joint for that to be reported.
+        given, settings: The untuned URDF, by which absorbed effects are scored, and thresholds.
     """
     improvement, floors = remaining.improvement, remaining.floors
+    likely, most = settings.verdict.even_odds, settings.selection.class_odds
     joints, findings, groups = arm.joint_names, [], [item.group for item in found.accepted]
     for k, (item, estimate, share) in enumerate(zip(found.accepted, estimates, improvement.shares, strict=True)):
         sides = (given.score(groups[:k]), given.score(groups[: k + 1])) if item.absorbed else (item.before, item.after)
@@ -265,4 +265,4 @@ def _findings(
                 slides=slides(item.group, arm),
             )
         )
-    return tuple(sorted(findings, key=lambda one: -one.closed))
+    return tuple(sorted(findings, key=lambda one: (one.estimate.probability < likely, -one.closed)))

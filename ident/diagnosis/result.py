@@ -207,7 +207,7 @@ class Diagnosis(Exportable):
         telemetry: Issues of the telemetry check.
         gap: Errors of each joint by name.
         where: Cells of the map in which the gap lies.
-        findings: Accepted effects, in the order of the gap that each closes.
+        findings: Accepted effects, those likelier than not first, and of these what closes most.
         heldout: Gain of all effects together; None if nothing was fitted.
         not_testable: Effects that these recordings cannot show, with the reason.
         reservations: Rejected effects, and other reasons to doubt.
