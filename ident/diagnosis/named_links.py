@@ -17,7 +17,7 @@ import numpy as np
 from ident.diagnosis.alternate import Selection
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.criteria import SearchResults
-from ident.diagnosis.selection.name_probability import MOST_LOG_ODDS, Estimate, compare_rivals, estimate_effects
+from ident.diagnosis.selection.name_probability import Estimate, compare_rivals, estimate_effects, odds_of
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -158,7 +158,7 @@ def _among_bodies(search: Search, one: Estimate, groups: Sequence[Group], agains
     among = replace(among, implausible=frozenset(), redundant=frozenset())
     model = project(evidence.gram(), evidence, prior, others)
     _, rivals, odds = compare_rivals(among, model, one.group, others, excess)
-    places = [(others, float(np.exp(search.settings.temper * min(nats, MOST_LOG_ODDS)))) for others, nats in against]
+    places = [(others, odds_of(search.settings.temper * nats)) for others, nats in against]
     probability = trust / (1.0 + sum(1.0 / each for each in (*odds.values(), *(each for _, each in places))))
     apart = {k: each * len(others) for others, each in places for k in others}
     return replace(one, probability=probability, rivals=rivals, odds=odds, places=apart)

@@ -200,9 +200,9 @@ class _Relevance:
         Some take its place if their factors are larger where the link's is one. The other links' factors are maximised
         in all cases.
         """
-        right, against, reached = {link}, list[tuple[frozenset[int], float]](), self._log_evidence(factors)
         if factors[link] == 1.0:
             return 0.0, ()
+        right, against, reached = {link}, list[tuple[frozenset[int], float]](), self._log_evidence(factors)
         while True:
             without = self.best([1.0 if k in right else one for k, one in enumerate(factors)], right)
             lost = reached - self._log_evidence(without)

@@ -26,11 +26,15 @@ from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.run_spread import measure_inflation, robust_covariance
 
-# Log odds are clipped here, either way, so that their exponential is finite.
-MOST_LOG_ODDS = 700.0
+MOST_LOG_ODDS = 700.0  # of which the exponential is finite
 # An effect that keeps this share of its log evidence beside another is a separate cause; a nested law that has it alone
 # is a rival (law: more than all else).
 SEPARATE_SHARE = 0.5
+
+
+def odds_of(nats: float) -> float:
+    """Odds, finite and above zero, from log odds."""
+    return float(np.exp(np.clip(nats, -MOST_LOG_ODDS, MOST_LOG_ODDS)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,6 +294,6 @@ def compare_rivals(
     weights = np.exp(logs - logs.max())
     probability = settings.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
     ahead_of = {name: settings.temper * (own - score) for name, score in by_effect.items() if name != group.effect.id}
-    odds = {name: float(np.exp(np.clip(nats, -MOST_LOG_ODDS, MOST_LOG_ODDS))) for name, nats in ahead_of.items()}
+    odds = {name: odds_of(nats) for name, nats in ahead_of.items()}
     near = sorted((name for name, one in odds.items() if one <= settings.class_odds), key=odds.__getitem__)
     return probability, (group.effect.id, *near), odds

@@ -1,5 +1,6 @@
 """What tuning takes away: a load that the tuned inertias swallow is still told to be there."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -10,8 +11,10 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis import alternate
+from ident.diagnosis import diagnose as diagnose_module
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.named_links import _bodies
+from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
@@ -25,7 +28,7 @@ from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe
-from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record
+from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record, stribeck_on_1
 from tests.ident.made_up import made_motions
 
 
@@ -259,3 +262,20 @@ def test_a_load_stands_for_a_link_whose_place_the_last_one_could_take(
         evidence=evidence, prior=prior, settings=USUAL_SELECTION, best_by_key=lambda *_: scores
     )
     assert _bodies(search, {1: ((frozenset({2}), tie),)}, []) == {body if stands else link: 1}
+
+
+@pytest.mark.parametrize(("probability", "first"), [(0.6, "payload"), (0.4, "stribeck_friction")])
+def test_a_name_that_is_likelier_than_not_comes_before_one_that_closes_more(
+    short_arm: ArmModel, monkeypatch: pytest.MonkeyPatch, probability: float, first: str
+) -> None:
+    """Law: a load that closes most but shares its class with a spring is second where it has less than half of it."""
+
+    def shared(estimates: Sequence[Estimate], *_: object) -> list[Estimate]:
+        body = {"probability": probability, "rivals": ("payload", "spring_torque"), "odds": {"spring_torque": 1.0}}
+        return [replace(one, **body) if one.group.effect.id == "payload" else one for one in estimates]  # type: ignore[arg-type]
+
+    monkeypatch.setattr(diagnose_module, "discount_by_discrepancy", shared)
+    both = [find_effect("payload"), find_effect("stribeck_friction")]
+    diagnosis = analyse(short_arm, lambda *states: loaded(*states) + stribeck_on_1(*states), both).diagnosis
+    assert diagnosis.findings[0].effect == first
+    assert max(diagnosis.findings, key=lambda one: one.closed).effect == "payload"
