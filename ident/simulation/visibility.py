@@ -1,7 +1,8 @@
 """How much of an effect shows: what is left of it after a fit of the ordinary model, against the noise floor.
 
-The arm runs with and without the effect, both without sensor noise and with the same chance. From each torque the
-best rigid body and linear friction is taken away; the root mean square of the difference is the visible amplitude.
+The arm runs with and without the effect, both without sensor noise and with the same chance. From each torque, within
+the band that encoder noise leaves, the best rigid body and linear friction is taken away; the root mean square of the
+difference is the visible amplitude. A size with which a joint no longer follows its motion shows without limit.
 
 The size that shows as much as is wanted is found by regula falsi on logarithmic scales. Most causes show in proportion
 to a power of their size, a straight line there, so that two or three trials find it; one that sets in at a threshold
@@ -19,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import InputError
 from ident.simulation.causes import Cause, Circumstances
 from ident.simulation.causes.mechanisms import View
@@ -95,6 +96,8 @@ def find_size(
 STRIDE_S = 0.02
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
 STILL_RAD_S = 0.02
+# A joint that moves for a smaller share of the time than this, of the time without the effect, is stuck.
+FOLLOWS_SHARE = 0.9
 TOLERANCE = 0.04
 # A size that shows so much less or more than is wanted is still taken where none comes nearer.
 ACCEPTED = 0.8, 1.25
@@ -119,8 +122,15 @@ class VisibleRows(NamedTuple):
     time: Float[Array, " T"]  # since its start [s]
 
 
-def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
-    """Samples of all runs with the columns of a view."""
+def gather(
+    hardware: Hardware, traces: Sequence[Trace], view: View, band: Float[Array, " n"] | None = None
+) -> VisibleRows:
+    """Samples of all runs with the columns of a view.
+
+    Args:
+        hardware, traces, view: The arm, its runs, and which model is to explain them.
+        band: Frequency up to which each joint's torque and columns are taken [Hz]; `WHOLE_BAND_HZ` if None.
+    """
     parts, arm = [], hardware.arm
     for number, trace in enumerate(traces):
         ticks, times, log = trace.times, _sample_times(trace), trace.log
@@ -134,8 +144,9 @@ def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRo
         if view == "refit":
             columns.insert(0, arm.regressor(q, dq, ddq))
         known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
-        where = np.abs(dq) > STILL_RAD_S, dq, np.full(len(times), number), times
-        parts.append((np.concatenate(columns, axis=2), _reading(hardware, trace), known, *where))
+        moving, torques = np.abs(dq) > STILL_RAD_S, (np.concatenate(columns, axis=2), _reading(hardware, trace), known)
+        where = moving, dq, np.full(len(times), number), times
+        parts.append((*(_in_band(one, moving, band) for one in torques), *where))
     return VisibleRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -199,15 +210,20 @@ def compare(after: VisibleRows, before: VisibleRows, window: Array | None = None
     return Shown(np.where(both, remainder(after) - remainder(before), 0.0), both, before.run, before.speed)
 
 
-def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -> Float[Array, "T n"]:
-    """Each run's values without what is quicker than the band of each joint [Hz]."""
+def _in_band(
+    values: Float[Array, "T n ..."], moving: Bool[Array, "T n"], band: Float[Array, " n"] | None
+) -> Float[Array, "T n ..."]:
+    """A run's values without what is quicker than the band of each joint [Hz].
+
+    What a joint holds at rest is left out first: it would leak into the motion.
+    """
+    if band is None or len(values) <= 3 * LEAST_FILTERED:
+        return values
     kept = np.array(values)
     for j in np.flatnonzero(band < WHOLE_BAND_HZ):
         filter_sos = butter(2, band[j], fs=1.0 / STRIDE_S, output="sos")
-        for number in np.unique(run):
-            own = run == number
-            if own.sum() > 3 * LEAST_FILTERED:
-                kept[own, j] = sosfiltfilt(filter_sos, kept[own, j], padlen=LEAST_FILTERED)
+        kept[~moving[:, j], j] = 0.0
+        kept[:, j] = sosfiltfilt(filter_sos, kept[:, j], axis=0, padlen=LEAST_FILTERED)
     return kept
 
 
@@ -252,6 +268,7 @@ class VisibilityMeter:
         # What causes are compared with: the arm as it is, or an arm of the cause's own at a joint.
         self._rows: dict[tuple[str, int, Way, View], VisibleRows] = {}
         self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
+        self._follows: dict[tuple[str, int, float, int], bool] = {}  # whether the cause's joint still moves as before
 
     def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
         """Visible amplitude of a cause of a size at each joint [N m]; the seed is of its other parameters."""
@@ -265,9 +282,9 @@ class VisibilityMeter:
             if push.body:  # a burst would drown in the mean over the session: the samples during it alone
                 window = (after.run == hardware.contact_run) & (after.time > push.start) & (after.time < push.end)
             shown = compare(after, before, window)
-            if self.band is not None:
-                shown = replace(shown, torque=in_band(shown.torque, after.run, self.band))
+            moved = [float(rows.moving[:, scene.joint].sum()) for rows in (before, after)]
             self._seen[key] = freeze(shown.rms)
+            self._follows[key] = moved[1] >= FOLLOWS_SHARE * moved[0]
         return self._seen[key]
 
     def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
@@ -282,15 +299,20 @@ class VisibilityMeter:
         key = ("", 0, way, view) if cause.beside is None else (cause.id, scene.joint, way, view)
         if key not in self._rows:
             other = self.hardware if cause.beside is None else cause.apply(scene, cause.beside)[0]
-            self._rows[key] = gather(other, self._traces(other, way), view)
+            self._rows[key] = gather(other, self._traces(other, way), view, self.band)
         return self._rows[key]
 
     def _with(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
         """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
         if ("", 0, way, view) in self._rows and moves_alike(hardware, self.hardware):
-            readings = [_reading(hardware, trace) for trace in self._traces(self.hardware, way)]
-            return self._rows["", 0, way, view]._replace(torque=np.concatenate(readings))
-        return gather(hardware, self._traces(hardware, way), view)
+            rows, traces = self._rows["", 0, way, view], self._traces(self.hardware, way)
+            moving = [rows.moving[rows.run == number] for number in range(len(traces))]
+            readings = (
+                _in_band(_reading(hardware, trace), where, self.band)
+                for trace, where in zip(traces, moving, strict=True)
+            )
+            return rows._replace(torque=np.concatenate(list(readings)))
+        return gather(hardware, self._traces(hardware, way), view, self.band)
 
     def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
         """Runs without sensor noise; those of the arm as it is are made once."""
@@ -310,8 +332,10 @@ class VisibilityMeter:
         return 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
 
     def share(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
-        """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""
+        """Visible amplitude over the noise floor: at the cause's joint, or where it shows most; infinite if stuck."""
         seen = self.measure(cause, scene, size, seed) / self.floor
+        if not self._follows[cause.id, scene.joint, size, seed]:
+            return np.inf
         return float(seen.max() if cause.whole_arm else seen[scene.joint])
 
     def find_size(self, cause: Cause, scene: Circumstances, wanted: float, seed: int) -> float:

@@ -230,6 +230,24 @@ def test_what_only_the_reading_shows_needs_no_new_simulation(hardware, motions, 
     np.testing.assert_array_equal(seen, compare(*again).rms)
 
 
+def test_a_joint_that_is_stuck_shows_without_limit(hardware, motions, meters):
+    """Friction that holds a joint still leaves few samples that show it: no size for a case."""
+    cause, scene = find_cause("stribeck_friction"), scene_at(hardware, motions, 4)
+    most = cause.bounds(scene)[1]
+    held = [meters[0].share(cause, scene, size, seed=2) for size in (0.1 * cause.typical(scene), most)]
+    assert held[0] < np.inf == held[1]
+
+
+def test_what_encoder_noise_hides_is_not_shown_by_the_fit_of_what_it_leaves(hardware, motions):
+    """Torque and columns share a band, so that a resonance beyond it is no slow torque that the model can't explain."""
+    cause, scene = find_cause("joint_elasticity"), scene_at(hardware, motions, 2)
+    whole, slow = (
+        VisibilityMeter(hardware, motions, [0.0, 1.0], 0, coarse=True, band=band).measure(cause, scene, 2e3, 2)
+        for band in (None, np.full(hardware.n, 2.0))
+    )
+    assert (slow < 0.15 * whole)[1:3].all()
+
+
 def test_a_size_is_measured_once(hardware, motions, monkeypatch):
     meter = VisibilityMeter(hardware, motions, [0.0, 1.0], 0, coarse=True)
     cause, scene = find_cause("spring_torque"), scene_at(hardware, motions, 2)
