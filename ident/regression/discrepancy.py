@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.motion.motion import last_turns
 from ident.records import read_group
@@ -47,6 +47,23 @@ class Discrepancy(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T k"]]:
         return [self._columns_of(run, joint, variant) for run in session.runs]
+
+    def replaces(self, effect: Effect, count: int) -> Bool[Array, " k"]:
+        """Which of its columns may stand in an effect's place: all but those that are the effect's own law.
+
+        Friction that builds up over some travel after each reversal, or that fades with the session's time, is one law
+        by two names.
+
+        Args:
+            effect, count: The effect, and the number of columns.
+        """
+        own = np.zeros(count, dtype=bool)
+        if self.block == "memory" and effect.drawn_over == "reversal":
+            start = count // 3  # of those that turn with the direction
+            own[start : start + len(SHAPE.travels_rad) - 1] = True
+        if self.block == "time" and effect.by_run:
+            own[count // 3 :] = True
+        return ~own
 
     def parameters(
         self,

@@ -34,6 +34,7 @@ from ident.regression.least_squares import Prior, Projection, factorise, project
 # deviation, then half a decade about the best.
 DECADES, HALVES = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 6.1)]), 10.0 ** np.array([-0.5, 0.5])
 MOST_ROUNDS = 4
+KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 # Mean square of a joint's whitened rows from which on it is looked into: noise itself is one.
 LOUD = 1.5
 
@@ -92,15 +93,14 @@ class Posterior:
             joints: Where a discrepancy is wanted.
         """
         grids = [(group.effect, group.joint, [group.variant]) for group in names]
-        kinds = [Discrepancy(block) for block in BLOCKS]
         for j in joints:
-            inputs = kinds[0].variants(session, j)
-            grids += [(kind, j, list(inputs)) for kind in kinds]
+            inputs = KINDS[0].variants(session, j)
+            grids += [(kind, j, list(inputs)) for kind in KINDS]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         evidence = gather(session, baseline, layout, known.whitening, rest=True).with_dwells()
         evidence = evidence.with_run_spread(known.spread).with_dispersion(known.dispersion)
         flexible = [group.columns for group in layout.groups[len(names) :]]
-        blocks = {j: tuple(flexible[k * len(kinds) : (k + 1) * len(kinds)]) for k, j in enumerate(joints)}
+        blocks = {j: tuple(flexible[k * len(KINDS) : (k + 1) * len(KINDS)]) for k, j in enumerate(joints)}
         believed = Prior.believing(evidence, baseline, prior.error)
         return cls(evidence, believed, layout.groups[: len(names)], blocks)
 
@@ -132,11 +132,14 @@ class Posterior:
             own = own + 1e-6 * np.diag(np.diag(own))
             with_it = alone - across.T @ np.linalg.solve(own, across)
             gain += 0.5 * float(alone[-1, -1] - with_it[-1, -1])
-            sizes, views = _sizes(self.blocks[j]), [_nonnegative(one) for one in (with_it, alone)]
-            found = [estimate_variances(view, sizes) for view in views]
+            kept = [kind.replaces(group.effect, size) for kind, size in zip(KINDS, _sizes(self.blocks[j]), strict=True)]
+            rivals = np.append(np.flatnonzero(np.concatenate(kept)), len(alone) - 1)
+            views = [_nonnegative(one) for one in (with_it, alone[np.ix_(rivals, rivals)])]
+            sizes = _sizes(self.blocks[j]), [int(one.sum()) for one in kept]
+            found = [estimate_variances(*one) for one in zip(views, sizes, strict=True)]
             # Each from where the other ended, too: the evidence has several maxima.
-            left += max(found[0].evidence, estimate_variances(views[0], sizes, found[1].variances).evidence)
-            instead += max(found[1].evidence, estimate_variances(views[1], sizes, found[0].variances).evidence)
+            left += max(found[0].evidence, estimate_variances(views[0], sizes[0], found[1].variances).evidence)
+            instead += max(found[1].evidence, estimate_variances(views[1], sizes[1], found[0].variances).evidence)
         return Beside(gain, left, instead)
 
     def _part(self, model: Projection, columns: Int[Array, " c"]) -> Float[Array, "c c"]:

@@ -32,7 +32,7 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_places(record: Mapping[str, Any]) -> None:
-    """Places are of joints with a gap, in the order of harm; names stand in the order of what each closes."""
+    """Places are of joints with a gap, in the order of harm; names in that of what each closes, unlikely ones last."""
     gap, places = record["gap"], record["where"]
     judged = [(set(f["joints"]) | set(f["heldout"]["rms_before_Nm"]), f["evidence"]) for f in record["findings"]]
     for place in places:
@@ -47,7 +47,8 @@ def check_places(record: Mapping[str, Any]) -> None:
     assert listed == sorted(listed)
     errors = [(one["heldout"]["rms_before_Nm"], one["heldout"]["rms_after_Nm"]) for one in record["findings"]]
     closed = [sum(old**2 - after[joint] ** 2 for joint, old in before.items()) for before, after in errors]
-    assert closed == sorted(closed, reverse=True)
+    ranks = [(one["probability"] < 0.5, -most) for one, most in zip(record["findings"], closed, strict=True)]
+    assert ranks == sorted(ranks)
 
 
 def _check_finding(finding: dict[str, Any], joints: set[str]) -> None:

@@ -82,6 +82,25 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
     assert both.log_bayes_factor > 30.0
 
 
+def test_a_law_is_no_rival_of_its_own(short_arm: ArmModel) -> None:
+    """Law: friction that builds up over some travel after each reversal is worth a good part of what it gains, for a
+    discrepancy in its place has not that very function of the travel.
+    """
+
+    def building_up(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        turned = np.append(0, np.flatnonzero(np.diff(np.sign(dq[:, 1]))) + 1)
+        last = turned[np.searchsorted(turned, np.arange(len(q)), side="right") - 1]
+        travel = np.abs(q[:, 1] - q[last, 1])
+        return at_joint(1, -2.0 * np.sign(dq[:, 1]) * np.exp(-travel / 0.02))
+
+    analysis = analyse(short_arm, building_up, [find_effect("presliding_hysteresis")])
+    (name,), evidence = analysis.search.accepted, analysis.evidence
+    prior = Prior.of(evidence, analysis.baseline.prior)
+    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, prior, [name.group], [1])
+    law = posterior.beside(0, [1])
+    assert law.log_bayes_factor > 0.15 * law.gain > 50.0
+
+
 def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmModel) -> None:
     """Law: of a name that is believed less than the least, the result says why, and that something is there."""
     settings = replace(USUAL, verdict=replace(USUAL.verdict, even_odds=1.1))

@@ -51,7 +51,7 @@ def check_first_place(diagnosis: Diagnosis) -> None:
     check_places(diagnosis.to_dict())
     if diagnosis.verdict == "no_gap":
         assert not diagnosis.where
-    elif diagnosis.findings and len(diagnosis.findings[0].joints) == 1:  # else the whole base is turned
+    elif diagnosis.findings and diagnosis.findings[0].estimate.group.effect.scope == "joint":  # else the base is turned
         assert diagnosis.findings[0].joints[0] in diagnosis.findings[0].action
 
 
