@@ -31,8 +31,8 @@ from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, Projection, factorise, project
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
-# deviation, then half a decade about the best.
-DECADES, HALVES = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 6.1)]), 10.0 ** np.array([-0.5, 0.5])
+# deviation, then half a decade about the best. Where noise is strongly coloured, less than a thousandth of it shows.
+DECADES, HALVES = np.concatenate([[0.0], 10.0 ** np.arange(-7.0, 6.1)]), 10.0 ** np.array([-0.5, 0.5])
 MOST_ROUNDS = 4
 KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 # Mean square of a joint's whitened rows from which on it is looked into: noise itself is one.

@@ -67,6 +67,17 @@ def test_variances_are_those_of_the_blocks(deviation: float) -> None:
     assert found.evidence > 30.0
 
 
+def test_variances_are_found_in_any_unit_of_the_columns() -> None:
+    """Law: columns of 300 times the whitened noise, as those of an arm whose noise is strongly coloured, are worth as
+    much as in units of it, and their variance is smaller by the square.
+    """
+    table = _sums(np.random.default_rng(12), 0.3)
+    unit = np.append(np.full(sum(SIZES), 300.0), 1.0)
+    found, large = estimate_variances(table, SIZES), estimate_variances(unit[:, None] * table * unit, SIZES)
+    assert large.evidence == pytest.approx(found.evidence, abs=0.5)
+    assert np.log10(found.variances[0] / large.variances[0]) == pytest.approx(2.0 * np.log10(300.0), abs=0.3)
+
+
 def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> None:
     """Law: beside a discrepancy at each of two joints a payload gains, and leaves, what it does at the one and the
     other; where it explains all that there is, little is left for a discrepancy and its Bayes factor is large.
