@@ -58,8 +58,8 @@ class Search(Candidates):
 
         Gain errors of some joints explain about as much as other link inertias with gain errors of all other joints,
         and single steps do not lead from one of these local optima to the other. The second is taken if its log
-        evidence is greater, and it has fewer effects, or its held-out score with the URDF's inertias fixed is, by one
-        standard error, not lower with as many effects, or higher with more.
+        evidence is greater, and it has fewer effects, or as many and a held-out score with the URDF's inertias fixed
+        that is not lower by one standard error. (Of one gain the image is a gain of every other joint.)
         """
         first = [item.group for item in self.run().accepted]
         gains = [one for one in self.evidence.layout.groups if one.effect.id == TorqueGainError.id and one not in first]
@@ -67,11 +67,10 @@ class Search(Candidates):
         if not others:
             return first
         second = [item.group for item in self.run(others).accepted]
-        if self.model_log_evidence(second) <= self.model_log_evidence(first):
+        if len(second) > len(first) or self.model_log_evidence(second) <= self.model_log_evidence(first):
             return first
-        more = len(second) - len(first)
         gain, error = self.fixed.score(second).gain_over(self.fixed.score(first))
-        return second if more < 0 or gain > (error if more else -error) else first
+        return second if len(second) < len(first) or gain > -error else first
 
     def model_log_evidence(self, groups: Sequence[Group]) -> float:
         """Log evidence of a model of several effects [nats]: the sum of what each adds to those before it."""

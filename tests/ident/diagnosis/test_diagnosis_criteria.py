@@ -99,12 +99,12 @@ def test_a_name_that_was_struck_for_its_unevenness_is_something_there() -> None:
     ("count", "evidence", "foretells", "kept"),
     [
         *((2, 11.0, -5.0, True), (2, 9.0, 5.0, False), (3, 11.0, -0.5, True), (3, 11.0, -5.0, False)),
-        *((4, 99.0, 5.0, True), (4, 99.0, 0.5, False), (4, 9.0, 5.0, False)),
+        (4, 99.0, 5.0, False),
     ],
 )
 def test_more_names_are_no_better_start(count: int, evidence: float, foretells: float, kept: bool) -> None:
-    """Law: beside a first model of three names and 10 nats, a second of more evidence stands with fewer names; with as
-    many where it foretells no worse beside the URDF as it is, and with more where it foretells better.
+    """Law: beside a first model of three names and 10 nats, a second of more evidence stands with fewer names, or with
+    as many where it foretells no worse, by more than its error of one, beside the URDF as it is; never with more.
     """
     gain: Any = SimpleNamespace(effect=SimpleNamespace(id="torque_gain_error"))
     models = {False: ["first"] * 3, True: ["second"] * count}
