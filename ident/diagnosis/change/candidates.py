@@ -37,8 +37,6 @@ def ids(flag: str) -> frozenset[str]:
 
 # Effects whose columns, shared by all runs, are in the span of the tuned baseline.
 IN_THE_BASELINE = ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
-# Effects whose grid is found from the later set's runs: spectral lines, widths, windows.
-LATER_ALONE = ids("later_alone")
 # Laws of friction, which varies between runs: one run a side does not show a change.
 OF_FRICTION = ids("friction")
 # Effects as uncertain as a gain that both sets share; and the change of what the arm carries.
@@ -57,7 +55,7 @@ def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Vari
     grid = effect.variants(session, joint)
     if effect.partner:
         return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
-    if len(grid) <= CHANGE.grid_points or effect.id in LATER_ALONE or effect.as_change.body:
+    if len(grid) <= CHANGE.grid_points or effect.as_change.later_alone or effect.as_change.body:
         return grid
     inner = np.linspace(0, len(grid) - 1, CHANGE.grid_points + 2)[1:-1]
     return [grid[k] for k in sorted({round(float(at)) for at in inner})]
@@ -73,7 +71,7 @@ def finer_grids(changes: Sequence[Group], session: SessionContext, later: Sessio
     found: list[Grid] = []
     for group in changes:
         effect = group.effect.effect if isinstance(group.effect, ChangeOf) else group.effect
-        runs = later if effect.id in LATER_ALONE else session
+        runs = later if effect.as_change.later_alone else session
         finer = effect.refined(runs, group.joint, group.variant)
         if len(finer) > 1 and not effect.as_change.body:
             found.append((effect, group.joint, tuple(finer)))

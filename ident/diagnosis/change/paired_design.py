@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.change.candidates import CHANGES, LATER_ALONE, points
+from ident.diagnosis.change.candidates import CHANGES, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.learnt_prior import learn_prior, measure_block_dispersion
@@ -146,8 +146,8 @@ def build_design(
     own = replace(own, common_clock=one_clock)
     if effects is None:
         left = leftover_torque(own)
-        effects = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
-    untestable, grids = find_grids(effects, lambda effect: own if effect.id in LATER_ALONE else session, points)
+        effects = tuple(one.screened(own, left) if one.as_change.later_alone else one for one in CHANGES)
+    untestable, grids = find_grids(effects, lambda effect: own if effect.as_change.later_alone else session, points)
     grids += finer
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]
     layout = layout_of(session, baseline.base.rank, grids, untestable)
