@@ -58,11 +58,11 @@ class Discrepancy(Effect):
             effect, count: The effect, and the number of columns.
         """
         own = np.zeros(count, dtype=bool)
+        alone = count // 3  # those that neither the direction nor a state multiplies come first
         if self.block == "memory" and effect.drawn_over == "reversal":
-            start = count // 3  # of those that turn with the direction
-            own[start : start + len(SHAPE.travels_rad) - 1] = True
+            own[alone : alone + len(SHAPE.travels_rad) - 1] = True  # the longest travel is that of cables
         if self.block == "time" and effect.by_run:
-            own[count // 3 :] = True
+            own[alone:] = True
         return ~own
 
     def parameters(

@@ -54,7 +54,7 @@ class Beside:
 
     gain: float  # log likelihood that it gains without a discrepancy [nats]
     left: float  # log evidence of a discrepancy beside it [nats]
-    instead: float  # log evidence of a discrepancy in its place [nats]
+    instead: float  # log evidence of a discrepancy in its place, without the law's own columns [nats]
 
     @property
     def log_bayes_factor(self) -> float:

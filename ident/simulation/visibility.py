@@ -267,11 +267,14 @@ class VisibilityMeter:
         self._plain_traces: dict[Way, list[Trace]] = {}
         # What causes are compared with: the arm as it is, or an arm of the cause's own at a joint.
         self._rows: dict[tuple[str, int, Way, View], VisibleRows] = {}
-        self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
-        self._follows: dict[tuple[str, int, float, int], bool] = {}  # whether the cause's joint still moves as before
+        self._seen: dict[tuple[str, int, float, int], tuple[Float[Array, " n"], bool]] = {}
 
     def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
         """Visible amplitude of a cause of a size at each joint [N m]; the seed is of its other parameters."""
+        return self._measured(cause, scene, size, seed)[0]
+
+    def _measured(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> tuple[Float[Array, " n"], bool]:
+        """Visible amplitude at each joint [N m], and whether the cause's joint still follows its motion."""
         key = cause.id, scene.joint, size, seed
         if key not in self._seen:
             hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
@@ -282,9 +285,8 @@ class VisibilityMeter:
             if push.body:  # a burst would drown in the mean over the session: the samples during it alone
                 window = (after.run == hardware.contact_run) & (after.time > push.start) & (after.time < push.end)
             shown = compare(after, before, window)
-            moved = [float(rows.moving[:, scene.joint].sum()) for rows in (before, after)]
-            self._seen[key] = freeze(shown.rms)
-            self._follows[key] = moved[1] >= FOLLOWS_SHARE * moved[0]
+            moved, usual = (int(rows.moving[:, scene.joint].sum()) for rows in (after, before))
+            self._seen[key] = freeze(shown.rms), moved >= FOLLOWS_SHARE * usual
         return self._seen[key]
 
     def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
@@ -306,12 +308,11 @@ class VisibilityMeter:
         """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
         if ("", 0, way, view) in self._rows and moves_alike(hardware, self.hardware):
             rows, traces = self._rows["", 0, way, view], self._traces(self.hardware, way)
-            moving = [rows.moving[rows.run == number] for number in range(len(traces))]
-            readings = (
-                _in_band(_reading(hardware, trace), where, self.band)
-                for trace, where in zip(traces, moving, strict=True)
-            )
-            return rows._replace(torque=np.concatenate(list(readings)))
+            readings = [
+                _in_band(_reading(hardware, trace), rows.moving[rows.run == number], self.band)
+                for number, trace in enumerate(traces)
+            ]
+            return rows._replace(torque=np.concatenate(readings))
         return gather(hardware, self._traces(hardware, way), view, self.band)
 
     def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
@@ -333,10 +334,9 @@ class VisibilityMeter:
 
     def share(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
         """Visible amplitude over the noise floor: at the cause's joint, or where it shows most; infinite if stuck."""
-        seen = self.measure(cause, scene, size, seed) / self.floor
-        if not self._follows[cause.id, scene.joint, size, seed]:
-            return np.inf
-        return float(seen.max() if cause.whole_arm else seen[scene.joint])
+        amplitude, follows = self._measured(cause, scene, size, seed)
+        seen = amplitude / self.floor
+        return float(seen.max() if cause.whole_arm else seen[scene.joint]) if follows else np.inf
 
     def find_size(self, cause: Cause, scene: Circumstances, wanted: float, seed: int) -> float:
         """The size whose visible amplitude is a multiple of the noise floor.

@@ -69,8 +69,10 @@ class Search(Candidates):
         second = [item.group for item in self.run(others).accepted]
         if len(second) > len(first) or self.model_log_evidence(second) <= self.model_log_evidence(first):
             return first
+        if len(second) < len(first):
+            return second
         gain, error = self.fixed.score(second).gain_over(self.fixed.score(first))
-        return second if len(second) < len(first) or gain > -error else first
+        return second if gain > -error else first
 
     def model_log_evidence(self, groups: Sequence[Group]) -> float:
         """Log evidence of a model of several effects [nats]: the sum of what each adds to those before it."""
