@@ -53,7 +53,7 @@ from ident.robot.names import robot_argument
 
 # Reason that an effect is rejected for if a discrepancy explains its torque at about the same cost.
 NOT_BEYOND_DISCREPANCY = (
-    "a flexible function of the joint's state explains as much at about the same cost: probably no such law acts"
+    "a flexible function of the joint's state explains as much at about the same cost, so it may be no such law"
 )
 
 

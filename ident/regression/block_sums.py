@@ -73,12 +73,14 @@ class SymmetricSums:
 
     def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
         """Sums of some columns, block by block."""
-        at, found = self._spot[columns], np.zeros((len(self), len(columns), len(columns)))
+        at = self._spot[columns]
         seen = np.flatnonzero(at >= 0)
         high, low = np.maximum(at[seen, None], at[seen]), np.minimum(at[seen, None], at[seen])
         spots = high * (high + 1) // 2 + low
-        for one, half in zip(found, self.half, strict=True):
-            one[seen[:, None], seen] = half[spots]
+        found = np.array([half[spots] for half in self.half]).reshape(len(self), len(seen), len(seen))
+        if len(seen) < len(columns):
+            shown, found = found, np.zeros((len(self), len(columns), len(columns)))
+            found[:, seen[:, None], seen] = shown
         if len(self.rows):
             own = self.rows[:, columns]
             np.add.at(found, self.place, own[:, :, None] * own[:, None, :])

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from ident.arrays import Array, Float, Int
+from ident.regression.block_sums import FoldSums, SymmetricSums
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, factorise_signed, signs_of
+
+# Models whose sums at a joint are kept.
+MODELS_KEPT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +101,20 @@ class HeldOut:
         return self.evidence.gram()
 
     @cached_property
+    def _sums_at(self) -> tuple[Callable[[bytes], tuple[Array, Array, Array]], ...]:
+        """For each joint a function of places in its rows, packed: sums without each fold, of each fold, and plain.
+
+        The last few are kept: most models differ at one joint from the one before.
+        """
+
+        def sums_at(part: FoldSums, plain: SymmetricSums, packed: bytes) -> tuple[Array, Array, Array]:
+            places = np.frombuffer(packed, dtype=int)
+            return part.without(places), part.own.part(places), plain.part(places)
+
+        joints = zip(self.evidence.parts, self.evidence.plain, strict=True)
+        return tuple(lru_cache(MODELS_KEPT)(partial(sums_at, *sums)) for sums in joints)
+
+    @cached_property
     def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
         """Models solved and scored: most are needed again."""
         return {}
@@ -121,11 +139,10 @@ class HeldOut:
         used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
             int
         )
-        parts = self.evidence.parts
-        grams = np.zeros((len(parts[0].own), len(used), len(used)))
-        for part, local in zip(parts, layout.local, strict=True):
+        grams = np.zeros((len(self.evidence.parts[0].own), len(used), len(used)))
+        for sums_at, local in zip(self._sums_at, layout.local, strict=True):
             places, into = _spots(local, used)
-            grams[:, into[:, None], into] += part.without(places)
+            grams[:, into[:, None], into] += sums_at(places.tobytes())[0]
         signed = signs_of(layout.tuned, groups)
         values = np.array([self._solve(gram, used, signed) for gram in grams])
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
@@ -140,8 +157,8 @@ class HeldOut:
             places, into = _spots(local, found.columns)
             w = found.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, squared in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
-                    squared[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
+                for sums, squared in zip(self._sums_at[j](places.tobytes())[1:], (misfit, squares), strict=True):
+                    squared[:, j] = np.einsum("fk,fk->f", w, (sums @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"], signed: Int[Array, " s"]) -> Float[Array, " z"]:

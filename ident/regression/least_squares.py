@@ -171,13 +171,12 @@ class Projection:
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:
-        return self.seen(np.arange(len(self._power)))
+        seen = (self._left > self.settings.least_visible * self._power) & (self._power > 0)
+        return np.asarray(seen & (self._left > self.settings.least_over_noise * self.noise))
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
-        at = self._at(columns)
-        power, left = self._power[at], self._left[at]
-        return (left > self.settings.least_visible * power) & (power > 0) & ~self.buried(columns)
+        return self._every_seen[self._at(columns)]
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model leaves no more than some of the encoder noise in what it leaves."""
@@ -191,7 +190,7 @@ class Projection:
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
         """Fall of the misfit by further columns, and their coefficients: zero of those that can't be seen."""
         at = self._at(columns)
-        power, seen, target = self._power[at], self.seen(columns), self._target[at]
+        power, seen, target = self._power[at], self._every_seen[at], self._target[at]
         signed = np.zeros(len(columns), dtype=bool)
         signed[[k for k in nonnegative if k < len(columns)]] = True  # an effect may have fewer columns here than it can
         beta = np.zeros(len(columns))
@@ -202,9 +201,10 @@ class Projection:
                 beta[0] = max(value, 0.0) if signed[0] else value
             return max((2.0 * target[0] - beta[0] * left) * beta[0], 0.0), beta
         rest = self.rest(columns)
-        if seen.any():
-            matrix = rest[np.ix_(seen, seen)] + np.diag(RIDGE * power[seen])
-            beta[seen] = solve_signed(matrix, target[seen], signed[seen])
+        kept = np.flatnonzero(seen)
+        if len(kept):
+            matrix = rest[kept[:, None], kept] + np.diag(RIDGE * power[kept])
+            beta[kept] = solve_signed(matrix, target[kept], signed[kept])
         return float(max(2.0 * target @ beta - beta @ rest @ beta, 0.0)), beta
 
 
@@ -219,6 +219,8 @@ def solve_signed(
     Source: Kim and Park 2011 (block principal pivoting); Murty 1974 (the last one alone).
     """
     kept, found = np.ones(len(target), dtype=bool), factorise(matrix).solve(target)
+    if not signed.any():
+        return found
     for k in range(MOST_EXCHANGES * len(target)):
         wrong = signed & np.where(kept, found < 0.0, target - matrix @ found > 1e-12 * np.abs(target))
         if not wrong.any():

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.diagnosis.selection.criteria import AcceptanceCriteria, Evaluated
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.effects.intervals import SizePrior
@@ -131,9 +131,13 @@ class Candidates:
 
     def _cost_of_column(self, group: Group) -> float:
         """Cost of one free coefficient by Schwarz's criterion, ½ log N [nats]."""
+        return float(self._costs_of_rows[group.joint if group.effect.rows == "own" else -1])
+
+    @cached_property
+    def _costs_of_rows(self) -> Float[Array, " m"]:
+        """½ log N of the rows of each joint and, last, of all [nats]."""
         counts = self.evidence.samples
-        seen = counts[group.joint] if group.effect.rows == "own" else counts.sum()
-        return 0.5 * float(np.log(max(seen, 10.0)))
+        return 0.5 * np.log(np.maximum(np.append(counts, counts.sum()), 10.0))
 
     @cached_property
     def _grid_cost(self) -> dict[str, float]:

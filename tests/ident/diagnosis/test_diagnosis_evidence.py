@@ -182,6 +182,16 @@ def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened:
         assert np.allclose(score.misfit[fold], expected, rtol=1e-5)
 
 
+def test_a_score_is_the_same_whatever_was_scored_before(healthy: Analysis) -> None:
+    """Law: sums that are kept from one model to the next change nothing."""
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    several = HeldOut(healthy.evidence, prior)
+    for groups in ((), *((group,) for group in healthy.evidence.layout.groups[::9])):
+        alone = HeldOut(healthy.evidence, prior).score(groups)
+        assert np.array_equal(several.score(groups).misfit, alone.misfit)
+        assert np.array_equal(several.score(groups).squares, alone.squares)
+
+
 def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: how many runs are in memory, and wait there, changes neither the rows nor, in N m, their sums."""
     monkeypatch.setattr(rows_module, "CHUNK_SIZE", 500 * 9)
