@@ -20,7 +20,7 @@ Source: Satterthwaite 1946 (degrees of freedom).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -114,6 +114,8 @@ class ChangeSearch(Search):
     design: PairedDesign  # both sets of runs
     sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
     first_look: bool = False  # whether what it finds is looked at once more, on finer grids
+    # Test results by the changes that were tested together; what a search must not accept changes none of them.
+    tested: dict[frozenset[Group], dict[Group, TestedChange]] = field(default_factory=dict)
 
     @cached_property
     def threshold(self) -> float:
@@ -148,7 +150,7 @@ class ChangeSearch(Search):
         tried: dict[Key, TestedChange] = {}
         for one in self.candidates(changes):
             if one.key not in eliminated:
-                last = self.test([*changes, one])[-1]
+                (last,) = self.test([*changes, one], one)
                 day_limited = [each.group for each in tried.values() if each.significance.mostly_between_days]
                 significant = last.log_odds > 0.0 and self._exceeds_model_error(last.group, changes)
                 if significant and not self.is_friction_drift(last.group, changes, day_limited):
@@ -227,22 +229,18 @@ class ChangeSearch(Search):
         n = self.evidence.layout.n
         here = set(own.acts_on(n))
         near = {one: score for one, score in self.candidates(others).items() if here & set(one.acts_on(n))}
-        return {one: score for one, score in near.items() if self.test([*others, one])[-1].log_odds > 0.0}
+        return {one: score for one, score in near.items() if self.test([*others, one], one)[0].log_odds > 0.0}
 
-    def test(self, changes: Sequence[Group]) -> list[TestedChange]:
-        """Tests each change beside the others."""
-        known = tuple(changes)
-        if known not in self._test_cache:
+    def test(self, changes: Sequence[Group], only: Group | None = None) -> list[TestedChange]:
+        """Tests each change, or only one of them, beside the others."""
+        known, asked = self.tested.setdefault(frozenset(changes), {}), changes if only is None else [only]
+        if not known.keys() >= set(asked):
             model = project(self.evidence.gram(), self.evidence, self.prior, changes)
-            solved = solve_effects(Refined(self, tuple(changes)), [False] * len(changes))[0] if changes else []
-            pairs = zip(changes, solved, strict=True)
-            self._test_cache[known] = [self._test_one(group, model, changes, *each) for group, each in pairs]
-        return self._test_cache[known]
-
-    @cached_property
-    def _test_cache(self) -> dict[tuple[Group, ...], list[TestedChange]]:
-        """Test results by the changes that were tested together."""
-        return {}
+            solved = solve_effects(Refined(self, tuple(changes)), [False] * len(changes))[0]
+            for group, each in zip(changes, solved, strict=True):
+                if group in asked and group not in known:
+                    known[group] = self._test_one(group, model, changes, *each)
+        return [known[group] for group in asked]
 
     def with_class(
         self, estimate: Estimate, tested: Sequence[TestedChange], slot: int, confounded: Sequence[Group], gain: bool
