@@ -171,8 +171,12 @@ class Projection:
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:
-        seen = (self._left > self.settings.least_visible * self._power) & (self._power > 0)
-        return np.asarray(seen & (self._left > self.settings.least_over_noise * self.noise))
+        power, left = self._power, self._left
+        return (left > self.settings.least_visible * power) & (power > 0) & ~self._every_buried
+
+    @cached_property
+    def _every_buried(self) -> Bool[Array, " P"]:
+        return np.asarray(self._left <= self.settings.least_over_noise * self.noise)
 
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
@@ -180,8 +184,7 @@ class Projection:
 
     def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model leaves no more than some of the encoder noise in what it leaves."""
-        at = self._at(columns)
-        return np.asarray(self._left[at] <= self.settings.least_over_noise * self.noise[at])
+        return self._every_buried[self._at(columns)]
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
