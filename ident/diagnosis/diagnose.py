@@ -43,6 +43,7 @@ from ident.recordings.recording import TelemetryIssue
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import build_layout
+from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior
@@ -93,8 +94,8 @@ def diagnose(
     static = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in motions) < LEAST_MOVING]
     baseline = fit_baseline(motions, arm, inertia_share, settings.regression, static)
     session = build_session(baseline, motions, common_clock)
-    leftover = leftover_torque(session)
-    screened = [effect.screened(session, leftover) for effect in catalogue]
+    unusual = unusual_torque(session, leftover_torque(session))
+    screened = [effect.screened(session, unusual) for effect in catalogue]
     layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
     stage("torques of every law", 0.35, 0.6)
     evidence = gather(session, baseline, layout, rest=True).with_dwells()

@@ -111,8 +111,9 @@ class Effect(ABC):
 
         Args:
             session: All runs.
-            leftover: For each run what the model leaves of the torque, filtered and decimated, at rest and near
-                stops and turns what goes beyond friction; NaN at a run's ends [N m].
+            leftover: For each run what the model leaves of the torque but not in the same states at other times,
+                filtered and decimated, at rest and near stops and turns what goes beyond friction; NaN at a run's
+                ends [N m].
         """
         return self
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -32,6 +32,17 @@ class Push:
     link: int = 0  # number of the link, from 1; 0 is the last one
     outward: float = 0.0  # where on the link: 0 at its centre of mass, 1 at the next joint
 
+    def overlaps(self, other: Push) -> bool:
+        return self.run == other.run and self.start < other.end and other.start < self.end
+
+
+class Located(NamedTuple):
+    """A push at the link and point that explain its window best."""
+
+    push: Push
+    share: float  # of what changes in the window that a constant force there explains
+    fall: float  # and by how much the sum of squares falls, in squares of what is usually left
+
 
 @dataclass(frozen=True)
 class ExternalContact(Effect):
@@ -49,9 +60,13 @@ class ExternalContact(Effect):
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / LIMIT.shortest_window
         located = [locate(session, leftover, push) for push in screen_windows(session, leftover)]
-        found = tuple(best for best, explained in located if explained >= LIMIT.least_explained)
-        screens = max(1, round(cells * len(_points(session.n))))
-        return replace(self, pushes=found[: LIMIT.most_pushes], screens=screens)
+        apart: list[Push] = []
+        for one in sorted(located, key=lambda one: -one.fall):
+            clear = one.share >= LIMIT.least_explained and not any(one.push.overlaps(other) for other in apart)
+            apart += [one.push] if clear and len(apart) < LIMIT.most_pushes else []
+        spans = [locate(session, leftover, find_span(session, leftover, push)) for push in apart]
+        found = (*apart, *(one.push for one in spans if one.share >= LIMIT.least_explained))
+        return replace(self, pushes=found, screens=max(1, round(2 * cells * len(_points(session.n)))))
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         shapes: list[dict[str, float]] = []
@@ -168,8 +183,44 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     return float(time[near[part.start]]), float(time[near[part.stop - 1]])
 
 
-def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
-    """The link and point whose Jacobian explains a window best, and the share that a constant force explains of it.
+def find_span(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], rough: Push) -> Push:
+    """The part of the time around a rough window in which a constant force at one of the points explains most.
+
+    Each joint has a level of its own around it. The fall of the squares by the force is, for any part, a quadratic form
+    of sums over it, which are differences of cumulative ones.
+    """
+    usual = _usual(leftover)
+    at = [run.motion.name for run in session.runs].index(rough.run)
+    run, time = session.runs[at], session.runs[at].motion.time[session.runs[at].motion.coarse]
+    near = np.flatnonzero((time > rough.start - LIMIT.reach) & (time < rough.end + LIMIT.reach))
+    known = ~np.isnan(leftover[at][near])
+    left = np.nan_to_num(leftover[at][near] / usual)
+    count, level = np.maximum(known.sum(axis=0), 1), left.sum(axis=0)
+    step = max(1, round(LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
+    cuts = np.unique(np.append(np.arange(0, len(near), step), len(near)))
+    first, last = np.triu_indices(len(cuts), 2)
+    best, most = rough, 0.0
+    for link, outward in _points(session.n):
+        force = known[:, :, None] * force_columns(run.arm, run.motion.q[run.motion.coarse][near], link, outward)
+        force = force / usual[None, :, None]
+        sums = force, np.einsum("tja,tjb->tab", force, force), np.einsum("tja,tj->ta", force, left)
+        across, square, target = (
+            np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)])[cuts] for one in sums
+        )
+        across, square, target = (one[last] - one[first] for one in (across, square, target))
+        square = square - np.einsum("pja,pjb,j->pab", across, across, 1.0 / count)
+        target = target - np.einsum("pja,j->pa", across, level / count)
+        ridge = 1e-6 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
+        solved = np.linalg.solve(square + ridge, target[:, :, None])[:, :, 0]
+        fall = np.where(np.linalg.norm(solved, axis=1) < _largest_force(session), np.sum(solved * target, axis=1), 0.0)
+        if fall.size and fall.max() > most:
+            most, k = float(fall.max()), int(np.argmax(fall))
+            best = replace(rough, start=float(time[near[cuts[first[k]]]]), end=float(time[near[cuts[last[k]] - 1]]))
+    return best
+
+
+def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> Located:
+    """The link and point whose Jacobian explains a window best.
 
     What is left around the window as well as in it is no part of the push, nor is what is usually left of any window.
     """
@@ -184,24 +235,23 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     during = (time[near] >= push.start) & (time[near] <= push.end)
     counts = ~np.isnan(left[near])
     if np.count_nonzero(during & counts.any(axis=1)) < 3:
-        return push, 0.0
+        return Located(push, 0.0, 0.0)
     level = np.where(counts[:, :, None], np.eye(run.n), 0.0).reshape(-1, run.n)
     target = np.nan_to_num(left[near] / usual).ravel()
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
     q = run.motion.q[run.motion.coarse][near]
     square = float(np.sum(target**2))
     beyond = square - max(float(counts.sum()) - run.n, 0.0)  # in usual deviations: each sample's own square is one
-    best, share, largest = push, 0.0, _largest_force(session)
+    best, largest = Located(push, 0.0, 0.0), _largest_force(session)
     for link, outward in _points(session.n):
         force = force_columns(run.arm, q, link, outward) / usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
         columns -= level @ np.linalg.lstsq(level, columns, rcond=1e-9)[0]
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
         fall = square - float(np.sum((target - columns @ solved) ** 2))
-        explained = fall / max(beyond, fall, 1e-300)
-        if explained > share and np.linalg.norm(solved) < largest:
-            best, share = replace(push, link=link, outward=outward), explained
-    return best, share
+        if fall > best.fall and np.linalg.norm(solved) < largest:
+            best = Located(replace(push, link=link, outward=outward), fall / max(beyond, fall, 1e-300), fall)
+    return best
 
 
 def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0) -> Float[Array, "T n 3"]:

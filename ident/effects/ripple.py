@@ -33,7 +33,7 @@ class TorqueRipple(Effect):
     """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q − φ).
 
     The order k counts cycles a turn of the motor, N is the gear ratio; k N also comes from lines that stand out of the
-    residual over the joint's angle (`screened`), and where the ratio is not known, the order told is that of the joint.
+    residual over the joint's angle (`screened`), and where the ratio is not known, the order is that of the joint.
     Motion so fast that a line lies above the common filter adds nothing; some slow motion is needed.
     """
 

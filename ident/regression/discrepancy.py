@@ -12,13 +12,14 @@ Source: Kennedy and O'Hagan 2001 (discrepancy of a model); Rahimi and Recht 2007
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import cache
 from typing import Literal
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.motion.motion import last_turns
 from ident.records import read_group
@@ -26,7 +27,7 @@ from ident.records import read_group
 Block = Literal["state", "memory", "time", "coupling"]
 BLOCKS: tuple[Block, ...] = ("state", "memory", "time", "coupling")
 
-SHAPE = read_group(__file__, "discrepancy")
+SHAPE, UNUSUAL = (read_group(__file__, table) for table in ("discrepancy", "unusual"))
 
 
 class Discrepancy(Effect):
@@ -46,7 +47,7 @@ class Discrepancy(Effect):
         return (Variant({}, None, shape),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T k"]]:
-        return [self._columns_of(run, joint, variant) for run in session.runs]
+        return [self.columns_of(run, joint, variant) for run in session.runs]
 
     def replaces(self, effect: Effect, count: int) -> Bool[Array, " k"]:
         """Which of its columns may stand in an effect's place: all but those that are the effect's own law.
@@ -75,13 +76,16 @@ class Discrepancy(Effect):
     ) -> dict[str, Interval]:
         return {}
 
-    def _columns_of(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "T k"]:
+    def columns_of(
+        self, run: RunContext, joint: int, variant: Variant, rows: slice = slice(None)
+    ) -> Float[Array, "T k"]:
+        """The columns of some rows of a run."""
         shape = variant.shape
         width = 5 + 3 * (run.n - 1)
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
         scale = np.array([shape[f"scale_{k}"] for k in range(width)])
-        x = (_inputs(run, joint) - centre) / scale
-        direction = run.direction[:, joint : joint + 1]
+        x = (_inputs(run, joint)[rows] - centre) / scale
+        direction = run.direction[rows, joint : joint + 1]
         if self.block == "state":
             return _features(x[:, :5], direction, SHAPE.state_columns, 3, 100 + joint)
         if self.block == "coupling":
@@ -90,9 +94,9 @@ class Discrepancy(Effect):
             age, moved = since_reversal(run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint])
             fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
             fade += [np.exp(-age / one) for one in SHAPE.ages_s]
-            fading = np.stack(fade, axis=1)
+            fading = np.stack(fade, axis=1)[rows]
             return np.concatenate([fading, fading * direction, fading * direction * x[:, 2:3]], axis=1)
-        at = (run.motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
+        at = (run.motion.time[rows] - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
         waves = np.cos(np.pi * at[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
@@ -138,3 +142,68 @@ def since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array]:
     """Time [s] and travel [rad] since the last reversal of each sample."""
     last = last_turns(np.sign(dq)[:, None])[:, 0]
     return time - time[last], q - q[last]
+
+
+def unusual_torque(session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> list[Float[Array, "t n"]]:
+    """What of each run's leftover torque in motion the same states do not leave at other times [N m].
+
+    It is what the discrepancy's features x of the joint's own state and of the others' do not predict by ridge
+    regression of the leftover r, each piece of time from all others but its neighbours:
+
+        u_k = r_k − x_k (Σ_l X_lᵀ W X_l + λ I)⁻¹ Σ_l X_lᵀ W r_l,    |l − k| > 1,
+
+    so that a window never predicts itself; λ is the one that leaves least, by the median. Where even that leaves nearly
+    as much as there was, nothing is taken off, nor at rest, where no function of the state says what friction holds.
+
+    Source: Stone 1974 (cross-validated prediction); Huber 1964 (weights of what lies far out).
+
+    Args:
+        session: All runs.
+        leftover: For each run what the tuned model leaves of the torque, filtered and decimated.
+    """
+    parts = list(zip(session.runs, leftover, strict=True))
+    steps = [np.full(len(values), run.motion.interval * run.motion.lowpass.factor) for run, values in parts]
+    clock = np.cumsum(np.concatenate(steps))
+    pieces = int(np.clip(clock[-1] / UNUSUAL.shortest_piece, UNUSUAL.fewest_pieces, UNUSUAL.most_pieces))
+    ends = np.cumsum([len(values) for values in leftover])[:-1]
+    piece = np.minimum((clock / clock[-1] * pieces).astype(int), pieces - 1)
+    every = np.concatenate(leftover)
+    moves = np.concatenate([run.motion.settled for run in session.runs]) & ~np.isnan(every)
+    found = [_of_joint(session, joint, every[:, joint], moves[:, joint], piece) for joint in range(session.n)]
+    return np.split(np.stack(found, axis=1), ends)
+
+
+def _of_joint(
+    session: SessionContext, joint: int, left: Float[Array, " t"], known: Bool[Array, " t"], piece: Int[Array, " t"]
+) -> Float[Array, " t"]:
+    """What of one joint's leftover in motion the other pieces do not predict; all of it where they predict nothing."""
+    usual = float(np.median(np.abs(left[known]))) if known.any() else 0.0
+    if usual == 0.0:
+        return left
+    blocks = [Discrepancy(block) for block in ("state", "coupling")]
+    points = [(block, block.variants(session, joint)[0]) for block in blocks]
+    features = np.concatenate(
+        [
+            np.concatenate([block.columns_of(run, joint, one, run.motion.coarse) for block, one in points], axis=1)
+            for run in session.runs
+        ]
+    )
+    values = np.nan_to_num(left)
+    weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
+    pieces, width = int(piece[-1]) + 1, features.shape[1]
+    starts = np.searchsorted(piece, np.arange(pieces + 1))
+    rows = list(itertools.starmap(slice, itertools.pairwise(starts.tolist())))
+    weighted = (features[at] * weight[at, None].astype(np.float32) for at in rows)
+    both = [(one.T @ features[at], one.T @ values[at]) for one, at in zip(weighted, rows, strict=True)]
+    grams, sums = np.stack([one for one, _ in both]).astype(float), np.stack([one for _, one in both])
+    others = np.abs(np.subtract.outer(np.arange(pieces), np.arange(pieces))) > 1
+    gram, target = np.tensordot(others, grams, 1), others @ sums
+    ridge = float(np.trace(grams.sum(axis=0))) / width * np.eye(width)
+    best, least = left, UNUSUAL.most_left * usual
+    for share in UNUSUAL.ridges:
+        along = np.linalg.solve(gram + share * ridge, target[:, :, None])[:, :, 0]
+        predicted = np.concatenate([features[at] @ one for at, one in zip(rows, along, strict=True)])
+        unusual = float(np.median(np.abs((values - predicted)[known])))
+        if unusual < least:
+            best, least = np.where(known, left - predicted, left), unusual
+    return best

@@ -172,9 +172,21 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
         named.append(effect)
     more = len(record["changes"]) - 3
     changes = join_words(named) + (f", and {more} more" if more > 0 else "")
-    unseen = record["verdict"] == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"])
-    words, order = TABLES["changes"]["friction_unseen" if unseen else record["verdict"]]
-    return words.format(changes=changes, colon=f": {changes}" if changes else ""), "" if changes else order
+    kind, risen = record["verdict"], join_words(describe_risen(record))
+    if kind == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"]):
+        kind = "friction_unseen"
+    elif kind == "changed_unexplained" and risen and not changes:
+        kind = "risen"
+    words, order = TABLES["changes"][kind]
+    return words.format(changes=changes, colon=f": {changes}" if changes else "", risen=risen), "" if changes else order
+
+
+def describe_risen(record: Mapping[str, Any]) -> list[str]:
+    """By how much each joint's residual rose beside what every law explains."""
+    return [
+        f"that of {one['joint']} is {one['ratio']:.1f} times what it was (rms; {one['low']:.1f} to {one['high']:.1f})"
+        for one in record.get("risen", ())
+    ]
 
 
 def places_of(change: Mapping[str, Any]) -> str:
@@ -234,6 +246,8 @@ def describe_notes(record: Mapping[str, Any]) -> list[str]:
         found.setdefault(reason, []).append(f"{effect_name(one['effect'])} in {join_words(one['joints'])}")
     lines = [f"not reported: {join_words(what)}: {reason}" for reason, what in found.items()]
     still = [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
+    if record["changes"]:
+        lines += [f"torque that follows no law has grown beside the changes: {one}" for one in describe_risen(record)]
     return [*lines, *describe_used(record), *still]
 
 

@@ -20,7 +20,9 @@ from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
+from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
+from ident.diagnosis.change.risen_residual import find_risen
 from ident.diagnosis.change.search import ChangeSearch, LaterHeldOut, Significance
 from ident.diagnosis.change.settings import CHANGE
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
@@ -35,6 +37,7 @@ from ident.motion.motion import Motion
 from ident.progress import stage
 from ident.regression.design import Group, NotTestable
 from ident.regression.least_squares import project
+from ident.regression.run_spread import squares_left
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 
@@ -216,8 +219,8 @@ def _result(
     changes: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
 ) -> ArmComparison:
     """The comparison's record from the changes."""
-    joints, floor = arm.joint_names, design.sums.evidence.floor
-    found = []
+    evidence, joints = design.sums.evidence, arm.joint_names
+    floor, found = evidence.floor, []
     each = zip(changes.found.accepted, changes.estimates, changes.significances, changes.confounded, strict=True)
     for item, estimate, significance, confounded in each:
         acts = item.affected_joints
@@ -246,8 +249,11 @@ def _result(
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
         return {joints[j]: float(values[j]) for j in with_rows}
 
+    model = project(evidence.gram(), evidence, design.prior, [one.refined for one in changes.estimates])
+    label, later = parts_of(design.sides), design.sides.later_blocks
+    risen = find_risen(squares_left(evidence, model), evidence.rows, label, later, joints)
     verdict = "not_testable" if design.sides.too_short else "no_change"
-    verdict = "changed_unexplained" if found or changes.implausible else verdict
+    verdict = "changed_unexplained" if found or changes.implausible or risen else verdict
     return ArmComparison(
         robot=arm.name,
         joints=joints,
@@ -261,4 +267,5 @@ def _result(
         not_testable=tuple(hidden),
         reservations=changes.reservations,
         still=design.still,
+        risen=risen,
     )

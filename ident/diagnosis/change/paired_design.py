@@ -28,6 +28,7 @@ from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import Grid, Group, NotTestable, find_grids, layout_of
+from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import gather
 from ident.regression.least_squares import Prior, Projection, project
@@ -145,8 +146,8 @@ def build_design(
     own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
     own = replace(own, common_clock=one_clock)
     if effects is None:
-        left = leftover_torque(own)
-        effects = tuple(one.screened(own, left) if one.as_change.later_alone else one for one in CHANGES)
+        unusual = unusual_torque(own, leftover_torque(own))
+        effects = tuple(one.screened(own, unusual) if one.as_change.later_alone else one for one in CHANGES)
     untestable, grids = find_grids(effects, lambda effect: own if effect.as_change.later_alone else session, points)
     grids += finer
     grids += find_grids((HeldFriction(),), lambda _: session, points)[1]

@@ -60,7 +60,7 @@ class PermutedSets:
             seed: Seed of the permutations.
         """
         evidence = sums.evidence
-        label = _parts(sides)
+        label = parts_of(sides)
         members = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
         later = np.array([sides.later_blocks[blocks[0]] for blocks in members])
         parts, whole = [], np.zeros((evidence.layout.size + 1,) * 2)
@@ -155,7 +155,7 @@ def joint_of(group: Group) -> int:
     return group.joint if group.effect.rows == "own" else -1
 
 
-def _parts(sides: Sides) -> Int[Array, " B"]:
+def parts_of(sides: Sides) -> Int[Array, " B"]:
     """Part of each block: a run, several runs, or a piece of the only run."""
     found = np.zeros(len(sides.run_of_block), dtype=int)
     first = 0

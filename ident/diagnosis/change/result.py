@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.change.candidates import CARRIED
+from ident.diagnosis.change.risen_residual import RisenResidual
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.reservations import Reservation
@@ -81,6 +82,7 @@ class ArmComparison(Result):
     reservations: tuple[Reservation, ...] = ()  # rejected changes, with the reason
     cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
     still: tuple[StaticJoint, ...] = ()  # joints that stood still in one of the sets
+    risen: tuple[RisenResidual, ...] = ()  # joints whose residual rose by no law
     used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
     slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
 
@@ -100,6 +102,7 @@ class ArmComparison(Result):
             "samples_used": [one.to_dict() for one in self.used],
             "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
             "still": [one.to_dict() for one in self.still],
+            "risen": [one.to_dict() for one in self.risen],
             "reservations": [one.to_dict() for one in self.reservations],
             "provenance": self.provenance.to_dict(),
         }

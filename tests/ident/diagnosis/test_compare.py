@@ -13,8 +13,9 @@ from ident.diagnosis.change.confounded_links import distinguished, place_bodies
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
-from ident.diagnosis.change.permuted_sets import NullVariance, _parts
+from ident.diagnosis.change.permuted_sets import NullVariance, parts_of
 from ident.diagnosis.change.result import ArmComparison, Side
+from ident.diagnosis.change.risen_residual import find_risen
 from ident.diagnosis.change.search import ChangeSearch, measure_significance
 from ident.diagnosis.change.settings import CHANGE, PRIOR
 from ident.diagnosis.selection.name_probability import estimate_effects
@@ -32,7 +33,7 @@ from ident.regression.least_squares import project
 from ident.results import Provenance
 from ident.robot.arm import ArmModel
 from ident.show.report.diagnosis_pages import render_comparison_report
-from ident.show.terminal import describe_change
+from ident.show.terminal import describe_change, headline
 from tests.ident.diagnosis.planted import (
     COULOMB,
     NOISE,
@@ -113,6 +114,43 @@ def test_what_changed_is_found_where_it_changed(
     assert told.low <= 1.05 * size
     assert told.high >= 0.95 * size
     assert joint in found.changes[0].action
+
+
+def test_what_shakes_is_a_change_though_no_law_is(three_joints: ArmModel, before: list[Motion]) -> None:
+    """Law: a joint that vibrates in the later set alone has changed, by no law; the result says where and how much."""
+    rng, after = np.random.default_rng(3), []
+    for motion in record(three_joints, wrong_everywhere, range(10, 14)):
+        shakes = 4.0 * np.sin(2.0 * np.pi * 3.7 * motion.time + rng.uniform(0.0, 2.0 * np.pi))
+        after.append(replace(motion, tau=motion.tau + at_joint(1, shakes)))
+    found = compare(before, after, three_joints, (Side(), Side()))
+    assert found.verdict == "changed_unexplained"
+    assert not found.changes
+    (risen,) = found.risen
+    assert risen.joint == "joint_2"
+    assert risen.low > 1.5
+    row = check_record(found.to_dict() | {"provenance": Provenance("ident compare").to_dict()})
+    words, order = headline(row)
+    assert f"joint_2 is {risen.ratio:.1f} times" in words
+    assert "shakes" in order
+    assert words in render_comparison_report(row)
+
+
+@pytest.mark.parametrize(("shared", "own"), [(1.0, 1.0), (3.0, 1.0), (1.0, 9.0)])
+def test_residuals_that_rise_alike_are_no_change(shared: float, own: float) -> None:
+    """Law: of sets whose residuals scatter from run to run, and rise at all joints alike, at most three of a hundred
+    show a rise; where one joint's alone rises to nine times its mean square, most show that.
+    """
+    rng, part = np.random.default_rng(4), np.repeat(np.arange(12), 10)
+    later, joints, count = part >= 6, [f"joint_{j}" for j in range(7)], {True: 0, False: 0}
+    for _ in range(100):
+        usual = 0.3 * rng.standard_normal((7, 12)) + 0.15 * rng.standard_normal((7, 1)) * (np.arange(12) >= 6)
+        squares = np.exp(usual)[:, part] * rng.chisquare(20.0, (7, 120)) * np.where(later, shared, 1.0)
+        squares[2] *= np.where(later, own, 1.0)
+        risen = {one.joint for one in find_risen(squares, np.full((120, 7), 20.0), part, later, joints)}
+        for third in count:
+            count[third] += bool(risen & {"joint_2"} if third else risen - {"joint_2"})
+    assert count[False] <= 3
+    assert (count[True] > 80) == (own > 1.0)
 
 
 def test_a_change_of_a_joint_that_slides_is_of_forces_and_metres() -> None:
@@ -294,7 +332,7 @@ def test_runs_are_dealt_into_sets_that_are_none(three_joints: ArmModel, before: 
     found = [null.get(key, null[None]).ratio for key, null in zip(groups, nulls, strict=True)]
     assert np.median(found) < 2.0
     many = replace(design.sides, later=np.arange(24) >= 12, run_of_block=np.arange(24))
-    parts = [set(np.flatnonzero(_parts(many) == part).tolist()) for part in range(12)]
+    parts = [set(np.flatnonzero(parts_of(many) == part).tolist()) for part in range(12)]
     assert parts[:6] == [{k, k + 6} for k in range(6)]  # of runs that move joint after joint each holds several
 
 

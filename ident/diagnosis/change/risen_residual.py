@@ -1,0 +1,77 @@
+"""Residuals that rose between two sets, by no law: vibration, a bearing, a loose cable.
+
+A law's test asks whether torque follows a function of the motion; what shakes follows none. Here the mean square of
+what a model leaves of each joint is compared, later set over earlier. With l_p the logarithm of part p's, δ_j the
+difference of their means over the sets' parts and s_j its standard deviation from their scatter within the sets,
+
+    t_j = (δ_j − median δ) / √(s_j² + τ²),
+
+where τ is the robust scatter of the δ of all joints: sets whose motions differ leave different residuals everywhere,
+and no such difference is a joint's own.
+
+Source: Bartlett and Kendall 1946 (log variances are compared as means); Rousseeuw and Croux 1993 (scale by medians).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import median_abs_deviation
+from scipy.stats import t as student
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.change.settings import CHANGE
+
+
+@dataclass(frozen=True)
+class RisenResidual:
+    """A joint of which the later set leaves more that follows no law."""
+
+    joint: str  # its name
+    ratio: float  # root mean square of what is left, later over earlier
+    low: float  # 95 % interval of that
+    high: float
+    p_value: float  # corrected for the number of joints
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(vars(self))
+
+
+def find_risen(
+    squares: Float[Array, "n B"],
+    rows: Float[Array, "B n"],
+    part: Int[Array, " B"],
+    later: Bool[Array, " B"],
+    joints: Sequence[str],
+) -> tuple[RisenResidual, ...]:
+    """The joints whose residual rose significantly beside what the others' did.
+
+    Args:
+        squares, rows: What a model leaves of each joint's rows in each block, in squares of the noise; their number.
+        part, later: Part of its set and set of each block.
+        joints: Names of the joints.
+    """
+    sets = [np.unique(part[later == side]) for side in (False, True)]
+    if min(map(len, sets)) < 2:
+        return ()
+    total = np.stack([squares[:, part == one].sum(axis=1) for one in range(int(part.max()) + 1)])
+    count = np.stack([rows[part == one].sum(axis=0) for one in range(int(part.max()) + 1)])
+    seen = np.flatnonzero((count >= CHANGE.least_rows).all(axis=0) & (total > 0.0).all(axis=0)).tolist()
+    if not seen:
+        return ()
+    before, after = (np.log(total[own][:, seen] / count[own][:, seen]) for own in sets)
+    freedom, rise = len(before) + len(after) - 2, after.mean(axis=0) - before.mean(axis=0)
+    within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
+    scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
+    error = np.sqrt(within * (1.0 / len(before) + 1.0 / len(after)) + scatter**2)
+    chance = np.minimum(len(seen) * student.sf((rise - np.median(rise)) / error, freedom), 1.0)
+    reach = float(student.ppf(0.975, freedom)) * error
+    found = []
+    for j, one, far, p_value in zip(seen, rise, reach, chance.tolist(), strict=True):
+        if p_value < CHANGE.risen_by_chance:
+            ratio, low, high = np.exp(0.5 * (one + far * np.array([0.0, -1.0, 1.0]))).tolist()
+            found.append(RisenResidual(joints[j], ratio, low, high, p_value))
+    return tuple(found)
