@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int
 from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.session_context import CONTACT as LIMIT
@@ -165,7 +165,7 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(known, axis=0)])
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
     least = max(2, int(2 * LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
-    first, last = np.triu_indices(len(near) + 1, least)
+    first, last = _pairs(len(near), 1, least)
     inside, total = counts[last] - counts[first], counts[-1]
     outside = total - inside
     split = (inside > 0) & (outside > 0)
@@ -197,15 +197,14 @@ def find_span(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], 
     left = np.nan_to_num(leftover[at][near] / usual)
     count, level = np.maximum(known.sum(axis=0), 1), left.sum(axis=0)
     step = max(1, round(LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
-    cuts = np.unique(np.append(np.arange(0, len(near), step), len(near)))
-    first, last = np.triu_indices(len(cuts), 2)
+    first, last = _pairs(len(near), step, 2 * step)
     best, most = rough, 0.0
     for link, outward in _points(session.n):
         force = known[:, :, None] * force_columns(run.arm, run.motion.q[run.motion.coarse][near], link, outward)
         force = force / usual[None, :, None]
         sums = force, np.einsum("tja,tjb->tab", force, force), np.einsum("tja,tj->ta", force, left)
         across, square, target = (
-            np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)])[cuts] for one in sums
+            np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in sums
         )
         across, square, target = (one[last] - one[first] for one in (across, square, target))
         square = square - np.einsum("pja,pjb,j->pab", across, across, 1.0 / count)
@@ -215,8 +214,16 @@ def find_span(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], 
         fall = np.where(np.linalg.norm(solved, axis=1) < _largest_force(session), np.sum(solved * target, axis=1), 0.0)
         if fall.size and fall.max() > most:
             most, k = float(fall.max()), int(np.argmax(fall))
-            best = replace(rough, start=float(time[near[cuts[first[k]]]]), end=float(time[near[cuts[last[k]] - 1]]))
+            best = replace(rough, start=float(time[near[first[k]]]), end=float(time[near[last[k] - 1]]))
     return best
+
+
+def _pairs(count: int, step: int, least: int) -> tuple[Int[Array, " p"], Int[Array, " p"]]:
+    """Beginning and end of the parts of some samples, a step apart: of many samples no more than of a few hundred."""
+    cuts = np.unique(np.append(np.arange(0, count, max(step, -(-count // LIMIT.most_cuts))), count))
+    first, last = cuts[np.stack(np.triu_indices(len(cuts), 1))]
+    long = last - first >= least
+    return first[long], last[long]
 
 
 def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> Located:

@@ -11,7 +11,7 @@ from ident.arrays import Array
 from ident.effects.added_body import PLACE
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.contact import ExternalContact, Push, force_columns, locate, screen_windows
+from ident.effects.contact import ExternalContact, Push, _pairs, force_columns, locate, screen_windows
 from ident.laws.acting import point_mass, shifted
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -181,6 +181,22 @@ def test_a_push_is_found_in_its_window(
     np.testing.assert_allclose(found["end_s"].value, start + seconds, atol=timed)
     np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=sized)
     assert found["link"].value == 6.0
+
+
+def test_a_long_push_costs_no_more_than_a_short_one(session: SessionContext) -> None:
+    """Law: what leans on the arm for most of a run is found in its time, looked at in no more places than a push is."""
+    start = session.runs[2].motion.time[0] + 3.0
+    torque = push(session, 2, start, start + 12.0)
+    rng = np.random.default_rng(9)
+    left = [
+        run.motion.filtered(tau + rng.normal(0, 0.3, tau.shape)) for run, tau in zip(session.runs, torque, strict=True)
+    ]
+    found = ExternalContact().screened(session, left).pushes
+    assert min(abs(one.start - start) + abs(one.end - start - 12.0) for one in found) < 0.6
+    first, last = _pairs(100_000, 1, 2)
+    assert len(first) < 25_000
+    assert (last.max(), first.min()) == (100_000, 0)
+    assert set(zip(*_pairs(3, 1, 2), strict=True)) == {(0, 2), (0, 3), (1, 3)}
 
 
 def test_a_push_of_which_one_sample_is_known_is_none(session: SessionContext) -> None:
