@@ -86,6 +86,15 @@ class PermutedSets:
         prior.add_to(information, layout)
         information[np.diag_indices(len(inside))] += ridge_of(self.whole, evidence, inside)
         factor = factorise(information)
+        # Another window of a push that is in the model explains what that leaves of the push itself.
+        events = {one.key: one.variant.shape for one in names if one.effect.event}
+        laws = [
+            (one, places)
+            for one, places in permuted.laws
+            if one.key not in events
+            or one.variant.shape["end_s"] < events[one.key]["start_s"]
+            or one.variant.shape["start_s"] > events[one.key]["end_s"]
+        ]
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in permuted.sums:
             slopes = factor.solve(across[inside])
@@ -94,12 +103,12 @@ class PermutedSets:
             noise = carried_noise(evidence, permuted.columns, inside, slopes[:, :-1])
             buried = evidence.settings.least_over_noise * noise
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
-            for key, places in permuted.laws:
+            for group, places in laws:
                 at = places[seen[places]]
                 if len(at):
                     matrix = rest[np.ix_(at, at)] + RIDGE * np.diag(power[at])
                     gain = float(rest[at, -1] @ factorise(matrix).solve(rest[at, -1]))
-                    gains.setdefault(key, []).append((gain / len(at), len(at)))
+                    gains.setdefault(group.key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
         many = min(len(self.permutations), self.freedom)
@@ -137,7 +146,7 @@ class PermutedSets:
                 across[:, -1], own[-1, -1] = self.whole[:, -1], self.whole[-1, -1]
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
-            at = [(one.key, np.searchsorted(columns, one.columns)) for one in laws]
+            at = [(one, np.searchsorted(columns, one.columns)) for one in laws]
             self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
         return self._cache[joint]
 
@@ -146,7 +155,7 @@ class _PermutedLaws(NamedTuple):
     """Sums of some laws in permuted sets."""
 
     columns: Int[Array, " c"]  # columns of all laws
-    laws: tuple[tuple[Key, Int[Array, " k"]], ...]  # for each law its key, and the indices of its columns
+    laws: tuple[tuple[Group, Int[Array, " k"]], ...]  # for each law the indices of its columns
     sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by permutation: with all columns, with these
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.change.candidates import CHANGES
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.confounded_links import distinguished, place_bodies
 from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
@@ -22,6 +23,7 @@ from ident.diagnosis.selection.name_probability import estimate_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import PLACE
+from ident.effects.contact import ExternalContact, Push
 from ident.effects.rigid_body import LIKE_LINK
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.session_context import friction_level, rated_torque
@@ -339,6 +341,26 @@ def test_runs_are_dealt_into_sets_that_are_none(three_joints: ArmModel, before: 
 BRACKET = np.array([0.1, 0.25, 0.1])  # [m]
 # Something that is mounted on the forearm, 25 cm beside its axis.
 with_bracket = on_top(lambda arm, *states: arm.regressor(*states)[..., 20:30] @ (2.5 * point_mass(BRACKET)))
+
+
+def test_a_window_beside_a_push_is_no_null_of_it(three_joints: ArmModel, before: list[Motion]) -> None:
+    """Law: beside a push the null variance of pushes is that of other times; another window at the same time would
+    explain what the first leaves of the push itself.
+    """
+    after = record(three_joints, wrong_everywhere, range(10, 14))
+    time = after[1].time
+    pushes = tuple(Push(after[1].name, time[0] + at, time[0] + at + 1.0, 3) for at in (2.0, 2.3, 5.0))
+    left = np.where(((time > pushes[0].start) & (time < pushes[0].end))[:, None], 30.0, 0.0)
+    after[1] = replace(after[1], tau=after[1].tau + left)
+    effects = tuple(replace(one, pushes=pushes) if isinstance(one, ExternalContact) else one for one in CHANGES)
+    design = build_design(before, after, three_joints, effects=effects)
+    windows = [
+        one for one in design.sums.evidence.layout.groups if one.effect.event and not one.variant.shape["swells"]
+    ]
+    ratios = {}
+    for kept in (windows[1:2], []):
+        ratios[len(kept)] = design.permuted.nulls(-1, design.prior, kept)[windows[0].key].ratio
+    assert 5.0 * ratios[1] < ratios[0]
 
 
 def test_a_body_is_laid_out_about_the_place_where_it_was_found(three_joints: ArmModel, before: list[Motion]) -> None:
