@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float, Int
-from ident.effects.base import Effect, Interval, Range, SessionContext, Variant
+from ident.effects.base import Effect, Interval, Range, RunContext, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.session_context import CONTACT as LIMIT
 from ident.effects.session_context import arm_reach, rated_torque
@@ -34,6 +35,29 @@ class Push:
 
     def overlaps(self, other: Push) -> bool:
         return self.run == other.run and self.start < other.end and other.start < self.end
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a model leaves of all runs, and what it usually leaves."""
+
+    session: SessionContext
+    torque: Sequence[Float[Array, "t n"]]  # by run, filtered and decimated; NaN where nobody knows [N m]
+
+    @cached_property
+    def usual(self) -> Float[Array, " n"]:
+        """Robust standard deviation of what is usually left at each joint [N m]."""
+        every = max(1, sum(len(values) for values in self.torque) // LIMIT.usual_samples)
+        squares = np.nan_to_num(np.concatenate([values[::every] for values in self.torque])) ** 2
+        middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
+        return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
+
+    def around(self, push: Push, seconds: float) -> tuple[RunContext, Int[Array, " k"], Float[Array, "k n"]]:
+        """A push's run, the samples so long before and after the push, and what is left there in usual deviations."""
+        at = [run.motion.name for run in self.session.runs].index(push.run)
+        time = self.session.runs[at].motion.time[self.session.runs[at].motion.coarse]
+        near = np.flatnonzero((time > push.start - seconds) & (time < push.end + seconds))
+        return self.session.runs[at], near, self.torque[at][near] / self.usual
 
 
 class Located(NamedTuple):
@@ -59,12 +83,13 @@ class ExternalContact(Effect):
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / LIMIT.shortest_window
-        located = [locate(session, leftover, push) for push in screen_windows(session, leftover)]
+        left = Leftover(session, leftover)
+        located = [locate(left, push) for push in screen_windows(left)]
         apart: list[Push] = []
         for one in sorted(located, key=lambda one: -one.fall):
             clear = one.share >= LIMIT.least_explained and not any(one.push.overlaps(other) for other in apart)
             apart += [one.push] if clear and len(apart) < LIMIT.most_pushes else []
-        spans = [locate(session, leftover, find_span(session, leftover, push)) for push in apart]
+        spans = [locate(left, find_span(left, push)) for push in apart]
         found = (*apart, *(one.push for one in spans if one.share >= LIMIT.least_explained))
         return replace(self, pushes=found, screens=max(1, round(2 * cells * len(_points(session.n)))))
 
@@ -134,14 +159,13 @@ class ExternalContact(Effect):
         return {name: float(true[name]) + start for name in ("start_s", "end_s") if np.isfinite(start)}
 
 
-def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> tuple[Push, ...]:
+def screen_windows(leftover: Leftover) -> tuple[Push, ...]:
     """Windows in which much more torque is left unexplained than usual, the strongest first."""
-    usual = _usual(leftover)
     found: list[tuple[float, Push]] = []
-    for run, values in zip(session.runs, leftover, strict=True):
-        time = run.motion.time[run.motion.coarse]
+    for run, torque in zip(leftover.session.runs, leftover.torque, strict=True):
+        time, values = run.motion.time[run.motion.coarse], torque / leftover.usual
         step = max(1, round(LIMIT.shortest_window / 2 / (run.interval * run.motion.lowpass.factor)))
-        squares = np.nan_to_num((values / usual) ** 2)
+        squares = np.nan_to_num(values**2)
         power = np.mean(squares, axis=1)
         count = len(power) // step
         cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
@@ -153,7 +177,7 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
             # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
             around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
             inside = around[fine[around] > 0.25 * power[cells].mean()]
-            start, end = _changes(time, values / usual, float(time[inside[0]]), float(time[inside[-1]]))
+            start, end = _changes(time, values, float(time[inside[0]]), float(time[inside[-1]]))
             found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * LIMIT.edge))))
     return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[: LIMIT.most_windows])
 
@@ -161,9 +185,9 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
 def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
     """The part of a window, and of the time around it, in which the mean differs most from the rest."""
     near = np.flatnonzero((time >= start - LIMIT.around) & (time <= end + LIMIT.around))
-    known, values = ~np.isnan(values[near]), np.nan_to_num(values)
+    known, values = ~np.isnan(values[near]), np.nan_to_num(values[near])
     counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(known, axis=0)])
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     least = max(2, int(2 * LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
     first, last = _pairs(len(near), 1, least)
     inside, total = counts[last] - counts[first], counts[-1]
@@ -178,30 +202,26 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
     part = slice(first[best], last[best])
     rest = slice(part.stop, len(near)) if part.start == 0 else slice(0, part.start)
     halves = (part.start == 0) != (part.stop == len(near))
-    if halves and np.mean(values[near[rest]] ** 2) > np.mean(values[near[part]] ** 2):
+    if halves and np.mean(values[rest] ** 2) > np.mean(values[part] ** 2):
         part = rest  # of two halves the push is the one that is away from zero
     return float(time[near[part.start]]), float(time[near[part.stop - 1]])
 
 
-def find_span(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], rough: Push) -> Push:
+def find_span(leftover: Leftover, rough: Push) -> Push:
     """The part of the time around a rough window in which a constant force at one of the points explains most.
 
     Each joint has a level of its own around it. The fall of the squares by the force is, for any part, a quadratic form
     of sums over it, which are differences of cumulative ones.
     """
-    usual = _usual(leftover)
-    at = [run.motion.name for run in session.runs].index(rough.run)
-    run, time = session.runs[at], session.runs[at].motion.time[session.runs[at].motion.coarse]
-    near = np.flatnonzero((time > rough.start - LIMIT.reach) & (time < rough.end + LIMIT.reach))
-    known = ~np.isnan(leftover[at][near])
-    left = np.nan_to_num(leftover[at][near] / usual)
+    run, near, left = leftover.around(rough, LIMIT.reach)
+    time, q = run.motion.time[run.motion.coarse][near], run.motion.q[run.motion.coarse][near]
+    known, left = ~np.isnan(left), np.nan_to_num(left)
     count, level = np.maximum(known.sum(axis=0), 1), left.sum(axis=0)
-    step = max(1, round(LIMIT.edge / max(float(np.median(np.diff(time[near]))), 1e-9)))
+    step = max(1, round(LIMIT.edge / max(float(np.median(np.diff(time))), 1e-9)))
     first, last = _pairs(len(near), step, 2 * step)
-    best, most = rough, 0.0
-    for link, outward in _points(session.n):
-        force = known[:, :, None] * force_columns(run.arm, run.motion.q[run.motion.coarse][near], link, outward)
-        force = force / usual[None, :, None]
+    best, most, largest = rough, 0.0, _largest_force(leftover.session)
+    for link, outward in _points(run.n):
+        force = known[:, :, None] * force_columns(run.arm, q, link, outward) / leftover.usual[None, :, None]
         sums = force, np.einsum("tja,tjb->tab", force, force), np.einsum("tja,tj->ta", force, left)
         across, square, target = (
             np.concatenate([np.zeros((1, *one.shape[1:])), np.cumsum(one, axis=0)]) for one in sums
@@ -211,10 +231,10 @@ def find_span(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], 
         target = target - np.einsum("pja,j->pa", across, level / count)
         ridge = 1e-6 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
         solved = np.linalg.solve(square + ridge, target[:, :, None])[:, :, 0]
-        fall = np.where(np.linalg.norm(solved, axis=1) < _largest_force(session), np.sum(solved * target, axis=1), 0.0)
+        fall = np.where(np.linalg.norm(solved, axis=1) < largest, np.sum(solved * target, axis=1), 0.0)
         if fall.size and fall.max() > most:
             most, k = float(fall.max()), int(np.argmax(fall))
-            best = replace(rough, start=float(time[near[first[k]]]), end=float(time[near[last[k] - 1]]))
+            best = replace(rough, start=float(time[first[k]]), end=float(time[last[k] - 1]))
     return best
 
 
@@ -226,32 +246,30 @@ def _pairs(count: int, step: int, least: int) -> tuple[Int[Array, " p"], Int[Arr
     return first[long], last[long]
 
 
-def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> Located:
+def locate(leftover: Leftover, push: Push) -> Located:
     """The link and point whose Jacobian explains a window best.
 
     What is left around the window as well as in it is no part of the push, nor is what is usually left of any window.
     """
-    usual = _usual(leftover)
-    at = [run.motion.name for run in session.runs].index(push.run)
-    run, left = session.runs[at], leftover[at]
+    run, near, left = leftover.around(push, LIMIT.around)
     time = run.motion.time[run.motion.coarse]
-    near = np.flatnonzero((time > push.start - LIMIT.around) & (time < push.end + LIMIT.around))
     # While the force sets in and fades it is neither there nor away; of few samples none lies in between.
     if float(np.median(np.diff(time))) < LIMIT.edge / 2:
-        near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2]
+        steady = np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > LIMIT.edge / 2
+        near, left = near[steady], left[steady]
     during = (time[near] >= push.start) & (time[near] <= push.end)
-    counts = ~np.isnan(left[near])
+    counts = ~np.isnan(left)
     if np.count_nonzero(during & counts.any(axis=1)) < 3:
         return Located(push, 0.0, 0.0)
     level = np.where(counts[:, :, None], np.eye(run.n), 0.0).reshape(-1, run.n)
-    target = np.nan_to_num(left[near] / usual).ravel()
+    target = np.nan_to_num(left).ravel()
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
     q = run.motion.q[run.motion.coarse][near]
     square = float(np.sum(target**2))
     beyond = square - max(float(counts.sum()) - run.n, 0.0)  # in usual deviations: each sample's own square is one
-    best, largest = Located(push, 0.0, 0.0), _largest_force(session)
-    for link, outward in _points(session.n):
-        force = force_columns(run.arm, q, link, outward) / usual[None, :, None]
+    best, largest = Located(push, 0.0, 0.0), _largest_force(leftover.session)
+    for link, outward in _points(run.n):
+        force = force_columns(run.arm, q, link, outward) / leftover.usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
         columns -= level @ np.linalg.lstsq(level, columns, rcond=1e-9)[0]
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
@@ -286,11 +304,3 @@ def _largest_force(session: SessionContext) -> float:
     """Force that no arm of such motors bears [N]."""
     strongest = max(rated_torque(session, joint) for joint in range(session.n))
     return LIMIT.largest_force_share * strongest / max(arm_reach(session.runs[0].arm), 1e-3)
-
-
-def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
-    """Robust standard deviation of what is usually left at each joint [N m]."""
-    every = max(1, sum(len(values) for values in leftover) // LIMIT.usual_samples)
-    squares = np.nan_to_num(np.concatenate([values[::every] for values in leftover])) ** 2
-    middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
-    return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom

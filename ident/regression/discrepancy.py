@@ -192,7 +192,7 @@ def _of_joint(
     weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
     pieces, width = int(piece[-1]) + 1, features.shape[1]
     starts = np.searchsorted(piece, np.arange(pieces + 1))
-    rows = list(itertools.starmap(slice, itertools.pairwise(starts.tolist())))
+    rows = [slice(*ends) for ends in itertools.pairwise(starts.tolist())]
     weighted = (features[at] * weight[at, None].astype(np.float32) for at in rows)
     both = [(one.T @ features[at], one.T @ values[at]) for one, at in zip(weighted, rows, strict=True)]
     grams, sums = np.stack([one for one, _ in both]).astype(float), np.stack([one for _, one in both])

@@ -17,7 +17,7 @@ Source: Fisher 1935 (permutation tests); Smyth 2004 (moderated variances, and ho
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -89,11 +89,9 @@ class PermutedSets:
         # Another window of a push that is in the model explains what that leaves of the push itself.
         events = {one.key: one.variant.shape for one in names if one.effect.event}
         laws = [
-            (one, places)
-            for one, places in permuted.laws
-            if one.key not in events
-            or one.variant.shape["end_s"] < events[one.key]["start_s"]
-            or one.variant.shape["start_s"] > events[one.key]["end_s"]
+            (key, places)
+            for key, shape, places in permuted.laws
+            if key not in events or shape["end_s"] < events[key]["start_s"] or shape["start_s"] > events[key]["end_s"]
         ]
         gains: dict[Key, list[tuple[float, int]]] = {}
         for across, own in permuted.sums:
@@ -103,12 +101,12 @@ class PermutedSets:
             noise = carried_noise(evidence, permuted.columns, inside, slopes[:, :-1])
             buried = evidence.settings.least_over_noise * noise
             seen = (left > evidence.settings.least_visible * power[:-1]) & (left > buried)
-            for group, places in laws:
+            for key, places in laws:
                 at = places[seen[places]]
                 if len(at):
                     matrix = rest[np.ix_(at, at)] + RIDGE * np.diag(power[at])
                     gain = float(rest[at, -1] @ factorise(matrix).solve(rest[at, -1]))
-                    gains.setdefault(group.key, []).append((gain / len(at), len(at)))
+                    gains.setdefault(key, []).append((gain / len(at), len(at)))
         keys = list(gains)
         squares = np.array([max(float(np.mean([gain for gain, _ in gains[key]])), PERMUTED.least) for key in keys])
         many = min(len(self.permutations), self.freedom)
@@ -146,7 +144,7 @@ class PermutedSets:
                 across[:, -1], own[-1, -1] = self.whole[:, -1], self.whole[-1, -1]
                 own[-1, :-1] = own[:-1, -1]
                 found.append((across, own))
-            at = [(one, np.searchsorted(columns, one.columns)) for one in laws]
+            at = [(one.key, one.variant.shape, np.searchsorted(columns, one.columns)) for one in laws]
             self._cache[joint] = _PermutedLaws(columns, tuple(at), tuple(found))
         return self._cache[joint]
 
@@ -155,7 +153,8 @@ class _PermutedLaws(NamedTuple):
     """Sums of some laws in permuted sets."""
 
     columns: Int[Array, " c"]  # columns of all laws
-    laws: tuple[tuple[Group, Int[Array, " k"]], ...]  # for each law the indices of its columns
+    # For each law its key, the shape of its variant, and the indices of its columns.
+    laws: tuple[tuple[Key, Mapping[str, float], Int[Array, " k"]], ...]
     sums: tuple[tuple[Float[Array, "P c"], Float[Array, "c c"]], ...]  # by permutation: with all columns, with these
 
 

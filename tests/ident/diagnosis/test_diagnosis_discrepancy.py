@@ -10,7 +10,7 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import NOT_BEYOND_DISCREPANCY, diagnose
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.effects.contact import screen_windows
+from ident.effects.contact import Leftover, screen_windows
 from ident.motion.motion import Motion
 from ident.regression.baseline import fit_baseline
 from ident.regression.dwells import DwellRows, dwell_rows, find_holds, find_turns, join_runs, resting
@@ -286,6 +286,6 @@ def test_a_push_while_a_joint_turns_is_found_as_a_whole(short_arm: ArmModel, bef
     torque = np.where(((time > start) & (time < end))[:, None], [1.0, 1.0, 9.0], 0.0)
     motions[2] = replace(motions[2], tau=motions[2].tau + torque)
     session = build_session(fit_baseline(motions, short_arm), motions, common_clock=False)
-    found = screen_windows(session, leftover_torque(session))[0]
+    found = screen_windows(Leftover(session, leftover_torque(session)))[0]
     assert found.run == motions[2].name
     np.testing.assert_allclose((found.start, found.end), (start, end), atol=0.1)

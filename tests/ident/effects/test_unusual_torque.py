@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ident.effects.base import SessionContext
-from ident.effects.catalogue import find_effect
 from ident.effects.contact import ExternalContact, force_columns
 from ident.effects.ripple import find_lines
 from ident.regression.discrepancy import unusual_torque
@@ -86,4 +85,3 @@ def test_what_is_unknown_stays_unknown(session: SessionContext, smooth: list[np.
     for one, other in zip(found, left, strict=True):
         np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
         assert not one[:, 5].any()
-    assert find_effect("external_contact").screened(session, found)
