@@ -42,12 +42,13 @@ from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.cross_validation import HeldOut
-from ident.regression.design import build_layout
+from ident.regression.design import Group, build_layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import Evidence, gather
+from ident.regression.gather import gather_beside
+from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior
-from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
+from ident.regression.posterior import Beside, LeftAtJoint, Posterior, beside_discrepancies, measure_dispersion
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
@@ -98,12 +99,16 @@ def diagnose(
     screened = [effect.screened(session, unusual) for effect in catalogue]
     layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
     stage("torques of every law", 0.35, 0.6)
-    evidence = gather(session, baseline, layout, rest=True).with_dwells()
+    evidence, sums = gather_beside(session, baseline, layout, beside_discrepancies(layout, session))
     prior = Prior.of(evidence, baseline.prior)
-    evidence = evidence.with_dispersion(measure_dispersion(session, baseline, replace(evidence), prior))
+    evidence = evidence.with_dispersion(
+        measure_dispersion(evidence, Posterior.of(sums, evidence, baseline, prior.error))
+    )
     stage("searching for laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
-    selected, beside = _test_against_discrepancy(select_effects(first, session, baseline), session, baseline, settings)
+    selected, beside = _test_against_discrepancy(
+        select_effects(first, session, baseline), sums, session, baseline, settings
+    )
     selected = name_wrong_links(selected, session, baseline, settings.verdict)
     stage("what is left, and what could have been seen", 0.9, 1.0)
     models = Models.of(selected)
@@ -176,52 +181,57 @@ def diagnose(
 
 
 @dataclass(frozen=True, eq=False)
-class _DiscrepancyTests:
-    """What a discrepancy (a flexible function of each joint's state) explains of a session."""
+class _Discrepancies:
+    """What discrepancies (flexible functions of each joint's state) explain of a session."""
 
     left: tuple[LeftAtJoint | None, ...]  # by joint, beside the effects; None where it does not move
-    laws: tuple[Beside, ...]  # evidence of each effect's law beside it
-    explained: Float[Array, " n"]  # share of each joint's mean square that it explains in place of the effects
+    explained: Float[Array, " n"]  # share of each joint's mean square that they explain in place of the effects
+    laws: tuple[Beside, ...]  # of each effect its evidence beside them, when all were tested together
 
 
 def _test_against_discrepancy(
-    selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
-) -> tuple[Selection, _DiscrepancyTests]:
+    selected: Selection, sums: Evidence, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
+) -> tuple[Selection, _Discrepancies]:
     """Drops effects that a discrepancy explains at about the same cost, and returns the rest with the tests.
 
     All effects are tested together, so that one that is dropped does not count against its neighbours. An effect's
     class may be less probable without those that were dropped.
+
+    Args:
+        selected, sums: The effects, and sums of discrepancies alone.
+        session, baseline, settings: The runs, the tuned model, and thresholds.
     """
-    beside = _fit_discrepancies(selected, session, baseline, settings)
-    laws = beside.laws
+    search = selected.search
+    posterior = Posterior.of(sums, search.evidence, baseline, search.prior.error)
+    posterior, names = _with_names(posterior, selected, session, baseline)
+    laws = [
+        posterior.law(name, [other for other in names if other is not name], item.affected_joints)
+        for name, item in zip(names, selected.found.accepted, strict=True)
+    ]
     while True:
-        names = discount_by_discrepancy(selected.estimates, laws, settings.verdict)
-        kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.even_odds]
-        if len(kept) == len(names):
+        estimates = discount_by_discrepancy(selected.estimates, laws, settings.verdict)
+        kept = [k for k, one in enumerate(estimates) if one.class_probability >= settings.verdict.even_odds]
+        if len(kept) == len(estimates):
             break
-        laws = tuple(laws[k] for k in kept)
+        laws = [laws[k] for k in kept]
         selected = keep_effects(selected, kept, session, baseline, NOT_BEYOND_DISCREPANCY)
-    if len(laws) < len(beside.laws):
-        beside = replace(_fit_discrepancies(selected, session, baseline, settings), laws=laws)
-    return selected, beside
-
-
-def _fit_discrepancies(
-    selected: Selection, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
-) -> _DiscrepancyTests:
-    """Discrepancies at every joint that moves, or where an effect acts, beside the effects and in their place."""
-    search, found = selected.search, selected.found
-    explained, points = np.zeros(session.n), [estimate.refined for estimate in selected.estimates]
-    acting = {j for item in found.accepted for j in item.affected_joints}
-    joints = sorted(acting | set(np.flatnonzero(search.evidence.samples).tolist()))
-    if not joints:
-        return _DiscrepancyTests((None,) * session.n, (), explained)
-    posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
-    left = tuple(posterior.left_at(j, posterior.names) if j in posterior.blocks else None for j in range(session.n))
+    posterior, names = _with_names(posterior, selected, session, baseline)
+    moving, explained = set(np.flatnonzero(search.evidence.samples).tolist()), np.zeros(session.n)
+    acting = {j for item in selected.found.accepted for j in item.affected_joints}
+    left = tuple(posterior.left_at(j, names) if j in moving | acting else None for j in range(session.n))
     for j in acting:
         explained[j] = posterior.left_at(j, ()).share
-    laws = [posterior.beside(k, item.affected_joints) for k, item in enumerate(found.accepted)]
-    return _DiscrepancyTests(left, tuple(laws), explained)
+    return selected, _Discrepancies(left, explained, tuple(laws))
+
+
+def _with_names(
+    posterior: Posterior, selected: Selection, session: SessionContext, baseline: Baseline
+) -> tuple[Posterior, list[Group]]:
+    """A posterior with columns of the effects at their refined points, the same if it has them, and these."""
+    points, search = [estimate.refined for estimate in selected.estimates], selected.search
+    if not set(points) <= set(posterior.names):
+        posterior = Posterior.gather(session, baseline, search.evidence, search.prior.error, points)
+    return posterior, [posterior.names[point] for point in points]
 
 
 def _findings(

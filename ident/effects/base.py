@@ -54,6 +54,8 @@ class Effect(ABC):
     remembers: ClassVar[bool] = False
     # Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
     by_run: ClassVar[bool] = False
+    # Whether its columns are of the samples that the common filter keeps, so smooth that they need no filter.
+    decimated: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""  # one line for reports: what happens and where to look
     # What recordings must hold to show it, by name with the least amount: see `session_context.lacking`.

@@ -34,13 +34,14 @@ class Discrepancy(Effect):
     """One block of the flexible function at a joint; a nuisance of the regression, never a name."""
 
     id = "discrepancy"
+    decimated = True
 
     def __init__(self, block: Block) -> None:
         self.block = block
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         """The one variant, which holds centres and scales of the whole session's inputs."""
-        inputs = np.concatenate([_inputs(run, joint)[:: run.motion.lowpass.factor] for run in session.runs])
+        inputs = np.concatenate([_inputs(run, joint) for run in session.runs])
         shape = {"start": session.runs[0].motion.time[0], "end": session.runs[-1].motion.time[-1]}
         for k in range(inputs.shape[1]):
             shape[f"centre_{k}"], shape[f"scale_{k}"] = float(inputs[:, k].mean()), float(inputs[:, k].std() + 1e-9)
@@ -76,16 +77,15 @@ class Discrepancy(Effect):
     ) -> dict[str, Interval]:
         return {}
 
-    def columns_of(
-        self, run: RunContext, joint: int, variant: Variant, rows: slice = slice(None)
-    ) -> Float[Array, "T k"]:
-        """The columns of some rows of a run."""
+    def columns_of(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "t k"]:
+        """The columns at the samples of a run that the common filter keeps."""
         shape = variant.shape
         width = 5 + 3 * (run.n - 1)
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
         scale = np.array([shape[f"scale_{k}"] for k in range(width)])
-        x = (_inputs(run, joint)[rows] - centre) / scale
-        direction = run.direction[rows, joint : joint + 1]
+        x = (_inputs(run, joint) - centre) / scale
+        kept = run.motion.coarse
+        direction = run.direction[kept, joint : joint + 1]
         if self.block == "state":
             return _features(x[:, :5], direction, SHAPE.state_columns, 3, 100 + joint)
         if self.block == "coupling":
@@ -94,24 +94,24 @@ class Discrepancy(Effect):
             age, moved = since_reversal(run.motion.time, run.motion.q[:, joint], run.motion.dq[:, joint])
             fade = [np.exp(-np.abs(moved) / travel) for travel in SHAPE.travels_rad]
             fade += [np.exp(-age / one) for one in SHAPE.ages_s]
-            fading = np.stack(fade, axis=1)[rows]
+            fading = np.stack(fade, axis=1)[kept]
             return np.concatenate([fading, fading * direction, fading * direction * x[:, 2:3]], axis=1)
-        at = (run.motion.time[rows] - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
+        at = (run.motion.time[kept] - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
         waves = np.cos(np.pi * at[:, None] * np.arange(1, SHAPE.waves + 1))
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
 
-def _inputs(run: RunContext, joint: int) -> Float[Array, "T k"]:
+def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
     """What the function depends on: the joint's own position, speed, load, its slow speeds spread out, its direction;
 
-    then position, speed and direction of each other joint.
+    then position, speed and direction of each other joint. Of the samples that the common filter keeps.
     """
-    motion = run.motion
-    dq = motion.dq[:, joint]
-    slow = np.arcsinh(dq / (0.05 + 0.05 * np.sqrt(np.mean(dq**2))))
-    own = [motion.q[:, joint], dq, run.link[:, joint], slow, run.direction[:, joint]]
+    kept = run.motion.coarse
+    q, dq, direction = run.motion.q[kept], run.motion.dq[kept], run.direction[kept]
+    usual = 0.05 + 0.05 * np.sqrt(np.mean(run.motion.dq[:, joint] ** 2))
+    own = [q[:, joint], dq[:, joint], run.link[kept, joint], np.arcsinh(dq[:, joint] / usual), direction[:, joint]]
     others = [k for k in range(run.n) if k != joint]
-    return np.stack(own + [one[:, k] for k in others for one in (motion.q, motion.dq, run.direction)], axis=1)
+    return np.stack(own + [one[:, k] for k in others for one in (q, dq, direction)], axis=1)
 
 
 def _features(
@@ -183,10 +183,7 @@ def _of_joint(
     blocks = [Discrepancy(block) for block in ("state", "coupling")]
     points = [(block, block.variants(session, joint)[0]) for block in blocks]
     features = np.concatenate(
-        [
-            np.concatenate([block.columns_of(run, joint, one, run.motion.coarse) for block, one in points], axis=1)
-            for run in session.runs
-        ]
+        [np.concatenate([block.columns_of(run, joint, one) for block, one in points], axis=1) for run in session.runs]
     )
     values = np.nan_to_num(left)
     weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))

@@ -17,17 +17,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ident.arrays import Array, Float, Int
 from ident.effects.base import SessionContext
-from ident.regression.baseline import Baseline
-from ident.regression.design import Group, layout_of
+from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.design import Group, Layout, extended, layout_of
 from ident.regression.discrepancy import BLOCKS, Discrepancy
 from ident.regression.dwells import HeldFriction
-from ident.regression.gram import Evidence, gather
+from ident.regression.gather import gather
+from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection, factorise, project
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
@@ -37,6 +39,12 @@ MOST_ROUNDS = 4
 KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 # Mean square of a joint's whitened rows from which on it is looked into: noise itself is one.
 LOUD = 1.5
+
+
+def beside_discrepancies(layout: Layout, session: SessionContext) -> Layout:
+    """A layout with a discrepancy at each joint after all its groups."""
+    points = [KINDS[0].variants(session, j) for j in range(session.n)]
+    return extended(layout, session, [(kind, j, own) for j, own in enumerate(points) for kind in KINDS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +76,30 @@ class Posterior:
 
     evidence: Evidence  # sums of the baseline, the names and the discrepancies
     prior: Prior  # the URDF's tolerance
-    names: tuple[Group, ...]  # the named effects
-    # For each joint that has a discrepancy the columns of its blocks.
-    blocks: Mapping[int, tuple[Int[Array, " m"], ...]]
+    names: Mapping[Group, Group]  # the named effects at their points, and the same among these sums' columns
+    blocks: tuple[tuple[Int[Array, " m"], ...], ...]  # for each joint the columns of its discrepancy's blocks
+
+    @classmethod
+    def of(
+        cls,
+        sums: Evidence,
+        known: Evidence,
+        baseline: Baseline,
+        error: UrdfError,
+        names: Mapping[Group, Group] = MappingProxyType({}),
+    ) -> Posterior:
+        """Names and discrepancies in sums over all time.
+
+        Args:
+            sums: Sums of columns of names and of discrepancies (`beside_discrepancies`).
+            known: Sums whose between-run variation of friction and dispersion count here, too.
+            baseline, error: The tuned model, and by how much the URDF is believed to be off.
+            names: The named effects at their points, and the same among these columns.
+        """
+        evidence = sums.with_run_spread(known.spread).with_dispersion(known.dispersion)
+        flexible = [group.columns for group in sums.layout.groups if group.effect.id == Discrepancy.id]
+        blocks = tuple(tuple(flexible[k : k + len(KINDS)]) for k in range(0, len(flexible), len(KINDS)))
+        return cls(evidence, Prior.believing(evidence, baseline, error), names, blocks)
 
     @classmethod
     def gather(
@@ -78,31 +107,23 @@ class Posterior:
         session: SessionContext,
         baseline: Baseline,
         known: Evidence,
-        prior: Prior,
+        error: UrdfError,
         names: Sequence[Group],
-        joints: Sequence[int],
     ) -> Posterior:
-        """One more pass over the recordings, for names and discrepancies alone.
+        """One more pass over the recordings, for names at other points than those of the search.
 
         Args:
             session: The runs.
             baseline: The tuned model.
             known: Sums of the first pass: their noise, and how much friction varies from run to run.
-            prior: The URDF's tolerance.
+            error: By how much the URDF is believed to be off.
             names: The named effects at their points.
-            joints: Where a discrepancy is wanted.
         """
         grids = [(group.effect, group.joint, [group.variant]) for group in names]
-        for j in joints:
-            inputs = KINDS[0].variants(session, j)
-            grids += [(kind, j, list(inputs)) for kind in KINDS]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
-        evidence = gather(session, baseline, layout, known.whitening, rest=True).with_dwells()
-        evidence = evidence.with_run_spread(known.spread).with_dispersion(known.dispersion)
-        flexible = [group.columns for group in layout.groups[len(names) :]]
-        blocks = {j: tuple(flexible[k * len(KINDS) : (k + 1) * len(KINDS)]) for k, j in enumerate(joints)}
-        believed = Prior.believing(evidence, baseline, prior.error)
-        return cls(evidence, believed, layout.groups[: len(names)], blocks)
+        wide = beside_discrepancies(layout, session)
+        sums = gather(session, baseline, wide, known.whitening, rest=True, whole=True).with_dwells()
+        return cls.of(sums, known, baseline, error, dict(zip(names, layout.groups, strict=True)))
 
     def left_at(self, joint: int, names: Sequence[Group]) -> LeftAtJoint:
         """What a discrepancy sees at a joint beside the baseline and some names."""
@@ -116,15 +137,16 @@ class Posterior:
         share = max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
         return LeftAtJoint(found.evidence, found.kind, share)
 
-    def beside(self, slot: int, joints: Sequence[int]) -> Beside:
-        """What a name is worth beside a discrepancy at some joints.
+    def law(self, group: Group, others: Sequence[Group], joints: Sequence[int]) -> Beside:
+        """What an effect is worth beside a discrepancy at some joints, and beside other effects.
 
         Args:
-            slot: Number of the name.
+            group, others: The effect, and the other effects.
             joints: Where it acts.
         """
-        group, others = self.names[slot], [other for k, other in enumerate(self.names) if k != slot]
-        model = project(self.evidence.gram(), self.evidence, self.prior, others)
+        flexible = [columns for j in joints for columns in self.blocks[j]]
+        seen = np.concatenate([group.columns, *flexible, np.array([self.evidence.layout.size])])
+        model = project(self.evidence.gram(), self.evidence, self.prior, others, seen)
         width, gain, left, instead = len(group.columns), 0.0, 0.0, 0.0
         for j in joints:  # a joint's discrepancy explains its own rows: their evidence adds up
             sums = self._part(model, np.concatenate([group.columns, *self.blocks[j]]))
@@ -134,7 +156,7 @@ class Posterior:
             gain += 0.5 * float(alone[-1, -1] - with_it[-1, -1])
             kept = [kind.replaces(group.effect, size) for kind, size in zip(KINDS, _sizes(self.blocks[j]), strict=True)]
             rivals = np.append(np.flatnonzero(np.concatenate(kept)), len(alone) - 1)
-            views = [_nonnegative(one) for one in (with_it, alone[np.ix_(rivals, rivals)])]
+            views = with_it, alone[np.ix_(rivals, rivals)]
             sizes = _sizes(self.blocks[j]), [int(one.sum()) for one in kept]
             found = [estimate_variances(*one) for one in zip(views, sizes, strict=True)]
             # Each from where the other ended, too: the evidence has several maxima.
@@ -147,7 +169,7 @@ class Posterior:
 
         Encoder noise was taken off them: a column that is mostly noise may come out below zero, and gets as much back.
         """
-        sums = model.rest(np.append(columns, len(model.total) - 1))
+        sums = model.rest(np.append(columns, self.evidence.layout.size))
         sums[np.arange(len(columns)), np.arange(len(columns))] += self.evidence.noise_power[columns]
         return _nonnegative(sums)
 
@@ -178,25 +200,20 @@ class Posterior:
         return max(count - found.freedom, 0.1 * count)
 
 
-def measure_dispersion(
-    session: SessionContext, baseline: Baseline, evidence: Evidence, prior: Prior
-) -> Float[Array, " n"]:
+def measure_dispersion(evidence: Evidence, posterior: Posterior) -> Float[Array, " n"]:
     """By how much more than whitened noise each joint leaves that not even a discrepancy explains.
 
     Args:
-        session: The runs.
-        baseline: The tuned model.
         evidence: Sums of the first pass.
-        prior: The URDF's tolerance.
+        posterior: Discrepancies in sums of the same pass.
     """
-    weights = project(evidence.gram(), evidence, prior).weights
-    joints = range(evidence.layout.n)
-    loud = [j for j in joints if evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD]
-    found = np.ones(evidence.layout.n)
-    if loud:
-        posterior = Posterior.gather(session, baseline, evidence, prior, (), loud)
-        found[loud] = [posterior.dispersion(j) for j in loud]
-    return found
+    weights, joints = project(posterior.evidence.gram(), posterior.evidence, posterior.prior).weights, evidence.samples
+    return np.array(
+        [
+            posterior.dispersion(j) if count > 0 and posterior.evidence.misfit(j, weights) > LOUD else 1.0
+            for j, count in enumerate(joints)
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,9 +251,9 @@ def estimate_variances(
         for block, size in enumerate(sizes):
             along = _evidence_along(matrix, target, _deviations(variances, sizes), slice(*bounds[block : block + 2]))
             for grid in (DECADES, variances[block] * HALVES):
-                values = [along(one / size) for one in grid]
-                if max(values) > best:
-                    best, variances[block] = max(values), grid[int(np.argmax(values))]
+                values = along(grid / size)
+                if values.max() > best:
+                    best, variances[block] = float(values.max()), grid[int(np.argmax(values))]
         if best - before < 0.05:
             break
     deviations = _deviations(variances, sizes)
@@ -257,8 +274,8 @@ def _log_evidence(matrix: Float[Array, "m m"], target: Float[Array, " m"], devia
 
 def _evidence_along(
     matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"], block: slice
-) -> Callable[[float], float]:
-    """Log evidence as a function of the variance of a block's coefficients, the other blocks' variances fixed."""
+) -> Callable[[Float[Array, " v"]], Float[Array, " v"]]:
+    """Log evidence as a function of variances of a block's coefficients, the other blocks' variances fixed."""
     used = deviations > 0.0
     used[block] = False
     scale, own = deviations[used], np.arange(len(target))[block]
@@ -270,9 +287,9 @@ def _evidence_along(
     squares = (vectors.T @ (target[own] - half[:, :-1].T @ half[:, -1])) ** 2
     values = np.maximum(values, 0.0)
 
-    def evidence(variance: float) -> float:
-        grown = 1.0 + variance * values
-        return rest + 0.5 * float(variance * np.sum(squares / grown) - np.log(grown).sum())
+    def evidence(variances: Float[Array, " v"]) -> Float[Array, " v"]:
+        grown = 1.0 + variances[:, None] * values
+        return np.asarray(rest + 0.5 * (variances * ((1.0 / grown) @ squares) - np.log(grown).sum(axis=1)))
 
     return evidence
 

@@ -192,6 +192,9 @@ class _Batch:
     width: int = 0
 
     def add(self, group: Group, columns: Float[Array, "T ..."]) -> None:
+        if group.effect.decimated:
+            self._write(group, columns)
+            return
         self.waiting.append((group, columns))
         self.width += columns[0].size
         if self.width >= BATCH_COLUMNS:
@@ -205,13 +208,16 @@ class _Batch:
         start = 0
         for group, columns in self.waiting:
             end = start + columns[0].size
-            found = filtered[:, start:end].reshape(-1, *columns.shape[1:])
-            for j in group.acts_on(self.layout.n):
-                at = self.layout.places[j][int(group.columns[0])]
-                own = found if group.effect.rows == "own" else found[:, j]
-                self.tables[j][:, at : at + len(group.columns)] = own
+            self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
             start = end
         self.waiting, self.width = [], 0
+
+    def _write(self, group: Group, found: Float[Array, "t ..."]) -> None:
+        """Writes columns into the tables of the joints that a group acts on."""
+        for j in group.acts_on(self.layout.n):
+            at = self.layout.places[j][int(group.columns[0])]
+            own = found if group.effect.rows == "own" else found[:, j]
+            self.tables[j][:, at : at + len(group.columns)] = own
 
 
 def column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:

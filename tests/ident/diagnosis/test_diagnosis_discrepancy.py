@@ -14,7 +14,7 @@ from ident.effects.contact import Leftover, screen_windows
 from ident.motion.motion import Motion
 from ident.regression.baseline import fit_baseline
 from ident.regression.dwells import DwellRows, dwell_rows, find_holds, find_turns, join_runs, resting
-from ident.regression.least_squares import Prior
+from ident.regression.least_squares import USUAL_URDF
 from ident.regression.noise import shorter_filters, whiten_after_gaps
 from ident.regression.posterior import Posterior, estimate_variances
 from ident.regression.runs import build_session, leftover_torque
@@ -84,9 +84,8 @@ def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> No
     """
     analysis = analyse(short_arm, loaded, [find_effect("payload")])
     evidence, (name,) = analysis.evidence, analysis.search.accepted
-    prior = Prior.of(evidence, analysis.baseline.prior)
-    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, prior, [name.group], [1, 2])
-    both, first, second = (posterior.beside(0, joints) for joints in ([1, 2], [1], [2]))
+    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, USUAL_URDF, [name.group])
+    both, first, second = (posterior.law(posterior.names[name.group], (), joints) for joints in ([1, 2], [1], [2]))
     for part in ("gain", "left", "instead"):
         assert getattr(both, part) == pytest.approx(getattr(first, part) + getattr(second, part))
     assert min(first.gain, second.gain) > 0.0
@@ -106,9 +105,8 @@ def test_a_law_is_no_rival_of_its_own(short_arm: ArmModel) -> None:
 
     analysis = analyse(short_arm, building_up, [find_effect("presliding_hysteresis")])
     (name,), evidence = analysis.search.accepted, analysis.evidence
-    prior = Prior.of(evidence, analysis.baseline.prior)
-    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, prior, [name.group], [1])
-    law = posterior.beside(0, [1])
+    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, USUAL_URDF, [name.group])
+    law = posterior.law(posterior.names[name.group], (), [1])
     assert law.log_bayes_factor > 0.15 * law.gain > 50.0
 
 
