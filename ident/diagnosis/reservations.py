@@ -97,8 +97,8 @@ def find_heterogeneous(
     worst = sorted(heterogeneous, key=lambda k: -heterogeneous[k].between_fold_std)
     kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
     return {
-        k: f"its size differs between parts of the recordings by {100 * one.between_fold_std:.0f} %, from "
-        f"{one.smallest:.2g} to {one.largest:.2g} of what it is over all: a constant of the arm is the same in each"
+        k: f"its size differs by {100 * one.between_fold_std:.0f} %, from {one.smallest:.2g} to {one.largest:.2g} of "
+        "what it is over all: a constant of the arm is the same in all parts of the recordings"
         for k, one in ((k, heterogeneous[k]) for k in kept)
     }
 

@@ -94,7 +94,8 @@ def decide(
     """The verdict, by the share of the gap above noise that accepted effects close at the joints in question.
 
     The share is computed with tuned inertias and with the URDF's, and the larger one counts: a cause that tuning
-    absorbs in part is credited with what it explains of the user's model.
+    absorbs in part is credited with what it explains of the user's model. However much is closed, a joint with a
+    significant unexplained residual where no likely effect acts has a gap without a name.
 
     Args:
         found, names: Search results, and the estimates with discounted probabilities.
@@ -106,9 +107,10 @@ def decide(
     """
     if not found.accepted:
         return "none_of_catalogue" if left.any() or tolerance.exceeded or found.near_miss else "no_gap"
-    joints = left.copy()
-    for item in found.accepted:
+    joints, unnamed = left.copy(), left.copy()
+    for item, name in zip(found.accepted, names, strict=True):
         joints[item.affected_joints] = True
+        unnamed[item.affected_joints] &= name.class_probability < settings.even_odds
     tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
     # Mean squares in units of the floor, so that joints of different size add up.
@@ -116,7 +118,7 @@ def decide(
     share = max(float((old - new).sum() / max(np.maximum(old - 1.0, 0.0).sum(), 1e-12)) for old, new in pairs)
     if any(item.absorbed or item.group.effect.event for item in found.accepted) and not left.any():
         share = 1.0  # held-out error shows neither what tuning absorbs nor what happens once, at rest
-    if share >= settings.named_from and not tolerance.exceeded:
+    if share >= settings.named_from and not tolerance.exceeded and not unnamed.any():
         return "named"
     return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
 

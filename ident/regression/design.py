@@ -38,12 +38,12 @@ class Group:
     prior: SizePrior | None = None  # what is known of its coefficients beforehand, if that decides
     borrows: bool = False  # whether its columns are some of another candidate's
 
-    @property
+    @cached_property
     def key(self) -> Key:
         """Effect, joint and other joint: what is named, whatever the inner parameters."""
         return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
 
-    @property
+    @cached_property
     def signed(self) -> tuple[int, ...]:
         """Those of its columns whose coefficients can't be negative."""
         return self.effect.signed(self.variant)

@@ -147,32 +147,48 @@ class Candidates:
         return {name: float(np.log(n * sum(g.effect.id == name for g in groups))) for name, n in counts.items()}
 
     def best_by_key(
-        self, projection: Projection, without: Sequence[Group] = (), place: Group | None = None
+        self,
+        projection: Projection,
+        without: Sequence[Group] = (),
+        place: Group | None = None,
+        above: float = -np.inf,
     ) -> dict[Key, tuple[float, Group]]:
         """For each effect and joint the best grid point and its log evidence.
 
         Args:
             projection, without: The model beside which they are evaluated, and its effects, which are no candidates.
             place: Restricts the candidates to those that act at a joint where this effect does; all if None.
+            above: Candidates that surely have no greater log evidence may be left out [nats].
         """
         taken, n = {group.key for group in without} | self.excluded, self.evidence.layout.n
         here = set(range(n) if place is None else place.acts_on(n))
-        groups = [one for one in self.evidence.layout.groups if one.key not in taken and here & set(one.acts_on(n))]
-        return self._best_of(projection, groups)
+        groups = [
+            one
+            for one in self.evidence.layout.groups
+            if one.key not in taken and (one.effect.rows == "all" or one.joint in here)
+        ]
+        return self._best_of(projection, groups, above)
+
+    def best_point(self, projection: Projection, key: Key) -> tuple[float, Group]:
+        """The best grid point of one effect at its joint, and its log evidence."""
+        return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key == key])[key]
 
     def best_implausible(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
         """The best grid points of the candidates that were excluded because no arm has such parameters."""
         groups = [group for group in self.evidence.layout.groups if group.key in self.implausible]
         return self._best_of(projection, groups)
 
-    def _best_of(self, projection: Projection, groups: Sequence[Group]) -> dict[Key, tuple[float, Group]]:
+    def _best_of(
+        self, projection: Projection, groups: Sequence[Group], above: float = -np.inf
+    ) -> dict[Key, tuple[float, Group]]:
         """The best grid points of some candidates; upper bounds of the gain rule out most points unsolved."""
         most = 0.5 * projection.most_gains(groups)
         best: dict[Key, tuple[float, Group]] = {}
         for k in np.argsort(-most, kind="stable"):
             group = groups[k]
             known = best.get(group.key)
-            if known is None or group.prior is not None or most[k] - self.complexity_cost(group) > known[0]:
+            least = above if known is None else known[0]
+            if group.prior is not None or most[k] - self.complexity_cost(group) > least:
                 score = self.log_evidence_of(projection, group)
                 if known is None or score > known[0]:
                     best[group.key] = (score, group)

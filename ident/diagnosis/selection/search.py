@@ -129,12 +129,16 @@ class Search(Candidates):
     def _forward(self, gram: Array, chosen: Sequence[Group]) -> Evaluated | None:
         """Of the candidates of greatest log evidence the first that meets the criteria; if none does, the first."""
         projection = project(gram, self.evidence, self.prior, chosen)
-        best = sorted(self.best_by_key(projection, chosen).values(), key=lambda pair: -pair[0])
-        short = [(score, group) for score, group in best[: self.settings.shortlist] if score > 0.0]
-        if not short:
-            return None
-        tried = self.evaluate(gram, projection, chosen, short)
-        return next((item for item in tried if item.criteria.passed), tried[0])
+        best = sorted(self.best_by_key(projection, chosen, above=0.0).values(), key=lambda pair: -pair[0])
+        first = None
+        for score, group in best[: self.settings.shortlist]:
+            if score <= 0.0:
+                break
+            item = self.evaluate(gram, projection, chosen, [(score, group)])[0]
+            if item.criteria.passed:
+                return item
+            first = first or item
+        return first
 
     def _reoptimise(self, gram: Array, groups: Sequence[Group], changed: Collection[int]) -> list[Group]:
         """Coordinate ascent: each effect at its best grid point beside the others, or swapped for a better candidate.
@@ -153,9 +157,9 @@ class Search(Candidates):
                     continue
                 others = current[:i] + current[i + 1 :]
                 projection = project(gram, self.evidence, self.prior, others)
-                best = self.best_by_key(projection, others, old)
-                current[i] = best[old.key][1]
-                rival = max(best.values(), key=lambda pair: pair[0])[1]
+                score, current[i] = self.best_point(projection, old.key)
+                rivals = self.best_by_key(projection, others, old, above=score).values()
+                rival = max(rivals, key=lambda pair: pair[0], default=(score, old))[1]
                 if rival.key != old.key and self._predicts_better(projection, others, rival, current[i]):
                     current[i] = rival
                 if current[i] is not old:

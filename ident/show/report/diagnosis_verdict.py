@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -307,16 +307,31 @@ def describe_findings(record: Mapping[str, Any]) -> str:
 
 
 def describe_reservations(record: Mapping[str, Any]) -> list[str]:
-    """Reasons to doubt: what fits and is not believed, by reason, and a replay that ends far off."""
-    unbelieved, doubts = dict[str, list[str]](), []
+    """Reasons to doubt: what fits and is not believed, by reason, and a replay that ends far off.
+
+    A reason reads "what was found: why no arm is like that"; effects that share the second part make one sentence, with
+    what was found of the first.
+    """
+    alike, doubts = dict[str, list[Mapping[str, Any]]](), []
     for one in record.get("reservations", []):
         if one["effect"]:
-            what = f"{effect_name(one['effect'])} in {join_words(one['joints'])}"
-            reason = in_units_of(one["joints"], record, with_units(one["reason"]), one["effect"])
-            unbelieved.setdefault(reason, []).append(what)
+            alike.setdefault(one["reason"].split(": ")[-1], []).append(one)
         else:
             doubts.append(f"Doubt: {one['reason']}.")
-    return [*(f"Not believed: {join_words(w)} would fit, but {reason}." for reason, w in unbelieved.items()), *doubts]
+    return [*(_describe_unbelieved(some, record) for some in alike.values()), *doubts]
+
+
+def _describe_unbelieved(some: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:
+    """One sentence about effects that fit and are not believed for one reason."""
+    joints = dict[str, dict[str, None]]()
+    for one in some:
+        joints.setdefault(one["effect"], {}).update(dict.fromkeys(one["joints"]))
+    names = join_words([f"{effect_name(effect)} in {join_words(list(where))}" for effect, where in joints.items()])
+    first = some[0]
+    reason = in_units_of(first["joints"], record, with_units(first["reason"]), first["effect"])
+    if len(some) == 1 or ": " not in reason:
+        return f"Not believed: {names} would fit, but {reason}."
+    return f"Not believed, though they would fit: {names}. Of the first, {reason}."
 
 
 def describe_unnamed(record: Mapping[str, Any]) -> str:

@@ -86,7 +86,7 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
     found = measure_agreement(other, [group], 0)
     assert found.p_value < 1e-6
     assert found.between_fold_std > 0.5
-    assert "differs between parts of the recordings" in find_heterogeneous(other, [group], [0])[0]
+    assert "is the same in all parts of the recordings" in find_heterogeneous(other, [group], [0])[0]
 
 
 def test_what_acts_beyond_a_bound_may_differ(short_arm: ArmModel) -> None:

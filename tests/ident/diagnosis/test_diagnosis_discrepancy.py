@@ -120,6 +120,21 @@ def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmM
     assert found.diagnosis.verdict == "none_of_catalogue"
 
 
+def test_a_joint_without_a_name_keeps_the_gap_open(short_arm: ArmModel) -> None:
+    """Law: a spring that closes nearly the whole gap is not all that is wrong where another joint has teeth, for which
+    no name is at hand.
+    """
+
+    def both(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        return 3.0 * spring_on_3(arm, q, dq, ddq) + at_joint(1, 0.6 * np.sin(60.0 * q[:, 1]))
+
+    found = analyse(short_arm, both, [find_effect("spring_torque")]).diagnosis
+    assert [(one.joints, one.estimate.group.effect.id) for one in found.findings] == [(("joint_3",), "spring_torque")]
+    assert found.heldout.shrink > USUAL.verdict.named_from
+    assert found.details.leftover[1] > 1.0 > found.details.leftover[2]
+    assert found.verdict == "partial"
+
+
 def test_a_gap_that_is_seen_by_neighbours_alone_is_reported(short_arm: ArmModel) -> None:
     """Law: teeth at one joint, no name for them at hand: there is a gap, at that joint and of its state."""
 

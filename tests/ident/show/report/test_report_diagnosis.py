@@ -125,7 +125,15 @@ def test_names_that_one_reason_speaks_against_stand_in_one_line() -> None:
     doubt = {"effect": "spring_torque", "reason": "mu holds zero", "parameters": {}}
     record = {"reservations": [{**doubt, "joints": [joint]} for joint in ("elbow", "wrist")]}
     (line,) = describe_reservations(record)
-    assert line.startswith("Not believed: spring torque in elbow and spring torque in wrist would fit, but ")
+    assert line.startswith("Not believed: spring torque in elbow and wrist would fit, but ")
+    for one, found in zip(record["reservations"], ("it grows", "it falls"), strict=True):
+        one["reason"] = f"{found}: no spring does"
+    (line,) = describe_reservations(record)
+    assert line.endswith(
+        "though they would fit: spring torque in elbow and wrist. Of the first, it grows: no spring does."
+    )
+    (line,) = describe_reservations({"reservations": record["reservations"][:1]})
+    assert line == "Not believed: spring torque in elbow would fit, but it grows: no spring does."
 
 
 def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
