@@ -45,10 +45,9 @@ from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, build_layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
-from ident.regression.gather import gather_beside
-from ident.regression.gram import Evidence
+from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior
-from ident.regression.posterior import Beside, LeftAtJoint, Posterior, beside_discrepancies, measure_dispersion
+from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
@@ -99,16 +98,14 @@ def diagnose(
     screened = [effect.screened(session, unusual) for effect in catalogue]
     layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
     stage("torques of every law", 0.35, 0.6)
-    evidence, sums = gather_beside(session, baseline, layout, beside_discrepancies(layout, session))
+    evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)
-    evidence = evidence.with_dispersion(
-        measure_dispersion(evidence, Posterior.of(sums, evidence, baseline, prior.error))
-    )
+    alone = Posterior.gather(session, baseline, evidence, prior.error)
+    evidence = evidence.with_dispersion(measure_dispersion(alone))
     stage("searching for laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
-    selected, beside = _test_against_discrepancy(
-        select_effects(first, session, baseline), sums, session, baseline, settings
-    )
+    found_laws = select_effects(first, session, baseline)
+    selected, beside = _test_against_discrepancy(found_laws, alone, session, baseline, settings)
     selected = name_wrong_links(selected, session, baseline, settings.verdict)
     stage("what is left, and what could have been seen", 0.9, 1.0)
     models = Models.of(selected)
@@ -190,7 +187,7 @@ class _Discrepancies:
 
 
 def _test_against_discrepancy(
-    selected: Selection, sums: Evidence, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
+    selected: Selection, alone: Posterior, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
 ) -> tuple[Selection, _Discrepancies]:
     """Drops effects that a discrepancy explains at about the same cost, and returns the rest with the tests.
 
@@ -198,11 +195,11 @@ def _test_against_discrepancy(
     class may be less probable without those that were dropped.
 
     Args:
-        selected, sums: The effects, and sums of discrepancies alone.
+        selected, alone: The effects, and discrepancies alone.
         session, baseline, settings: The runs, the tuned model, and thresholds.
     """
     search = selected.search
-    posterior = Posterior.of(sums, search.evidence, baseline, search.prior.error)
+    posterior = alone.revised(search.evidence, baseline, search.prior.error)
     posterior, names = _with_names(posterior, selected, session, baseline)
     laws = [
         posterior.law(name, [other for other in names if other is not name], item.affected_joints)

@@ -29,8 +29,7 @@ from ident.model.linearisation import LEAST_MOVING, Sliding
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import LOSS_PARAMETERS, Grid, layout_of
-from ident.regression.gather import gather
-from ident.regression.gram import Evidence
+from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, Projection, project
 from ident.regression.run_spread import estimate_run_spread, squares_left, worth_of_rows
 from ident.regression.runs import build_session

@@ -96,19 +96,6 @@ class Layout:
         candidates = sum(len(columns) for columns in self.own) + len(self.shared)
         return self.rank + LOSS_PARAMETERS * self.n + candidates
 
-    def with_groups(self, groups: Sequence[Group]) -> Layout:
-        """The layout with further groups, whose columns are numbered after its own."""
-        own, shared = [[one] for one in self.own], [self.shared]
-        for group in groups:
-            if not group.borrows:
-                (own[group.joint] if group.effect.rows == "own" else shared).append(group.columns)
-        return replace(
-            self,
-            groups=(*self.groups, *groups),
-            own=tuple(np.concatenate(columns) for columns in own),
-            shared=np.concatenate(shared),
-        )
-
     @cached_property
     def local(self) -> tuple[Int[Array, " p"], ...]:
         """For each joint, the columns that its rows carry: base, own loss, own candidates, shared, torque."""
@@ -192,26 +179,14 @@ def layout_of(
         beside: Effects of one joint that are part of the baseline wherever they can be seen, each with a prior scale.
     """
     own_joints = [(effect, j) for effect in beside for j in range(session.n) if effect.untestable(session, j) is None]
-    nuisances: list[Grid] = [(effect, j, (Variant(),)) for effect, j in own_joints]
+    nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
     std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
-    start, nothing = rank + LOSS_PARAMETERS * session.n, np.zeros(0, dtype=int)
-    empty = Layout(rank, session.n, (), session.n * (nothing,), nothing, tuple(silent))
-    groups = _groups(session, nuisances, start)
-    further = sum(len(group.columns) for group in groups)
-    candidates = _groups(session, grids, start + further, searched)
-    return replace(
-        empty.with_groups((*groups, *candidates)),
-        groups=tuple(candidates),
-        further=further,
-        further_std=tuple(float(one) for each in std if each is not None for one in each),
-    )
-
-
-def _groups(session: SessionContext, grids: Sequence[Grid], start: int, searched: bool = False) -> list[Group]:
-    """Groups of effects at joints at each of their points, their columns numbered from `start`."""
     sample = replace(session, runs=(session.runs[0].copied(),))  # what it computes goes with it
+    start = rank + LOSS_PARAMETERS * session.n
     groups: list[Group] = []
-    for effect, joint, variants in grids:
+    own: list[list[int]] = [[] for _ in range(session.n)]
+    shared: list[int] = []
+    for effect, joint, variants in [*nuisances, *grids]:
         for variant in variants:
             width = effect.columns(sample, joint, variant)[0].shape[-1]
             columns = np.arange(start, start + width)
@@ -220,9 +195,14 @@ def _groups(session: SessionContext, grids: Sequence[Grid], start: int, searched
             groups.append(Group(effect, joint, variant, columns, prior))
             for part, some in effect.parts(variant) if searched else ():
                 groups.append(Group(effect, joint, part, columns[list(some)], prior, borrows=True))
-    return groups
-
-
-def extended(layout: Layout, session: SessionContext, grids: Sequence[Grid]) -> Layout:
-    """A layout with further groups after its own, which keep their columns; the torque's number is another."""
-    return layout.with_groups(_groups(session, grids, layout.size))
+            (own[joint] if effect.rows == "own" else shared).extend(columns)
+    return Layout(
+        rank=rank,
+        n=session.n,
+        groups=tuple(groups[len(nuisances) :]),
+        own=tuple(np.array(columns, dtype=int) for columns in own),
+        shared=np.array(shared, dtype=int),
+        silent=tuple(silent),
+        further=sum(len(group.columns) for group in groups[: len(nuisances)]),
+        further_std=tuple(float(one) for each in std if each is not None for one in each),
+    )

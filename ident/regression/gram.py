@@ -25,19 +25,25 @@ Casella and McCulloch 1992 (variance components).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
+from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
-from ident.regression.block_sums import FoldSums, SymmetricSums
-from ident.regression.design import Layout
-from ident.regression.dwells import DwellRows
-from ident.regression.friction_sums import FrictionSums
-from ident.regression.noise import Whitening
+from ident.progress import step
+from ident.regression.baseline import Baseline
+from ident.regression.block_sums import FoldSums, SymmetricSums, add_half, add_products, half_size, stored
+from ident.regression.design import LOSS_PARAMETERS, Layout
+from ident.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
+from ident.regression.friction_sums import FRICTION, FrictionSums
+from ident.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
+from ident.regression.partition import Partition, build_partition
+from ident.regression.rows import Rows, column_scale, compute_rows, rescale, waiting
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.regression.spooled import SpooledArrays
 
@@ -204,3 +210,184 @@ class Evidence:
             total[np.ix_(local, local)] += sums.over()
         total.setflags(write=False)
         return total
+
+
+def gather(
+    session: SessionContext,
+    baseline: Baseline,
+    layout: Layout,
+    known: Whitening | None = None,
+    partition: Partition | None = None,
+    alike: int | None = None,
+    rest: bool = False,
+    through: Bool[Array, " n"] | None = None,
+) -> Evidence:
+    """The one pass: noise from the first chunk, if it isn't known, then sums over all runs.
+
+    Friction is the same in all runs, until `Evidence.with_run_spread` says otherwise.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        layout: The columns.
+        known: The noise, if it is known.
+        partition: How time is cut; as `build_partition` does it if None.
+        alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
+        rest: Whether holds are rows, too (`Evidence.dwells`).
+        through: Joints of which rows near reversals count as well; none if None.
+    """
+    settings = baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
+    level = static_level(session) if rest else None
+    held_rows: list[list[DwellRows]] = [[] for _ in range(layout.n)]
+    partition = partition or build_partition(session, settings)
+    scale: Array | None = None
+    sums: _Sums | None = None
+    held: list[Rows] = []
+    for rows in compute_rows(session, baseline, layout, partition, through):
+        if sums is None:
+            held.append(waiting(layout, held, rows))
+            if sum(len(one.counts) for one in held) < settings.noise_samples and rows.run < len(session.runs) - 1:
+                continue
+            scale = column_scale(layout, held)
+            rescale(layout, held, scale)
+            sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
+            batch, held = held, []
+        elif scale is not None:
+            batch = [rows]
+            rescale(layout, batch, scale)
+        while batch:  # each run's tables go when their sums come
+            part = batch.pop(0)
+            sums.add(part)
+            step(part.run + 1, len(session.runs))
+            if level is not None:
+                motion = session.runs[part.run].motion
+                found = dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks)
+                for own, one in zip(held_rows, found, strict=True):
+                    own.append(one)
+        del rows, part  # before the next are made
+    assert sums is not None
+    assert scale is not None
+    of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
+    first = layout.rank + LOSS_PARAMETERS * np.arange(layout.n)
+    evidence = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
+    return replace(evidence, dwells=tuple(join_runs(own, alike) for own in held_rows if own))
+
+
+def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:
+    """The same with fewer blocks and folds where the sums of very many columns would fill the memory."""
+    block_mb = 8e-6 * sum(half_size(len(local)) for local in layout.local)
+    blocks = max(settings.fewest_blocks, int(settings.most_sums_mb / block_mb))
+    if blocks >= settings.most_blocks:
+        return settings
+    folds = min(settings.folds, max(settings.fewest_folds, blocks // 4))
+    return settings.but(most_blocks=blocks, folds=folds)
+
+
+class _Sums:
+    """Sums as they grow, run by run."""
+
+    def __init__(
+        self, layout: Layout, partition: Partition, whitening: Whitening, settings: RegressionSettings
+    ) -> None:
+        blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
+        self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
+        # Of each joint the friction columns first, then the others in the order in which they cease to be zero.
+        self.kept = [layout.rank + np.arange(FRICTION.start, FRICTION.stop) for _ in layout.local]
+        room, nothing = SpooledArrays(), np.zeros(0)
+        self.white, self.plain = (
+            [stored(count * [nothing], count * half_size(len(local)), room) for local in layout.local]
+            for count in (blocks, folds)
+        )
+        self.rows, self.weights = np.zeros((blocks, layout.n)), np.zeros((folds, layout.n))
+        self.noise_power = np.zeros(layout.size + 1)
+        self.pieces: list[tuple[int, int]] = []
+        self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
+
+    def add(self, rows: Rows) -> None:
+        """Adds a run: what was seen, less what of it is encoder noise."""
+        blocks = np.unique(rows.blocks)
+        stretches = self.partition.stretches[blocks]
+        # A block that several runs share is no stretch of time: there the run is one.
+        shared = len(self.partition.starts) > self.settings.most_lone_runs
+        self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
+        for j in range(self.layout.n):
+            self._add_tables(rows, j)
+
+    def _add_tables(self, rows: Rows, j: int) -> None:
+        """Adds a joint's rows. What was seen and its noise come block by block, while a block's sums are at hand."""
+        counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
+        filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
+        full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
+        # Columns that are not zero any more stand last, so that older sums are as they were.
+        shown = np.flatnonzero(np.any([table.any(axis=0) for table in full], axis=0))
+        self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
+        kept, local = self.kept[j], self.layout.local[j]
+        tables = [table[:, kept].astype(float) for table in full]
+        filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
+        power, sums, first = np.zeros(len(kept)), np.zeros((len(kept), len(kept))), FRICTION.stop - FRICTION.start
+        for block, inside in _stretches(rows.blocks):
+            seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
+            sums[:] = 0.0
+            add_products(sums, seen, 1.0)
+            self.rows[block, j] += len(seen)
+            tied = np.zeros((first, len(local)))
+            tied[:, kept] = seen[:, :first].T @ seen
+            for drawn in noise:
+                add_products(sums, drawn, -rows.weight)
+                tied[:, kept] -= rows.weight * (drawn[:, :first].T @ drawn)
+                power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
+            add_half(self.white[j], block, sums)
+            self.friction[j].append(tied)
+        self.noise_power[local[kept]] += power
+        for fold, inside in _stretches(folds):
+            seen, *noise = (_where(table[inside], counts[inside]) for table in tables)
+            sums[:] = 0.0
+            add_products(sums, seen, 1.0)
+            self.weights[fold, j] += len(seen)
+            for drawn in noise:
+                add_products(sums, drawn, -rows.weight)
+            add_half(self.plain[j], fold, sums)
+
+    def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
+        """All that was summed.
+
+        Args:
+            scale: What each column was divided by.
+            level: Scaled viscous and Coulomb coefficient of each joint.
+        """
+        for sums, kept in zip((*self.white, *self.plain), 2 * self.kept, strict=True):
+            for k, half in enumerate(sums):
+                if len(half) < half_size(len(kept)):  # later columns are zero there
+                    sums[k] = np.pad(half, (0, half_size(len(kept)) - len(half)))
+        stretch, block = np.array(self.pieces).T
+        sizes = [len(local) for local in self.layout.local]
+        friction = FrictionSums(
+            stretch, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank
+        )
+        return Evidence(
+            layout=self.layout,
+            scale=scale,
+            free=tuple(map(SymmetricSums, self.white, self.kept, sizes)),
+            plain=tuple(map(SymmetricSums, self.plain, self.kept, sizes)),
+            fold_of_block=self.partition.folds,
+            rows=self.rows,
+            weights=self.weights,
+            whitening=self.whitening,
+            noise_power=self.noise_power,
+            friction=friction,
+            spread=np.zeros(self.layout.n),
+            dispersion=np.ones(self.layout.n),
+            settings=self.settings,
+        )
+
+
+def _where(table: Float[Array, "t p"], counts: Bool[Array, " t"]) -> Float[Array, "k p"]:
+    """The rows that count; mostly all of them do, and none is copied."""
+    return table if counts.all() else table[counts]
+
+
+def _stretches(labels: Int[Array, " t"]) -> Iterator[tuple[int, slice]]:
+    """Each stretch of equal labels, and where it is."""
+    bounds = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1, append=labels[-1:] - 1))
+    for start, end in pairwise(bounds):
+        yield int(labels[start]), slice(int(start), int(end))

@@ -15,9 +15,8 @@ Source: Kennedy and O'Hagan 2001 (discrepancy); Searle, Casella and McCulloch 19
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -25,12 +24,12 @@ from scipy.linalg import solve_triangular
 from ident.arrays import Array, Float, Int
 from ident.effects.base import SessionContext
 from ident.regression.baseline import Baseline, UrdfError
-from ident.regression.design import Group, Layout, extended, layout_of
+from ident.regression.design import Group, layout_of
 from ident.regression.discrepancy import BLOCKS, Discrepancy
 from ident.regression.dwells import HeldFriction
-from ident.regression.gather import gather
-from ident.regression.gram import Evidence
+from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, Projection, factorise, project
+from ident.regression.partition import build_partition
 
 # Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
 # deviation, then half a decade about the best. Where noise is strongly coloured, less than a thousandth of it shows.
@@ -39,12 +38,6 @@ MOST_ROUNDS = 4
 KINDS = tuple(Discrepancy(block) for block in BLOCKS)
 # Mean square of a joint's whitened rows from which on it is looked into: noise itself is one.
 LOUD = 1.5
-
-
-def beside_discrepancies(layout: Layout, session: SessionContext) -> Layout:
-    """A layout with a discrepancy at each joint after all its groups."""
-    points = [KINDS[0].variants(session, j) for j in range(session.n)]
-    return extended(layout, session, [(kind, j, own) for j, own in enumerate(points) for kind in KINDS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,37 +73,15 @@ class Posterior:
     blocks: tuple[tuple[Int[Array, " m"], ...], ...]  # for each joint the columns of its discrepancy's blocks
 
     @classmethod
-    def of(
-        cls,
-        sums: Evidence,
-        known: Evidence,
-        baseline: Baseline,
-        error: UrdfError,
-        names: Mapping[Group, Group] = MappingProxyType({}),
-    ) -> Posterior:
-        """Names and discrepancies in sums over all time.
-
-        Args:
-            sums: Sums of columns of names and of discrepancies (`beside_discrepancies`).
-            known: Sums whose between-run variation of friction and dispersion count here, too.
-            baseline, error: The tuned model, and by how much the URDF is believed to be off.
-            names: The named effects at their points, and the same among these columns.
-        """
-        evidence = sums.with_run_spread(known.spread).with_dispersion(known.dispersion)
-        flexible = [group.columns for group in sums.layout.groups if group.effect.id == Discrepancy.id]
-        blocks = tuple(tuple(flexible[k : k + len(KINDS)]) for k in range(0, len(flexible), len(KINDS)))
-        return cls(evidence, Prior.believing(evidence, baseline, error), names, blocks)
-
-    @classmethod
     def gather(
         cls,
         session: SessionContext,
         baseline: Baseline,
         known: Evidence,
         error: UrdfError,
-        names: Sequence[Group],
+        names: Sequence[Group] = (),
     ) -> Posterior:
-        """One more pass over the recordings, for names at other points than those of the search.
+        """One more pass over the recordings, for names and discrepancies alone.
 
         Args:
             session: The runs.
@@ -120,10 +91,29 @@ class Posterior:
             names: The named effects at their points.
         """
         grids = [(group.effect, group.joint, [group.variant]) for group in names]
+        for j in range(session.n):
+            inputs = KINDS[0].variants(session, j)
+            grids += [(kind, j, list(inputs)) for kind in KINDS]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
-        wide = beside_discrepancies(layout, session)
-        sums = gather(session, baseline, wide, known.whitening, rest=True, whole=True).with_dwells()
-        return cls.of(sums, known, baseline, error, dict(zip(names, layout.groups, strict=True)))
+        # Sums over all time are enough: blocks as long as friction keeps its level, one fold.
+        settings = baseline.settings
+        partition = build_partition(session, settings.but(shortest_block_s=settings.stretch_s, folds=1))
+        evidence = gather(session, baseline, layout, known.whitening, partition, rest=True).with_dwells()
+        flexible = [group.columns for group in layout.groups[len(names) :]]
+        blocks = tuple(tuple(flexible[k : k + len(KINDS)]) for k in range(0, len(flexible), len(KINDS)))
+        prior = Prior.believing(evidence, baseline, error)
+        found = cls(evidence, prior, dict(zip(names, layout.groups, strict=False)), blocks)
+        return found.revised(known, baseline, error)
+
+    def revised(self, known: Evidence, baseline: Baseline, error: UrdfError) -> Posterior:
+        """The same with the between-run variation of friction and the dispersion of other sums, and another prior.
+
+        Args:
+            known: These sums.
+            baseline, error: The tuned model, and by how much the URDF is believed to be off.
+        """
+        evidence = self.evidence.with_run_spread(known.spread).with_dispersion(known.dispersion)
+        return replace(self, evidence=evidence, prior=Prior.believing(evidence, baseline, error))
 
     def left_at(self, joint: int, names: Sequence[Group]) -> LeftAtJoint:
         """What a discrepancy sees at a joint beside the baseline and some names."""
@@ -200,20 +190,12 @@ class Posterior:
         return max(count - found.freedom, 0.1 * count)
 
 
-def measure_dispersion(evidence: Evidence, posterior: Posterior) -> Float[Array, " n"]:
-    """By how much more than whitened noise each joint leaves that not even a discrepancy explains.
-
-    Args:
-        evidence: Sums of the first pass.
-        posterior: Discrepancies in sums of the same pass.
-    """
-    weights, joints = project(posterior.evidence.gram(), posterior.evidence, posterior.prior).weights, evidence.samples
-    return np.array(
-        [
-            posterior.dispersion(j) if count > 0 and posterior.evidence.misfit(j, weights) > LOUD else 1.0
-            for j, count in enumerate(joints)
-        ]
-    )
+def measure_dispersion(posterior: Posterior) -> Float[Array, " n"]:
+    """By how much more than whitened noise each joint leaves that not even a discrepancy explains."""
+    evidence = posterior.evidence
+    weights = project(evidence.gram(), evidence, posterior.prior).weights
+    loud = [count > 0 and evidence.misfit(j, weights) > LOUD for j, count in enumerate(evidence.samples)]
+    return np.array([posterior.dispersion(j) if one else 1.0 for j, one in enumerate(loud)])
 
 
 @dataclass(frozen=True, eq=False)

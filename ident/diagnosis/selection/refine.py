@@ -18,8 +18,7 @@ from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group, Key, layout_of
 from ident.regression.dwells import HeldFriction
-from ident.regression.gather import gather
-from ident.regression.gram import Evidence
+from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import Prior, project
 
 

@@ -17,12 +17,10 @@ from ident.regression import rows as rows_module
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import LOSS_PARAMETERS, Layout
-from ident.regression.gather import gather, gather_beside
-from ident.regression.gram import Evidence
+from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import RIDGE, Prior, project
 from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.regression.partition import build_partition
-from ident.regression.posterior import beside_discrepancies
 from ident.regression.rows import Rows, compute_rows
 from ident.regression.spooled import SpooledArrays
 from ident.robot.arm import ArmModel
@@ -211,23 +209,6 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
         ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]
         assert np.allclose(a.over() * ours, b.over() * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
-
-
-def test_further_columns_leave_the_others_as_they_are(healthy: Analysis) -> None:
-    """Law: sums of a layout are the same in a pass in which a discrepancy's columns are made as well, and so are those
-    over all time as one block, friction that varies from stretch to stretch among them.
-    """
-    known, session, baseline = healthy.evidence, healthy.session, healthy.baseline
-    narrow, wide = gather_beside(session, baseline, known.layout, beside_discrepancies(known.layout, session))
-    alone = gather(session, baseline, known.layout, rest=True).with_dwells()
-    assert wide.layout.size > narrow.layout.size + 100 * session.n
-    assert len(wide.fold_of_block) == 1 < len(narrow.fold_of_block)
-    own = np.append(np.arange(narrow.layout.size), wide.layout.size)
-    for spread in (np.zeros(session.n), np.full(session.n, 0.1)):
-        one, other, over = (each.with_run_spread(spread).gram() for each in (narrow, alone, wide))
-        room = np.sqrt(np.outer(np.diag(other), np.diag(other)))
-        assert np.allclose(one / room, other / room, rtol=0.0, atol=1e-9)
-        assert np.allclose(over[np.ix_(own, own)] / room, other / room, rtol=0.0, atol=1e-9)
 
 
 ONE_JOINT = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
