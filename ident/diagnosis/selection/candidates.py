@@ -292,6 +292,7 @@ class Candidates:
             absorbed=absorbed,
             required_log_evidence=settings.event_nats if group.effect.event else least,
             event=group.effect.event,
+            tried=len(self._grid_cost),
             settings=settings,
         )
 

@@ -42,6 +42,7 @@ class AcceptanceCriteria:
     absorbed: bool  # whether tuned inertias absorb it, so that held-out error does not show it
     required_log_evidence: float = USUAL_SELECTION.least_nats  # threshold of the log evidence [nats]
     event: bool = False  # whether the effect occurs once and not throughout
+    tried: int = 1  # number of effects of which it is the best
     settings: SelectionSettings = USUAL_SELECTION  # thresholds of the other criteria
 
     @property
@@ -60,7 +61,7 @@ class AcceptanceCriteria:
     def exceeds_chance(self) -> bool:
         """Whether the candidate is unlikely to be chance, even if it fails a criterion."""
         settings = self.settings
-        nats = self.required_log_evidence if self.event else settings.unlikely_nats
+        nats = self.required_log_evidence if self.event else settings.unlikely_nats + float(np.log(self.tried))
         predicts = self.log_score[0] > 0.0 and self.rms_fall >= settings.least_hint_fall
         return self.passed or (self.log_evidence >= nats and predicts)
 

@@ -65,6 +65,8 @@ def test_every_gate_can_close(criteria: AcceptanceCriteria, passed: bool) -> Non
         (replace(CLEAR, gap_fall=0.05, rms_fall=0.014), False),
         (replace(CLEAR, log_evidence=11.0), True),
         (replace(CLEAR, log_evidence=4.0), False),
+        (replace(CLEAR, log_evidence=7.0), True),
+        (replace(CLEAR, log_evidence=7.0, tried=20), False),  # the best of many is more by chance
         (replace(CLEAR, gap_fall=0.05, log_score=(-1.0, 5.0), closed=(-0.1, 0.2)), False),
         (replace(EVENT, gap_fall=0.4, log_evidence=10.0), False),
     ],
