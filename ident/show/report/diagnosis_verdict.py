@@ -302,7 +302,8 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     if absorbed:
         before, after, floor = squares.sum(axis=0)
         share, since = (before - after) / max(before - floor, 1e-12), ", counted from the model before tuning"
-    closes = f"On parts that the fit never saw all names close {percent(share)} of what can be closed{since}"
+    amount = "nothing" if share <= 0.0 else percent(share)
+    closes = f"On parts that the fit never saw all names close {amount} of what can be closed{since}"
     return f"{closes}. Torque error [{units_of(record)}]: {', '.join(parts)}." if parts else f"{closes}."
 
 

@@ -121,6 +121,13 @@ def test_a_card_is_called_as_the_first_line_has_it(tmp_path: Path) -> None:
     assert f"1. {words}" in written(tmp_path, record).replace("\xa0", " ")
 
 
+def test_names_that_leave_more_than_there_was_close_nothing(tmp_path: Path) -> None:
+    """Law: a share below zero is none: names that improve one joint may leave a little more at the others."""
+    record = copy.deepcopy(RECORD)
+    record["heldout"]["shrink"] = -0.43
+    assert "all names close nothing of what can be closed." in written(tmp_path, record).replace("\xa0", " ")
+
+
 def test_names_that_one_reason_speaks_against_stand_in_one_line() -> None:
     doubt = {"effect": "spring_torque", "reason": "mu holds zero", "parameters": {}}
     record = {"reservations": [{**doubt, "joints": [joint]} for joint in ("elbow", "wrist")]}
