@@ -95,7 +95,7 @@ def decide(
 
     The share is computed with tuned inertias and with the URDF's, and the larger one counts: a cause that tuning
     absorbs in part is credited with what it explains of the user's model. However much is closed, a joint with a
-    significant unexplained residual where no likely effect acts has a gap without a name.
+    significant unexplained residual that no likely effect is named at has a gap without a name.
 
     Args:
         found, names: Search results, and the estimates with discounted probabilities.
@@ -110,7 +110,8 @@ def decide(
     joints, unnamed = left.copy(), left.copy()
     for item, name in zip(found.accepted, names, strict=True):
         joints[item.affected_joints] = True
-        unnamed[item.affected_joints] &= name.class_probability < settings.even_odds
+        own = [item.group.joint] if item.group.effect.scope == "joint" else item.affected_joints
+        unnamed[own] &= name.class_probability < settings.even_odds
     tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
     # Mean squares in units of the floor, so that joints of different size add up.
