@@ -49,8 +49,7 @@ class Reservation:
 
 def joints_of(item: Evaluated, joints: Sequence[str]) -> tuple[str, ...]:
     """Names of an effect's own joint, or of the joints that an effect of the whole arm affects."""
-    own = [item.group.joint] if item.group.effect.scope == "joint" else item.affected_joints
-    return tuple(joints[j] for j in own)
+    return tuple(joints[j] for j in item.named_joints)
 
 
 def find_implausible(candidates: Mapping[int, tuple[Evaluated, Estimate]], session: SessionContext) -> dict[int, str]:

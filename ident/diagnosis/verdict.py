@@ -110,8 +110,7 @@ def decide(
     joints, unnamed = left.copy(), left.copy()
     for item, name in zip(found.accepted, names, strict=True):
         joints[item.affected_joints] = True
-        own = [item.group.joint] if item.group.effect.scope == "joint" else item.affected_joints
-        unnamed[own] &= name.class_probability < settings.even_odds
+        unnamed[item.named_joints] &= name.class_probability < settings.even_odds
     tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
     # Mean squares in units of the floor, so that joints of different size add up.

@@ -47,8 +47,9 @@ class Discrepancy(Effect):
             shape[f"centre_{k}"], shape[f"scale_{k}"] = float(inputs[:, k].mean()), float(inputs[:, k].std() + 1e-9)
         return (Variant({}, None, shape),)
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T k"]]:
-        return [self.columns_of(run, joint, variant) for run in session.runs]
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "t k"]]:
+        """The columns at the samples of each run that the common filter keeps."""
+        return [self._columns_of(run, joint, variant) for run in session.runs]
 
     def replaces(self, effect: Effect, count: int) -> Bool[Array, " k"]:
         """Which of its columns may stand in an effect's place: all but those that are the effect's own law.
@@ -77,8 +78,7 @@ class Discrepancy(Effect):
     ) -> dict[str, Interval]:
         return {}
 
-    def columns_of(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "t k"]:
-        """The columns at the samples of a run that the common filter keeps."""
+    def _columns_of(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "t k"]:
         shape = variant.shape
         width = 5 + 3 * (run.n - 1)
         centre = np.array([shape[f"centre_{k}"] for k in range(width)])
@@ -181,10 +181,8 @@ def _of_joint(
     if usual == 0.0:
         return left
     blocks = [Discrepancy(block) for block in ("state", "coupling")]
-    points = [(block, block.variants(session, joint)[0]) for block in blocks]
-    features = np.concatenate(
-        [np.concatenate([block.columns_of(run, joint, one) for block, one in points], axis=1) for run in session.runs]
-    )
+    (inputs,) = blocks[0].variants(session, joint)
+    features = np.concatenate([np.concatenate(one.columns(session, joint, inputs)) for one in blocks], axis=1)
     values = np.nan_to_num(left)
     weight = known * np.minimum(1.0, UNUSUAL.far_out * usual / np.maximum(np.abs(values), usual))
     pieces, width = int(piece[-1]) + 1, features.shape[1]

@@ -88,6 +88,11 @@ class Evaluated:
         fall = (self.before.misfit - self.after.misfit).sum(axis=0) if event else self.after.fall_from(self.before)
         return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
 
+    @property
+    def named_joints(self) -> list[int]:
+        """Where it is named: at its own joint, or at the joints that an effect of the whole arm affects."""
+        return [self.group.joint] if self.group.effect.scope == "joint" else self.affected_joints
+
 
 def first_of_each_joint(items: Iterable[tuple[T, Collection[int]]]) -> list[T]:
     """The items, in order, that share no joint with an item taken before: they can be changed in one round.
