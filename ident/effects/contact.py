@@ -19,8 +19,8 @@ from ident.effects.base import Effect, Interval, Range, RunContext, SessionConte
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.session_context import CONTACT as LIMIT
 from ident.effects.session_context import arm_reach, rated_torque
-from ident.laws.acting import point_mass
 from ident.robot.arm import ArmModel
+from ident.robot.chain import compute_joint_poses
 
 
 @dataclass(frozen=True)
@@ -280,19 +280,22 @@ def locate(leftover: Leftover, push: Push) -> Located:
 
 
 def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0) -> Float[Array, "T n 3"]:
-    """Torque that holds a unit force along each axis of the base frame at a point of a link, which counts from 1.
+    """−Jᵀ of a point of a link, which counts from 1: torque that holds a unit force along each axis of the base frame.
 
-    The point is the centre of mass where `outward` is 0, the next joint where it is 1. The torque is that of a unit
-    mass there in a field along the axis, all links being without mass.
+    The point is the centre of mass where `outward` is 0, the next joint where it is 1.
     """
     parameters = arm.inertial_parameters[10 * (link - 1) : 10 * link]
     point = parameters[1:4] / max(float(parameters[0]), 1e-9)
     if outward:
         point = (1.0 - outward) * point + outward * arm.model.jointPlacements[link + 1].translation
-    massless = np.zeros(10 * arm.n)
-    massless[10 * (link - 1) : 10 * link] = point_mass(point)
-    probe = arm.with_inertial_parameters(massless)
-    return np.stack([probe.with_gravity(axis).gravity(q) for axis in np.eye(3)], axis=-1)
+    poses, found = compute_joint_poses(arm.chain, q, range(1, link + 1)), np.zeros((*q.shape, 3))
+    turn, origin = poses[link]
+    there = origin + turn @ point
+    for j in range(link):
+        turn, origin = poses[j + 1]
+        axis = turn @ arm.chain.axes[j]
+        found[:, j] = -axis if arm.chain.sliding[j] else np.cross(there - origin, axis)
+    return found
 
 
 def _points(n: int) -> list[tuple[int, float]]:
