@@ -6,7 +6,8 @@ relative size in fold f and the variance of that are
     s_f = 1 + Σ_f x e / Σ_f x x,    v_f = k_f / Σ_f x x.
 
 k_f is the variance inflation of the fold's block scores, shrunk towards that of the median fold, for a fold has few
-blocks. Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between folds.
+blocks. Of an effect that is estimated with the URDF's inertias fixed, the error of these, δ ~ N(0, P⁻¹), makes the
+sizes differ as well: their covariance is V = diag(v) + G P⁻¹ Gᵀ with G_f = Σ_f x Y / Σ_f x x. Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between folds.
 Folds with little motion have little weight. Reported sizes are shrunk towards the mean by the random-effects model.
 
 Source: Cochran 1954; DerSimonian and Laird 1986 (combining experiments); Morris 1983 (shrinkage).
@@ -48,7 +49,7 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
         search, groups, slot: The search, all effects, and the index of the effect that is tested.
         absorbed: Whether tuned inertias absorb it, so that it is estimated with the URDF's inertias fixed.
     """
-    along, power = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)
+    along, power, reach = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)
     folds = search.evidence.fold_of_block
     parts = [folds == fold for fold in np.unique(folds)]
     least = LEAST_SEEN * float(power.sum())
@@ -62,11 +63,19 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
     squares = [float(np.sum((along[p] - s * power[p]) ** 2)) for p, s in zip(parts, size, strict=True)]
     noise = [float(power[part].sum()) for part in parts]
     scores_squared = np.where(blocks < 2, noise, squares * blocks / np.maximum(blocks - 1, 1))
-    return compare_sizes(size, information, scores_squared, blocks)
+    shared = None
+    if absorbed:
+        felt = np.array([reach[part].sum(axis=0) for part in parts]) / information[:, None]
+        shared = felt @ np.linalg.solve(search.prior.base, felt.T)
+    return compare_sizes(size, information, scores_squared, blocks, shared)
 
 
 def compare_sizes(
-    size: Float[Array, " f"], information: Float[Array, " f"], scores: Float[Array, " f"], blocks: Float[Array, " f"]
+    size: Float[Array, " f"],
+    information: Float[Array, " f"],
+    scores: Float[Array, " f"],
+    blocks: Float[Array, " f"],
+    shared: Float[Array, "f f"] | None = None,
 ) -> Agreement:
     """Tests whether some folds' sizes agree, each known to its own error.
 
@@ -75,29 +84,35 @@ def compare_sizes(
         information: Information about each by the noise model.
         scores: Sum of the squared scores of each fold's blocks; equal to `information` where the noise model holds.
         blocks: Number of blocks of each fold.
+        shared: Covariance of the sizes by an error that all folds have in common; none if None.
     """
-    shared = float(np.median(scores / information))
-    inflation = (blocks * scores / information + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
-    weight = information / np.maximum(inflation, 1.0)
-    mean = float(weight @ size / weight.sum())
-    q, freedom = float(weight @ (size - mean) ** 2), len(size) - 1
-    between = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
-    shrunk = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
+    usual = float(np.median(scores / information))
+    inflation = (blocks * scores / information + SHARED_BLOCKS * usual) / (blocks + SHARED_BLOCKS)
+    own = np.maximum(inflation, 1.0) / information
+    covariance = np.diag(own) + (0.0 if shared is None else shared)
+    weight = np.linalg.inv(covariance)
+    apart, freedom = size - float(weight.sum(axis=0) @ size / weight.sum()), len(size) - 1
+    q = float(apart @ weight @ apart)
+    between = max(q - freedom, 0.0) / float(np.trace(weight) - np.sum(weight @ weight) / weight.sum())
+    mean = float(np.average(size, weights=1.0 / own))
+    shrunk = 1.0 + mean + between * np.linalg.solve(covariance + between * np.eye(len(size)), size - mean)
     return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(shrunk.min()), float(shrunk.max()))
 
 
 def _scores(
     search: Search, prior: Prior, groups: Sequence[Group], slot: int
-) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
-    """For each block Σ x e and Σ x x of one effect."""
+) -> tuple[Float[Array, " B"], Float[Array, " B"], Float[Array, "B r"]]:
+    """For each block Σ x e and Σ x x of one effect, and Σ x Y of the base parameters."""
     evidence, gram = search.evidence, search.evidence.gram()
     whole = project(gram, evidence, prior, groups)
     beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
     columns = groups[slot].columns
     torque = beside.left_of(columns) @ whole.estimate[whole.places(columns)]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
+    reach = np.zeros((len(evidence.fold_of_block), evidence.layout.rank))
     for j, local in enumerate(evidence.layout.local):
         product = evidence.times(j, torque[local])
         along += product @ whole.weights[local]
         power += product @ torque[local]
-    return along, np.maximum(power, 0.0)
+        reach += product[:, : evidence.layout.rank]
+    return along, np.maximum(power, 0.0), reach

@@ -59,6 +59,15 @@ def test_a_run_that_hardly_moves_is_no_witness() -> None:
     assert moving.smallest < 0.1
 
 
+def test_what_the_urdf_is_off_by_is_no_difference() -> None:
+    """Law: sizes that differ as an error of the fixed inertias makes them differ agree; any others do not."""
+    blocks, seen, felt = np.full(6, 8.0), np.full(6, 400.0), np.array([1.0, -1.0, 0.5, -0.5, 1.0, -1.0])
+    shared = 0.25 * np.outer(felt, felt)
+    assert compare_sizes(0.6 * felt, seen, seen, blocks, shared).p_value > 0.1
+    assert compare_sizes(0.6 * felt, seen, seen, blocks).p_value < 1e-6
+    assert compare_sizes(0.6 * np.abs(felt), seen, seen, blocks, shared).p_value < 1e-6
+
+
 def without_it_in_half_of_the_runs(analysis: Analysis) -> tuple[Search, Group]:
     """The search of a session whose only name is taken out of half of its runs, and that name."""
     search, group = search_of(analysis), analysis.search.accepted[0].group
