@@ -22,7 +22,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment, nnls
+from scipy.optimize import linear_sum_assignment, minimize, nnls
 
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, joint_terms
@@ -42,15 +42,23 @@ Pull = tuple[Float[Array, " 3"], Float[Array, "3 3"]]
 def left_of(
     pull: Pull, directions: Float[Array, "k 3"], scales: tuple[float, float] = LIMIT.scales
 ) -> Float[Array, " k"]:
-    """Share of the torque's variance that each direction leaves: 1 - 2 s b·u + s² u·W·u, s within `scales`."""
+    """Share of the torque's variance that each direction leaves: 1 - 2 s b·u + s² u·W·u, s within `scales`.
+
+    Gravity that is tilted out of a planar arm's plane only scales its torque: of directions that leave the same the one
+    at which gravity has its own size leaves least. Of currents of unknown gain every size is alike.
+    """
     along = directions @ pull[0]
     square = np.maximum(np.einsum("ki,ij,kj->k", directions, pull[1], directions), 1e-12)
     scale = np.clip(along / square, *scales)
-    return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor)
+    left = np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor
+    return np.asarray(left if scales == ANY_SCALE else left * np.exp(LIMIT.own_size * np.log(scale) ** 2))
 
 
 def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[TelemetryIssue]]:
-    """The arm as it is mounted: under the gravity that its torque follows, where that is surely not the URDF's."""
+    """The arm as it is mounted: under the gravity that its torque follows, where that is surely not the URDF's.
+
+    What the session states stands; that the torque follows another gravity is a warning then.
+    """
     states = collect_states(session, arm) if session.effort_kind != "gravity_compensated" else None
     pulls = {} if states is None else _pulls(states, arm)
     if states is None or not pulls:
@@ -73,7 +81,9 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     named = [name for name, one in zip(("x", "y", "z", "-x", "-y", "-z"), (*axis, *-axis), strict=True) if one > 0.99]
     words = named[0] if named else f"({', '.join(f'{one:.2f}' for one in axis)})"
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
-    return turned, [issue_of("mounted", session, turn=angle, axis=words, share=share, line=line)]
+    stated = session.gravity is not None
+    kind = "mounted_otherwise" if stated else "mounted"
+    return arm if stated else turned, [issue_of(kind, session, turn=angle, axis=words, share=share, line=line)]
 
 
 def hang_by_current(states: States, arm: ArmModel) -> States:
@@ -105,16 +115,18 @@ def _gains(before: Mapping[int, float], after: Mapping[int, float]) -> dict[int,
 
 
 def find_direction(pulls: list[Pull], scales: tuple[float, float] = LIMIT.scales) -> Float[Array, " 3"]:
-    """The unit vector along which gravity most likely pulls: over a sphere, then ever closer around the best."""
+    """The unit vector along which gravity most likely pulls: the best of a sphere's, followed to where it is best."""
     k = np.arange(LIMIT.directions) + 0.5
     polar, around = np.arccos(1.0 - 2.0 * k / LIMIT.directions), np.pi * (1.0 + np.sqrt(5.0)) * k
     places = np.column_stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)])
-    best = places[0]
-    for width in (None, 0.1, 0.02, 0.004):
-        near = places if width is None else best + width * places
-        near = near / np.linalg.norm(near, axis=1)[:, None]
-        best = near[int(np.argmin(sum(np.log(left_of(pull, near, scales)) for pull in pulls)))]
-    return np.asarray(best)
+
+    def cost(along: Float[Array, "k 3"]) -> Float[Array, " k"]:
+        unit = along / np.linalg.norm(along, axis=1)[:, None]
+        return np.sum([np.log(left_of(pull, unit, scales)) for pull in pulls], axis=0)
+
+    start = places[int(np.argmin(cost(places)))]
+    best = minimize(lambda along: float(cost(along[None])[0]), start, method="Nelder-Mead", options={"xatol": 1e-5}).x
+    return np.asarray(best / np.linalg.norm(best))
 
 
 def _is_misread(states: States) -> bool:

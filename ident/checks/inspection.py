@@ -153,7 +153,8 @@ def inspect_alone(
         if arm is None:
             return found, []
         arm, turned = mend_mount(found, arm)
-        return (found.replace(gravity=tuple(arm.model.gravity.linear.tolist())) if turned else found), turned
+        gravity = tuple(arm.model.gravity.linear.tolist()) if turned else found.gravity
+        return found.replace(gravity=gravity), turned
 
     steps: tuple[Mending, ...] = (
         mend_absurd,

@@ -24,13 +24,19 @@ def link(name: str, mass: float | str = 2.0, com: str = "0.1 0.02 -0.03", moment
 
 
 def joint(
-    name: str, parent: str, child: str, kind: str = "revolute", axis: str = "0 0 1", limit: str | None = None
+    name: str,
+    parent: str,
+    child: str,
+    kind: str = "revolute",
+    axis: str = "0 0 1",
+    limit: str | None = None,
+    turn: str = "0.4 -0.7 1.1",
 ) -> str:
     """A joint of a URDF."""
     bounds = '<limit lower="-2" upper="2" effort="50" velocity="3"/>' if limit is None else limit
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0.1 -0.05 0.3" rpy="0.4 -0.7 1.1"/><axis xyz="{axis}"/>{bounds}</joint>'
+        f'<origin xyz="0.1 -0.05 0.3" rpy="{turn}"/><axis xyz="{axis}"/>{bounds}</joint>'
     )
 
 

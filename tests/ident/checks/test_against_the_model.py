@@ -98,6 +98,32 @@ def test_a_rotor_bends_no_scale() -> None:
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
 
 
+def test_a_planar_arm_with_a_spring_stands_as_it_stands() -> None:
+    """Law: gravity out of a planar arm's plane only scales its torque, and none is turned that has its own size."""
+    places = zip("ab", ("base", "upper"), ("upper", "fore"), strict=True)
+    joints = [joint(*place, axis="0 1 0", turn="0 0 0") for place in places]
+    links = [link("base"), link("upper", 3.4, "0.16 0.01 0", 0.04), link("fore", 1.9, "0.13 0 0")]
+    arm = ArmModel.from_urdf(urdf(*links, *joints))
+    spring = np.array([0.3, 0.0])
+    law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + spring * q + 0.8 * np.tanh(dq / 0.01)  # noqa: E731
+    made = made_session(arm, law, [3, 4], duration=20.0)
+    assert not mend_mount(made, arm)[1]
+    turned, issues = mend_mount(made, arm.with_gravity([9.81, 0.0, 0.0]))
+    assert issues
+    along, across, down = turned.model.gravity.linear
+    assert angle_between(np.array([along, 0.0, down]), GRAVITY) < 3.0
+    assert abs(across) < 0.25 * abs(down)  # 14 degrees out of the plane are 3 % of the torque
+
+
+def test_stated_gravity_stands(session: Session, arm: ArmModel) -> None:
+    """Law: gravity that session.toml states is used, and doubted where the torque follows another."""
+    report = found(session.replace(gravity=(9.81, 0.0, 0.0)), arm)
+    assert report.session.gravity == (9.81, 0.0, 0.0)
+    (issue,) = report.find("mounting")
+    assert "session.toml's is used" in issue.evidence
+    assert not found(session.replace(gravity=(0.0, 0.0, -9.81)), arm).find("mounting")
+
+
 @pytest.mark.real
 @pytest.mark.parametrize("name", REAL)
 def test_gravity_is_found_however_a_real_base_is_mounted(name: str, real_data: Path) -> None:
