@@ -95,7 +95,8 @@ def decide(
 
     The share is computed with tuned inertias and with the URDF's, and the larger one counts: a cause that tuning
     absorbs in part is credited with what it explains of the user's model. However much is closed, a joint with a
-    significant unexplained residual that no likely effect is named at has a gap without a name.
+    significant unexplained residual that no likely effect is named at has a gap without a name. What tuned inertias
+    hide counts where it is loud beside the floor: long recordings show any link to be off.
 
     Args:
         found, names: Search results, and the estimates with discounted probabilities.
@@ -105,8 +106,9 @@ def decide(
         given: Held-out errors with the URDF's inertias, without and with the effects [N m].
         settings: Shares that separate the verdicts.
     """
+    hidden = tolerance.exceeded and bool(np.any(tolerance.torque > np.sqrt(settings.loud**2 - 1.0) * floors))
     if not found.accepted:
-        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.near_miss else "no_gap"
+        return "none_of_catalogue" if left.any() or hidden or found.near_miss else "no_gap"
     joints, unnamed = left.copy(), left.copy()
     for item, name in zip(found.accepted, names, strict=True):
         joints[item.affected_joints] = True
@@ -118,7 +120,7 @@ def decide(
     share = max(float((old - new).sum() / max(np.maximum(old - 1.0, 0.0).sum(), 1e-12)) for old, new in pairs)
     if any(item.absorbed or item.group.effect.event for item in found.accepted) and not left.any():
         share = 1.0  # held-out error shows neither what tuning absorbs nor what happens once, at rest
-    if share >= settings.named_from and not tolerance.exceeded and not unnamed.any():
+    if share >= settings.named_from and not hidden and not unnamed.any():
         return "named"
     return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
 

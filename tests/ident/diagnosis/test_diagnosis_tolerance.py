@@ -21,6 +21,7 @@ from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import UrdfErrorFit
 from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
+from ident.diagnosis.verdict import decide
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval
 from ident.regression.baseline import UrdfError
@@ -59,6 +60,15 @@ def test_a_load_without_a_name_is_not_tuned_away(short_arm: ArmModel) -> None:
     gap = analysis.diagnosis.gap["joint_2"]
     assert gap.tuned_away > 5.0 * gap.noise_floor
     assert gap.rms < 1.2 * gap.noise_floor
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.1, "no_gap"), (2.0, "none_of_catalogue")])
+def test_what_tuning_hides_counts_where_it_is_loud(healthy: Analysis, size: float, verdict: str) -> None:
+    """Law: links off beyond doubt by a tenth of the noise are no gap; by twice the noise they are."""
+    floors = np.array([gap.noise_floor for gap in healthy.diagnosis.gap.values()])
+    hidden = Tolerance(deviation=12.0, p_value=1e-30, torque=size * floors)
+    nothing_left, errors = np.zeros(len(floors), dtype=bool), healthy.search.ladder[0].rms
+    assert decide(healthy.search, (), nothing_left, floors, hidden, (errors, errors)) == verdict
 
 
 def test_a_load_with_a_name_leaves_nothing_to_tune(short_arm: ArmModel) -> None:
