@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.selection.name_probability import Estimate
+from ident.diagnosis.settings import USUAL_VERDICT
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 
@@ -50,10 +51,15 @@ class ReportedEffect:
 
     @property
     def action(self) -> str:
-        """What a person at the cell can do about it, with the other joints where it may be: one sentence."""
+        """What a person at the cell can do about it, with the other joints where it may be: one sentence.
+
+        Of an effect that is less likely than not it says so first.
+        """
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
-        return self.action_at((" or " if where else ", ").join(joints)) + self.caveat
+        sure = self.estimate.probability
+        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: " if sure < USUAL_VERDICT.even_odds else ""
+        return doubt + self.action_at((" or " if where else ", ").join(joints)) + self.caveat
 
     def action_at(self, where: str) -> str:
         """The action for other words in place of the joint."""

@@ -356,5 +356,6 @@ def impossible(effect: Effect, session: SessionContext, joint: int, estimates: M
         slack = KNOWN_WITHIN if allowed.low in (0.0, -allowed.high) else 1.0
         possible = found.high >= slack * allowed.low and found.low <= slack * allowed.high
         if not (np.isfinite(value) and possible):
-            return f"{name} {value:.3g} lies outside {allowed.low:.3g} to {allowed.high:.3g}: {allowed.reason}"
+            bounds = f"lies outside {allowed.low:.3g} to {allowed.high:.3g}"
+            return f"{name} {value:.3g} {bounds if allowed.low <= allowed.high else 'is not determined'}: {allowed.reason}"
     return None

@@ -42,8 +42,8 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
 
 def gap_table(heldout: dict[str, Any]) -> Table:
     """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
-    kind = "gap on runs that were diagnosed:" if heldout["in_sample"] else "held-out gap on"
-    table = Table("file", "gap", title=f"{kind} {plural(len(heldout['runs']), 'run')}", title_justify="left")
+    kind = "that were diagnosed" if heldout["in_sample"] else "that were not diagnosed; they decide what is written"
+    table = Table("file", "gap", title=f"gap on {plural(len(heldout['runs']), 'run')} {kind}", title_justify="left")
     for words in WHEN.values():
         table.add_column(words, justify="right")
     for form, found in heldout["gaps"].items():

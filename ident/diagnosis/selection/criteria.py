@@ -90,8 +90,11 @@ class Evaluated:
 
     @property
     def named_joints(self) -> list[int]:
-        """Where it is named: at its own joint, or at the joints that an effect of the whole arm affects."""
-        return [self.group.joint] if self.group.effect.scope == "joint" else self.affected_joints
+        """Where it is named: its own joint; of the whole arm those it affects, or where the mean square falls by a share."""
+        if self.group.effect.scope == "joint":
+            return [self.group.joint]
+        left = (1.0 - self.after.fall_from(self.before)) ** 2
+        return sorted({*self.affected_joints, *map(int, np.flatnonzero(left <= 1.0 - USUAL_SELECTION.least_gap_fall))})
 
 
 def first_of_each_joint(items: Iterable[tuple[T, Collection[int]]]) -> list[T]:

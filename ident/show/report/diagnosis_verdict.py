@@ -236,12 +236,10 @@ def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any])
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
-    """What to do about a name; of one that is less likely than not what to do first, of tied ones no single order."""
+    """What to do about a name; of tied ones that are less likely than not no single order."""
     names, action = finding.get("class", []), str(finding.get("action", ""))
-    if is_likely(finding) or not action:
+    if is_likely(finding) or not action or len(names) < 2:
         return action
-    if len(names) < 2:
-        return f"only {percent(finding['probability'])} sure, so act on it if it shows again: {action}"
     lead, motion = leading_joint(record)[0], _next_motion(record)
     joint = lead if lead in finding["joints"] else finding["joints"][0]
     parted = set(names[:2]) <= set((record.get("next_experiment") or {}).get("separates", ()))
