@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.effort import explained_by_model
+from ident.checks.effort import explained_by_model, follows_gravity
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import CLOCK, compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
@@ -31,15 +31,21 @@ def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
 
 
 def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Finds angles in degrees. The session is converted for the checks that follow; a fit is refused.
+    """Finds angles in degrees, or radians read as degrees: the session is converted for other checks, a fit is refused.
 
     Told by motion that no arm can make; where the robot is known, by how much better its torques explain the
-    measured ones when the numbers are read as degrees.
+    measured ones when the numbers are read as degrees. Radians, where no joint goes farther than a turn's number of
+    degrees, by torque that follows gravity as it should if the motion is so much wider.
     """
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
     fast = np.max([speed(run) for run in session.runs], axis=0)
     suspects = turning & ((far > LIMIT.farthest_rad) | (fast > LIMIT.fastest_rad_s))
+    if arm is not None and far[turning].max(initial=0.0) < math.radians(TURN):
+        wider = scale_angles(session, math.degrees(1.0), turning)
+        if turning.any() and follows_gravity(wider, arm):
+            worst = int(np.argmax(np.where(turning, far, -1.0)))
+            return wider, [issue_of("radians", session, turning, worst, far=far)]
     if not suspects.any():
         return session, []
     found = compare_velocities(session)

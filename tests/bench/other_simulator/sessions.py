@@ -37,11 +37,17 @@ LONGEST_DELAY = 0.025  # [s]
 
 
 def strip(urdf: Path) -> str:
-    """The URDF without shapes: neither MuJoCo nor a diagnosis needs them."""
+    """The URDF without shapes, which neither MuJoCo nor a diagnosis needs, and without friction of its own.
+
+    MuJoCo would add it, in a law that bends with speed, to the bristles'.
+    """
     root = ET.parse(urdf).getroot()
     for link in root.findall("link"):
         for part in (*link.findall("visual"), *link.findall("collision")):
             link.remove(part)
+    for joint in root.findall("joint"):
+        for part in joint.findall("dynamics"):
+            joint.remove(part)
     for part in (*root.findall("transmission"), *root.findall("gazebo")):
         root.remove(part)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", fusestatic="false", balanceinertia="true")

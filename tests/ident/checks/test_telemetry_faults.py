@@ -96,6 +96,16 @@ def test_a_fault_is_refused_by_name(fault: str, clean: Session, arm: ArmModel) -
             report.require_fit()
 
 
+def test_radians_read_as_degrees_are_refused(clean: Session, arm: ArmModel) -> None:
+    """Law: a motion too small for its torque is one in another unit; one of that size is none."""
+    small = every(lambda run: run.replace(position=run.position / DEG, velocity=run.velocity / DEG))(clean)
+    report = inspect(small, arm)
+    assert found(report) == {"units_degrees": "fatal"}
+    assert 'angle_unit = "rad"' in report.issues[0].remedy
+    calm = every(lambda run: run.replace(effort=arm.gravity(run.position) + 0.01 * np.sign(run.velocity)))
+    assert not inspect(calm(small), arm).find("units_degrees")
+
+
 def wild(q: np.ndarray) -> np.ndarray:
     return np.where(np.arange(len(q)) == 444, q + 5.0, q)
 
