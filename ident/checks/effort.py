@@ -148,7 +148,7 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
 
 
 def follows_gravity(session: Session, arm: ArmModel) -> bool:
-    """Whether the torque of the heavy joints, by their median, is mostly explained, by gravity of about its own size."""
+    """Whether the heavy joints' torque is mostly explained, gravity in it of about its own size (medians)."""
     states = collect_states(session, arm)
     if states is None or not states.heavy.any():
         return False

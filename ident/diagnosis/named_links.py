@@ -17,7 +17,13 @@ import numpy as np
 from ident.diagnosis.alternate import Selection
 from ident.diagnosis.reservations import find_implausible
 from ident.diagnosis.selection.criteria import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, compare_rivals, estimate_effects, odds_of
+from ident.diagnosis.selection.name_probability import (
+    SEPARATE_SHARE,
+    Estimate,
+    compare_rivals,
+    estimate_effects,
+    odds_of,
+)
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -59,6 +65,7 @@ def name_wrong_links(
         added = range(len(groups), len(found.estimates))
         refused = set(find_implausible({k: (found.found.accepted[k], found.estimates[k]) for k in added}, session))
         refused |= {k for k in added if not _leads(found.estimates[k], held, verdict.even_odds)}
+        refused |= {k for k in added if _is_of_a_body(alone, found.estimates[k].group, groups)}
         if not refused:
             return found
         wrong -= {bodies[found.estimates[k].group] for k in refused}
@@ -69,6 +76,14 @@ def _leads(one: Estimate, held: SelectionSettings, least: float) -> bool:
     """Whether a link error's class is likely enough, and no other effect of the class is much likelier than it."""
     outranked = one.probability * held.class_odds < max(one.shares.values())
     return one.class_probability >= least and not outranked
+
+
+def _is_of_a_body(search: Search, link: Group, groups: Sequence[Group]) -> bool:
+    """Whether a link error is mostly what an accepted body does: beside that, it loses most of its log evidence."""
+    gram, bodies = search.evidence.gram(), [one for one in groups if one.effect.as_change.body]
+    beside = search.log_evidence_beside(gram, link, groups) if bodies else 0.0
+    without = ([one for one in groups if one is not body] for body in bodies)
+    return any(beside < SEPARATE_SHARE * search.log_evidence_beside(gram, link, others) for others in without)
 
 
 def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -> Search:

@@ -357,5 +357,6 @@ def impossible(effect: Effect, session: SessionContext, joint: int, estimates: M
         possible = found.high >= slack * allowed.low and found.low <= slack * allowed.high
         if not (np.isfinite(value) and possible):
             bounds = f"lies outside {allowed.low:.3g} to {allowed.high:.3g}"
-            return f"{name} {value:.3g} {bounds if allowed.low <= allowed.high else 'is not determined'}: {allowed.reason}"
+            where = bounds if allowed.low <= allowed.high else "is not determined"
+            return f"{name} {value:.3g} {where}: {allowed.reason}"
     return None

@@ -91,11 +91,10 @@ class UnknownPayload(Effect):
             centres[f"com_{'xyz'[k]}_m"] = delta_interval(
                 lambda c, k=k, slot=slot: nominal[k] + c[slot] / max(c[0], 1e-3), coefficients, covariance
             )
-        determined = weighs(arm, last)
-        if not determined:
-            lightest = moment.low / max(arm_reach(arm), 1e-3)
-            mass = Interval(mass.value, min(lightest, mass.value), max(arm_mass(arm), mass.value), "both")
-        if mass.low <= 0.0 or not determined:  # what may weigh nothing has its centre anywhere
+        determined, lightest = weighs(arm, last), moment.low / max(arm_reach(arm), 1e-3)
+        if mass.low <= 0.0 or not determined:  # what may weigh next to nothing has its centre anywhere
+            value, most = max(mass.value, lightest), mass.high if determined else arm_mass(arm)
+            mass = Interval(value, lightest, max(most, value), "low" if determined else "both")
             centres = {
                 name: Interval(float(np.clip(one.value, -far, far)), -far, far, "both") for name, one in centres.items()
             }
@@ -170,10 +169,11 @@ class LinkInertialError(Effect):
         gain = widest[:, None] * np.linalg.inv(np.diag(widest) + covariance)
         coefficients, covariance = gain @ coefficients, gain @ covariance
         mass, none = linear_interval(change[0], coefficients, covariance), -float(arm.inertial_parameters[10 * joint])
+        value = max(mass.value, none)  # a link weighs something
         if not weighs(arm, joint):
-            mass = Interval(mass.value, min(none, mass.value), max(arm_mass(arm), mass.value), "both")
-        elif mass.low < none <= mass.high:  # a link weighs something
-            mass = Interval(mass.value, min(none, mass.value), mass.high, "low")
+            mass = Interval(value, none, max(arm_mass(arm), value), "both")
+        elif mass.low < none <= mass.high:
+            mass = Interval(value, none, mass.high, "low")
         found = {"mass_change_kg": mass}
         for k, axis in enumerate("xyz", start=1):
             found[f"moment_change_{axis}_kgm"] = linear_interval(change[k], coefficients, covariance)

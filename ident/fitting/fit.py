@@ -85,7 +85,7 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
     for finding in record["findings"]:
         effect, joint = finding["effect"], finding["joints"][0]
         if effect not in KINDS:
-            left_out.append(f"{effect} of {joint}: a fitted model carries laws of friction alone; `ident patch` writes this one")
+            left_out.append(f"{effect} of {joint}: a fitted model carries friction alone; `ident patch` writes this")
         elif joint in foreign:
             left_out.append(f"{effect} of {joint}: the model has no such joint")
         else:

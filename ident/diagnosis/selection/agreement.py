@@ -7,8 +7,9 @@ relative size in fold f and the variance of that are
 
 k_f is the variance inflation of the fold's block scores, shrunk towards that of the median fold, for a fold has few
 blocks. Of an effect that is estimated with the URDF's inertias fixed, the error of these, δ ~ N(0, P⁻¹), makes the
-sizes differ as well: their covariance is V = diag(v) + G P⁻¹ Gᵀ with G_f = Σ_f x Y / Σ_f x x. Q tests whether the s_f agree within their errors; τ² of DerSimonian and Laird is the variance between folds.
-Folds with little motion have little weight. Reported sizes are shrunk towards the mean by the random-effects model.
+sizes differ as well: their covariance is V = diag(v) + G P⁻¹ Gᵀ with G_f = Σ_f x Y / Σ_f x x. Q tests whether the s_f
+agree within their errors; τ² of DerSimonian and Laird is the variance between folds. Folds with little motion have
+little weight. Reported sizes are shrunk towards the mean by the random-effects model.
 
 Source: Cochran 1954; DerSimonian and Laird 1986 (combining experiments); Morris 1983 (shrinkage).
 """

@@ -90,7 +90,7 @@ class Evaluated:
 
     @property
     def named_joints(self) -> list[int]:
-        """Where it is named: its own joint; of the whole arm those it affects, or where the mean square falls by a share."""
+        """Where it is named: at its own joint, or of the whole arm where it closes a share of the mean square."""
         if self.group.effect.scope == "joint":
             return [self.group.joint]
         left = (1.0 - self.after.fall_from(self.before)) ** 2

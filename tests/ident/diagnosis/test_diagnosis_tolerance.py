@@ -13,7 +13,7 @@ from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis import diagnose as diagnose_module
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.named_links import _bodies
+from ident.diagnosis.named_links import _believing_usual, _bodies, _is_of_a_body
 from ident.diagnosis.selection.name_probability import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
@@ -29,7 +29,17 @@ from ident.regression.block_sums import SymmetricSums
 from ident.regression.least_squares import Prior, project
 from ident.robot.arm import ArmModel
 from ident.show.terminal import describe
-from tests.ident.diagnosis.planted import MASS, analyse, healthy_torque, loaded, nothing, record, stribeck_on_1
+from tests.ident.diagnosis.planted import (
+    MASS,
+    analyse,
+    healthy_torque,
+    loaded,
+    named_groups,
+    nothing,
+    record,
+    search_of,
+    stribeck_on_1,
+)
 from tests.ident.made_up import made_motions
 
 
@@ -201,6 +211,17 @@ def test_what_the_last_link_has_more_may_hang_on_it(short_arm: ArmModel, factor:
     apart -= tuned @ np.linalg.lstsq(tuned, apart)[0]
     assert diagnosis.gap["joint_2"].fixed_rms == pytest.approx(np.sqrt(np.mean(apart**2)), rel=0.05)
     assert found.closed > 0.9 * np.mean(apart**2)
+
+
+def test_a_link_that_does_what_a_load_does_is_none_beside_it(short_arm: ArmModel) -> None:
+    """Law: a link error that only stands in for an accepted load is the load's; without a load it is its own."""
+    analysis = analyse(short_arm, loaded)
+    search, groups = search_of(analysis), named_groups(analysis)
+    assert [one.effect.id for one in groups] == ["payload"]
+    link = next(one for one in search.evidence.layout.groups if one.key[:2] == ("link_inertial_error", 1))
+    usual = _believing_usual(search, {1}, analysis.baseline)
+    assert _is_of_a_body(usual, link, groups)
+    assert not _is_of_a_body(usual, link, [])
 
 
 @pytest.mark.parametrize("doubted", [1.0, 8.0])
