@@ -81,9 +81,9 @@ def _leads(one: Estimate, held: SelectionSettings, least: float) -> bool:
 def _is_of_a_body(search: Search, link: Group, groups: Sequence[Group]) -> bool:
     """Whether a link error is mostly what an accepted body does: beside that, it loses most of its log evidence."""
     gram, bodies = search.evidence.gram(), [one for one in groups if one.effect.as_change.body]
-    beside = search.log_evidence_beside(gram, link, groups) if bodies else 0.0
     without = ([one for one in groups if one is not body] for body in bodies)
-    return any(beside < SEPARATE_SHARE * search.log_evidence_beside(gram, link, others) for others in without)
+    most = max((search.log_evidence_beside(gram, link, others) for others in without), default=0.0)
+    return most > 0.0 and search.log_evidence_beside(gram, link, groups) < SEPARATE_SHARE * most
 
 
 def _believing_usual(search: Search, links: Iterable[int], baseline: Baseline) -> Search:
