@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.effort import explained_by_model, follows_gravity
+from ident.checks.effort import collect_states, explained_by_model, fit_signed
 from ident.checks.filtered_run import ANGLES as LIMIT
 from ident.checks.filtered_run import CLOCK, compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of
@@ -41,9 +41,9 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
     fast = np.max([speed(run) for run in session.runs], axis=0)
     suspects = turning & ((far > LIMIT.farthest_rad) | (fast > LIMIT.fastest_rad_s))
-    if arm is not None and far[turning].max(initial=0.0) < math.radians(TURN):
+    if arm is not None and turning.any() and far[turning].max() < math.radians(TURN):
         wider = scale_angles(session, math.degrees(1.0), turning)
-        if turning.any() and follows_gravity(wider, arm):
+        if follows_gravity(wider, arm):
             worst = int(np.argmax(np.where(turning, far, -1.0)))
             return wider, [issue_of("radians", session, turning, worst, far=far)]
     if not suspects.any():
@@ -62,6 +62,16 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
         reason = "no arm moves so fast in radians"
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
     return converted, [issue_of("degrees", session, turning, worst, far=far, fast=fast, reason=reason)]
+
+
+def follows_gravity(session: Session, arm: ArmModel) -> bool:
+    """Whether the heavy joints' torque is mostly explained, gravity in it of about its own size (medians)."""
+    states = collect_states(session, arm)
+    if states is None or not states.heavy.any():
+        return False
+    fits = [fit_signed(states, int(j), 1.0) for j in np.flatnonzero(states.heavy)]
+    explained, size, _ = np.median(fits, axis=0)
+    return bool(explained > LIMIT.model_tells and states.settings.scale_low < size < states.settings.scale_high)
 
 
 def speed(run: Recording) -> Float[Array, " n"]:

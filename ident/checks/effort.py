@@ -19,7 +19,7 @@ from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, least_squares
 from ident.checks.channels import flat_top
-from ident.checks.filtered_run import ANGLES, USUAL_EFFORT, EffortSettings, filter_run
+from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, filter_run
 from ident.checks.report import issue_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -145,16 +145,6 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
         return 0.0
     heavy = map(int, np.flatnonzero(states.heavy))
     return float(np.median([max(fit_signed(states, j, sign).explained for sign in (1.0, -1.0)) for j in heavy]))
-
-
-def follows_gravity(session: Session, arm: ArmModel) -> bool:
-    """Whether the heavy joints' torque is mostly explained, gravity in it of about its own size (medians)."""
-    states = collect_states(session, arm)
-    if states is None or not states.heavy.any():
-        return False
-    fits = [fit_signed(states, int(j), 1.0) for j in np.flatnonzero(states.heavy)]
-    explained, size, _ = np.median(fits, axis=0)
-    return bool(explained > ANGLES.model_tells and states.settings.scale_low < size < states.settings.scale_high)
 
 
 def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:

@@ -153,8 +153,7 @@ def inspect_alone(
         if arm is None:
             return found, []
         arm, turned = mend_mount(found, arm)
-        gravity = tuple(arm.model.gravity.linear.tolist()) if turned else found.gravity
-        return found.replace(gravity=gravity), turned
+        return (found.replace(gravity=tuple(arm.model.gravity.linear.tolist())) if turned else found), turned
 
     steps: tuple[Mending, ...] = (
         mend_absurd,

@@ -57,13 +57,9 @@ class ReportedEffect:
         """
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
-        sure = self.estimate.probability
-        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: "
-        return (
-            doubt * (sure < USUAL_VERDICT.even_odds)
-            + self.action_at((" or " if where else ", ").join(joints))
-            + self.caveat
-        )
+        action, sure = self.action_at((" or " if where else ", ").join(joints)), self.estimate.probability
+        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: " * (sure < USUAL_VERDICT.even_odds)
+        return f"{doubt}{action}{self.caveat}"
 
     def action_at(self, where: str) -> str:
         """The action for other words in place of the joint."""

@@ -21,7 +21,7 @@ from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import layout_of
-from ident.regression.gram import build_partition
+from ident.regression.partition import build_partition
 from ident.regression.rows import compute_rows
 from ident.regression.runs import build_session
 from ident.robot.arm import ArmModel

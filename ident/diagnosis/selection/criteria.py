@@ -93,8 +93,9 @@ class Evaluated:
         """Where it is named: at its own joint, or of the whole arm where it closes a share of the mean square."""
         if self.group.effect.scope == "joint":
             return [self.group.joint]
-        left = (1.0 - self.after.fall_from(self.before)) ** 2
-        return sorted({*self.affected_joints, *map(int, np.flatnonzero(left <= 1.0 - USUAL_SELECTION.least_gap_fall))})
+        closed = 1.0 - (1.0 - self.after.fall_from(self.before)) ** 2
+        shown = np.flatnonzero(closed >= self.criteria.settings.least_gap_fall)
+        return sorted({*self.affected_joints, *map(int, shown)})
 
 
 def first_of_each_joint(items: Iterable[tuple[T, Collection[int]]]) -> list[T]:
