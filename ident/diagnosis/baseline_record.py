@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
-from ident.diagnosis.selection.name_probability import Estimate
-from ident.diagnosis.selection.refine import Refined
+from ident.inference.estimate import Estimate
 from ident.model.inertia import lift_base, parameter_scale
 from ident.regression.baseline import Baseline
 from ident.regression.design import LOSS_PARAMETERS
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Projection, project, solve_signed
+from ident.regression.least_squares import Prior, Projection, project, solve_signed
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
 # Order of a link's ten inertial parameters, in its joint's frame.
@@ -73,7 +72,9 @@ def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) 
     return _by_joint(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
 
-def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, TunedJoint]:
+def tuned_beside(
+    baseline: Baseline, evidence: Evidence, prior: Prior, estimates: Sequence[Estimate]
+) -> dict[str, TunedJoint]:
     """The baseline's parameters that go with the reported parameters of effects, by joint name.
 
     Reported parameters are not always those of the joint solution: absorbed effects are estimated with the URDF fixed,
@@ -81,10 +82,11 @@ def tuned_beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate
     Negative losses are set to zero, and the part of an effect that equals dry friction is moved to the Coulomb level.
 
     Args:
-        baseline, fine, estimates: The user's arm, the sums of the effects' columns, and the effects.
+        baseline, evidence, prior: The user's arm, the sums of the effects' columns, and what the URDF says.
+        estimates: The effects.
     """
-    evidence, groups = fine.search.evidence, [one.refined for one in estimates]
-    alone = project(evidence.gram(), evidence, fine.search.prior)
+    groups = [one.refined for one in estimates]
+    alone = project(evidence.gram(), evidence, prior)
     columns = np.concatenate([group.columns for group in groups]).astype(int)
     beta = np.concatenate([one.coefficients for one in estimates]) * evidence.scale[columns]
     scaled_baseline = alone.estimate - alone.slopes[:, columns] @ beta

@@ -1,15 +1,11 @@
-"""Detection limits: the least size at which an effect that was not found would have been accepted nine times in ten.
+"""Detection limits: the least size at which an effect that was not found would have been named, nine times in ten.
 
-In: the final model and its sums. Out: a `SizeLimit` for each effect at each joint, without a further fit. Where the
-model leaves the columns the information I (a Schur complement of the whitened sums, encoder noise subtracted, the
-URDF's prior included), coefficients β gain ½ λ ± √λ nats, λ = βᵀ I β. Acceptance needs T nats, and a fall of the
-held-out error that matters. Both measures grow with the square of the size; the least multiple m of a typical effect
-satisfies
+In: the sums that the named effects and the discrepancies leave. Out: a `SizeLimit` for each effect at each joint, without
+a further fit. Coefficients β of which these sums hold the information R gain ½ λ ± √λ nats, λ = βᵀ R β. A name needs T
+nats, the log evidence at which half of the corpus' effects were right, and the cost C of its coefficients' prior. The
+least multiple m of a typical effect satisfies
 
-    m² = max( z² s / λ, (least mean square that matters) / (βᵀ A β) ),  z = √(2 T) + 1.28,
-
-with s the variance inflation and A the plain sums per sample of what the model leaves of the columns. At z nine in ten
-would be accepted if the criteria were only these; they are stricter by a factor that was measured.
+    m² = z² / λ,  z = √(2 (T + C)) + 1.28.
 """
 
 from __future__ import annotations
@@ -22,12 +18,12 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
-from ident.diagnosis.selection.candidates import Candidates
-from ident.diagnosis.selection.criteria import SearchResults
 from ident.effects.base import Effect, SessionContext, impossible
+from ident.inference.conclusion import Conclusion
+from ident.inference.estimate import FIXED
+from ident.inference.search import SetSearch
 from ident.records import read_group
 from ident.regression.design import Group, NotTestable
-from ident.regression.least_squares import Projection
 from ident.regression.noise import Whitening
 
 LIMIT = read_group(__file__, "detection_limits")
@@ -45,7 +41,7 @@ class SizeLimit:
     # Limit in the parameter's unit, an upper one for an inverse parameter (a stiffness); None for an invisible effect.
     value: float | None
     hidden: bool  # whether the limit is beyond the plausible range: no plausible effect would have been accepted
-    bound_by: str  # what hides smaller effects: one of `HIDES`, or `size` if they are too small to matter
+    bound_by: str  # what hides smaller effects: one of `HIDES`
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         """Its record, with joint names."""
@@ -75,34 +71,22 @@ class _TypicalEffect:
     group: Group  # its point of the grid
     beta: Float[Array, " k"]  # its coefficients
     size: float  # the parameter that is its size
-    by_noise: float  # least multiple whose log evidence suffices
-    by_size: float  # least multiple whose held-out gain suffices
-
-    @property
-    def multiple(self) -> float:
-        """Least multiple that would have been accepted."""
-        return LIMIT.in_practice * max(self.by_noise, self.by_size)
+    multiple: float  # least multiple that would have been named
 
 
-def find_limits(
-    search: Candidates,
-    found: SearchResults,
-    views: tuple[Projection, Projection],
-    inflation: float,
-    session: SessionContext,
-) -> tuple[SizeLimit, ...]:
-    """Detection limits of all effects at all joints where they were not accepted.
+def find_limits(conclusion: Conclusion, session: SessionContext) -> tuple[SizeLimit, ...]:
+    """Detection limits of all effects at all joints where they are no names.
 
     Args:
-        search, found, session: The search, its results, and the runs.
-        views, inflation: The final model, with tuned and with fixed inertias, and its variance inflation.
+        conclusion, session: The causes, and the runs.
     """
-    accepted = {item.group.key[:2] for item in found.accepted}
+    named = {name.group.key[:2] for name in conclusion.names}
     places: dict[tuple[str, int], dict[int | None, list[Group]]] = {}
-    for group in search.evidence.layout.groups:
-        if group.key[:2] not in accepted and not group.effect.event and group.effect.typical.figure:
+    for group in conclusion.inference.best.search.names.groups:
+        known = group.key[:2] in named or group.effect.event
+        if not known and group.effect.typical.figure:
             places.setdefault(group.key[:2], {}).setdefault(group.variant.other, []).append(group)
-    finder = _LimitFinder(search, found, views, inflation, session)
+    finder = _LimitFinder(conclusion, session)
     limits = (_limit_at(finder, list(by_other.values())) for by_other in places.values())
     return tuple(limit for limit in limits if limit is not None)
 
@@ -119,7 +103,7 @@ def _limit_at(finder: _LimitFinder, by_other: Sequence[Sequence[Group]]) -> Size
         return None
     effect, multiple = worst.group.effect, worst.multiple
     hidden = multiple * effect.typical.share > 1.0 or finder.is_impossible(worst)
-    bound = finder.bound_by(worst.group) if worst.by_noise >= worst.by_size else "size"
+    bound = finder.bound_by(worst)
     value = worst.size / multiple if effect.typical.inverse else worst.size * multiple
     shows = multiple * effect.typical.share < LIMIT.nothing
     return SizeLimit(effect, worst.group.joint, effect.typical.figure, value if shows else None, hidden, bound)
@@ -132,22 +116,19 @@ def _typical_points(groups: Sequence[Group]) -> list[Group]:
 
 
 class _LimitFinder:
-    """Computes the multiples of typical effects that the final model would have accepted."""
+    """Computes the multiples of typical effects that would have been named."""
 
-    def __init__(
-        self,
-        search: Candidates,
-        found: SearchResults,
-        views: tuple[Projection, Projection],
-        inflation: float,
-        session: SessionContext,
-    ) -> None:
-        self.search, self.views, self.inflation, self.session = search, views, inflation, session
-        evidence = search.evidence
-        self.floor, self.last = evidence.floor, found.ladder[-1].rms
-        self.gap = np.maximum(found.ladder[0].rms ** 2 - self.floor**2, 0.0)
-        self.plain = tuple(one.over() for one in evidence.plain)
-        self.counts = np.maximum(evidence.weights.sum(axis=0), 1.0)
+    def __init__(self, conclusion: Conclusion, session: SessionContext) -> None:
+        best = conclusion.inference.best
+        named = {name.described.coarse for name in conclusion.names}
+        chosen = [group for group in best.chosen if group in named]
+        self.session, self.evidence = session, best.model.sums.evidence
+        self.needed_nats = conclusion.calibration.even_nats
+        self.names = best.search.names
+        self.first, self.scale = best.search.first, best.search.scale
+        self.rest = best.search.beside(chosen)
+        fixed = best.model.with_urdf(best.model.components.urdf.divided(FIXED))
+        self.rest_fixed = SetSearch.of(fixed).beside(chosen)
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
     def at(self, group: Group) -> _TypicalEffect | None:
@@ -155,17 +136,19 @@ class _LimitFinder:
         beta = self._coefficients(group)
         if beta is None:
             return None
-        absorbed = self._is_absorbed(group)
-        kept = beta != 0.0
-        columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
-        scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
-        power = float(scaled @ self.views[0].rest(columns) @ scaled)
-        needed = np.sqrt(2.0 * max(self._required_log_evidence(group, absorbed, beta), 0.0)) + LIMIT.nine_in_ten
-        by_noise = needed * np.sqrt((1.0 if absorbed else self.inflation) / max(power, 1e-300))
-        joints = group.acts_on(self.search.evidence.layout.n)
-        closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
-        by_size = 1.0 / np.sqrt(max(self._relevance(absorbed, closed, joints), 1e-300))
-        return _TypicalEffect(group, beta, self._size(group, beta), float(by_noise), float(by_size))
+        deviation = self.names.deviation[group]
+        at = group.columns - self.first
+        widened = deviation[:, None] * self.rest[np.ix_(at, at)] * deviation
+        cost = 0.5 * float(np.linalg.slogdet(np.eye(len(at)) + widened)[1]) - self.names.log_odds[group]
+        needed = np.sqrt(2.0 * max(self.needed_nats + cost, 0.0)) + LIMIT.nine_in_ten
+        multiple = float(needed / np.sqrt(max(self._power(self.rest, group, beta), 1e-300)))
+        return _TypicalEffect(group, beta, self._size(group, beta), multiple)
+
+    def _power(self, rest: Float[Array, "c c"], group: Group, beta: Float[Array, " k"]) -> float:
+        """Whitened squares of an effect's torque beside everything else."""
+        at = group.columns - self.first
+        scaled = beta * self.scale[at]
+        return float(scaled @ rest[np.ix_(at, at)] @ scaled)
 
     def is_impossible(self, one: _TypicalEffect) -> bool:
         """Whether no arm has the effect at the size that it would need."""
@@ -174,13 +157,13 @@ class _LimitFinder:
         estimates = group.effect.parameters(context, group.joint, group.variant, beta, certain)
         return impossible(group.effect, context, group.joint, estimates) is not None
 
-    def bound_by(self, group: Group) -> str:
+    def bound_by(self, one: _TypicalEffect) -> str:
         """What hides an effect most."""
-        if self._is_absorbed(group):
+        group, beta = one.group, one.beta
+        # Inertias that may be off take more of it than noise leaves.
+        if 2.0 * self._power(self.rest, group, beta) < self._power(self.rest_fixed, group, beta):
             return "tolerance"
-        if self.views[0].buried(group.columns).any():  # by encoder noise
-            return "encoder"
-        shares = encoder_share(self.search.evidence.whitening)[group.acts_on(self.search.evidence.layout.n)]
+        shares = encoder_share(self.evidence.whitening)[group.acts_on(self.evidence.layout.n)]
         return "encoder" if float(shares.max()) > 0.5 else "torque"
 
     def _coefficients(self, group: Group) -> Float[Array, " k"] | None:
@@ -210,37 +193,6 @@ class _LimitFinder:
 
     def _context(self, group: Group) -> SessionContext:
         return self.session
-
-    def _is_absorbed(self, group: Group) -> bool:
-        return self.search.is_absorbed(*self.views, group)
-
-    def _required_log_evidence(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
-        """Gain that acceptance needs: the cost of the effect's prior, columns and grid, and the threshold [nats]."""
-        cost = self.search.complexity_cost(group)
-        if group.prior is not None:
-            known = self.views[0].rest(group.columns)
-            scaled = beta * self.search.evidence.scale[group.columns]
-            return self.search.inertial_threshold + self.search.prior_cost(group, group.prior, scaled, known)
-        return self.search.settings.least_nats + cost
-
-    def _closed(self, view: Projection, columns: Array, beta: Array, joint: int) -> float:
-        """Mean square of the torque at a joint that coefficients explain beyond a model [N² m²]."""
-        weights = (view.left_of(columns) @ beta)[self.search.evidence.layout.local[joint]]
-        used = np.flatnonzero(weights)
-        squares = weights[used] @ self.plain[joint][np.ix_(used, used)] @ weights[used]
-        return max(float(squares) / float(self.counts[joint]), 0.0)
-
-    def _relevance(self, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
-        """Least ratio of the closed mean squares to those that the acceptance criteria need."""
-        settings = self.search.settings
-        ratio = float(np.max(closed / np.maximum(settings.least_own_share * self.gap[joints], 1e-12)))
-        if absorbed:
-            return ratio
-        left = self.last[joints] ** 2
-        share = settings.least_gap_fall / (1.0 - settings.least_gap_fall)
-        fall = (1.0 - settings.least_rms_fall) ** -2 - 1.0
-        least = np.maximum(fall * left, share * (left - self.floor[joints] ** 2))
-        return min(ratio, float(np.max(closed / np.maximum(least, 1e-12))))
 
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array
-from ident.diagnosis.selection.name_probability import Estimate
-from ident.diagnosis.settings import USUAL_VERDICT
+from ident.inference.conclusion import EVEN_ODDS
+from ident.inference.estimate import Estimate
 from ident.regression.design import Group
 from ident.robot.arm import ArmModel
 
@@ -58,7 +58,7 @@ class ReportedEffect:
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if where and self.estimate.refined.effect.scope == "joint" else self.joints
         action, sure = self.action_at((" or " if where else ", ").join(joints)), self.estimate.probability
-        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: " * (sure < USUAL_VERDICT.even_odds)
+        doubt = f"only {100.0 * sure:.0f}% sure, so act on it if it shows again: " * (sure < EVEN_ODDS)
         return f"{doubt}{action}{self.caveat}"
 
     def action_at(self, where: str) -> str:

@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Float
 from ident.checks.report import MISREAD
-from ident.diagnosis.alternate import Selection
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import Place, View
 from ident.diagnosis.gap.improvement import Improvement, energy_spread, measure_improvement, run_energy
 from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.result import Finding, JointGap
-from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
 from ident.diagnosis.settings import DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink, measure_tuned_links
-from ident.diagnosis.verdict import ResidualExcess, find_floors, find_unexplained
 from ident.effects.base import SessionContext
+from ident.inference.conclusion import EVEN_ODDS, Conclusion
 from ident.recordings.recording import TelemetryIssue
-from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
-from ident.regression.least_squares import Prior, Projection, project
-from ident.regression.posterior import LeftAtJoint
+from ident.regression.least_squares import Projection, project
 from ident.regression.run_spread import measure_inflation
 from ident.robot.arm import ArmModel
 
@@ -39,39 +35,34 @@ FIXED_URDF_FACTOR = 1e5
 
 @dataclass(frozen=True, eq=False)
 class Models:
-    """The tuned model without and with the effects, and the URDF's, on the sums of the whole session."""
+    """The tuned model without and with the names, and the URDF's, on the sums of the whole session."""
 
     evidence: Evidence
-    groups: list[Group]  # the accepted effects
+    groups: list[Group]  # the names
     before: Projection  # the tuned model
-    after: Projection  # the same with the effects
-    after_fixed: Projection  # with the effects, and the inertias of the search's own fixed prior
-    fixed: Projection  # with the URDF's inertias, without effects
+    after: Projection  # the same with the names
+    fixed: Projection  # with the URDF's inertias, without names
     given: HeldOut  # scores models with the URDF's inertias
     # Held-out error of the tuned model, and of that with the URDF's inertias [N m].
     errors: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-    # Held-out error with the inertias of the search's own fixed prior, without and with the effects [N m].
-    with_fixed_inertias: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-    inflation: float  # variance inflation beside the effects
+    inflation: float  # variance inflation beside the names
 
     @classmethod
-    def of(cls, selected: Selection) -> Models:
-        """The models of a selection."""
-        search, evidence, prior = selected.search, selected.search.evidence, selected.search.prior
-        gram, groups = evidence.gram(), [item.group for item in selected.found.accepted]
+    def of(cls, conclusion: Conclusion) -> Models:
+        """The models of a conclusion."""
+        evidence, prior, groups = conclusion.evidence, conclusion.prior, conclusion.groups
+        gram = evidence.gram()
         after = project(gram, evidence, prior, groups)
-        # Errors of the untuned model are reported with the URDF as it is; the search's fixed prior is less tight.
+        # Errors of the untuned model are reported with the URDF as it is.
         given = HeldOut(evidence, prior.tightened(FIXED_URDF_FACTOR * prior.error.scale))
         return cls(
             evidence=evidence,
             groups=groups,
             before=project(gram, evidence, prior),
             after=after,
-            after_fixed=project(gram, evidence, search.fixed.prior, groups),
             fixed=project(gram, evidence, given.prior),
             given=given,
-            errors=(selected.found.ladder[0].rms, given.score().rms),
-            with_fixed_inertias=(search.fixed.score().rms, search.fixed.score(groups).rms),
+            errors=(conclusion.ladder[0].rms, given.score().rms),
             inflation=measure_inflation(evidence, after),
         )
 
@@ -81,62 +72,56 @@ class Remaining:
     """What is left at each joint, how much of it is noise, and what tuning absorbed."""
 
     series: tuple[RunResidual, ...]  # residuals of every run
-    ceilings: tuple[Ceiling, ...]  # what a discrepancy explains of each joint's error
-    excess: ResidualExcess  # which of it is significant
-    floors: Float[np.ndarray, " n"]  # noise floor [N m]
-    noise: Float[np.ndarray, " n"]  # the same, lower where a significant residual shows that less is possible [N m]
-    improvement: Improvement  # what the effects improve, in torque and energy
+    ceilings: tuple[Ceiling, ...]  # what a flexible function explains of each joint's error
+    gap_probability: Float[np.ndarray, " n"]  # that a cause without a name is left at each joint
+    floors: Float[np.ndarray, " n"]  # what no model of the names goes below [N m]
+    noise: Float[np.ndarray, " n"]  # the torque's noise and friction's variation [N m]
+    improvement: Improvement  # what the names improve, in torque and energy
     links: dict[str, TunedLink]  # change of each link's inertia by tuning
     tolerance: Tolerance  # whether these exceed the URDF's tolerance
 
 
 def measure_remaining(
-    selected: Selection,
+    conclusion: Conclusion,
     models: Models,
-    left: Sequence[LeftAtJoint | None],
-    explained: Float[np.ndarray, " n"],
     session: SessionContext,
     baseline: Baseline,
     settings: DiagnosisSettings,
+    seed: int,
 ) -> Remaining:
     """Measures what is left.
 
     Args:
-        selected, models: The selection, and its models.
-        left, explained: Of each joint what a discrepancy finds beside the effects, and what in their place.
-        session, baseline, settings: The runs, the tuned model, and thresholds.
+        conclusion, models: The names, and their models.
+        session, baseline, settings, seed: The runs, the tuned model, thresholds, and seed of drawn orders.
     """
-    search, found, evidence = selected.search, selected.found, models.evidence
+    evidence = models.evidence
     views = models.before, models.after, models.fixed
-    series = compute_residuals(session, baseline, evidence, views, models.groups, search.held_out)
+    series = compute_residuals(session, baseline, evidence, views, models.groups, conclusion.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
-    ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(left))
-    excess = find_unexplained(found, ceilings, evidence, settings.verdict, settings.selection.least_own_share)
-    floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    # What a function of the state explains is no noise, though the noise was estimated with it.
-    shown = np.array([one.ratio for one in ceilings]) * found.ladder[-1].rms
-    lower = np.minimum.reduce([settings.verdict.noise_margin * excess.noise, floors, shown])
+    last = conclusion.ladder[-1].rms
+    probability = conclusion.gap_probability()
+    ceilings = []
+    for j in range(session.n):
+        left = conclusion.joints.get(j)
+        seen = probability[j] >= EVEN_ODDS
+        share = left.share if left is not None and seen else 0.0
+        ceilings.append(measure_ceiling(steady, j, share, left.kind if left is not None and seen else None))
+    # Of a joint without a cause that has no name, whatever is left is noise.
+    shown = np.array([ceiling.ratio for ceiling in ceilings]) * last
+    noise = np.minimum(evidence.floor, last)
+    floors = np.where(probability >= EVEN_ODDS, np.minimum(noise, shown), last)
+    prior = conclusion.prior
     return Remaining(
         series=tuple(series),
-        ceilings=ceilings,
-        excess=excess,
+        ceilings=tuple(ceilings),
+        gap_probability=probability,
         floors=floors,
-        noise=np.where(excess.present, lower, floors),
-        improvement=measure_improvement(search, models.given, found, series, baseline, floors, explained, settings.gap),
-        links=measure_tuned_links(baseline, evidence, models.after, search.prior, models.inflation),
-        tolerance=_measure_tolerance(search, models, baseline, settings),
+        noise=np.where(probability >= EVEN_ODDS, floors, np.maximum(noise, np.minimum(floors, last))),
+        improvement=measure_improvement(conclusion, models.given, series, baseline, floors, seed, settings.gap),
+        links=measure_tuned_links(baseline, evidence, models.after, prior, models.inflation),
+        tolerance=measure_tolerance(evidence, prior, models.after, models.inflation, settings.selection),
     )
-
-
-def _measure_tolerance(search: Search, models: Models, baseline: Baseline, settings: DiagnosisSettings) -> Tolerance:
-    """Tests with the usual prior whether a single link is wrong; else with the URDF's error as estimated."""
-    evidence = models.evidence
-    usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
-    model = project(evidence.gram(), evidence, usual.prior, models.groups)
-    inflation = measure_inflation(evidence, model)
-    if one_link_is_wrong(usual, baseline, models.groups, inflation):
-        return measure_tolerance(evidence, usual.prior, model, inflation, settings.selection)
-    return measure_tolerance(evidence, search.prior, models.after, models.inflation, settings.selection)
 
 
 def find_places(
@@ -156,7 +141,7 @@ def find_places(
         tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
         remaining.noise,
         [ReportedCause(one.joints, one.hidden_torque) for one in findings]
-        + [ReportedCause((arm.joint_names[j],), {}) for j in np.flatnonzero(remaining.excess.present)]
+        + [ReportedCause((arm.joint_names[j],), {}) for j in np.flatnonzero(remaining.gap_probability >= EVEN_ODDS)]
         + [ReportedCause(one, dict.fromkeys(one, np.inf), is_factor=True) for one in misread],
         settings.verdict.loud,
     )

@@ -11,14 +11,16 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.selection.agreement import measure_agreement
 from ident.diagnosis.selection.criteria import Evaluated, first_of_each_joint
 from ident.diagnosis.selection.name_probability import Estimate
-from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.regression.design import Group
+from ident.inference.conclusion import Named
+from ident.inference.estimate import Reason
+
+# Reasons that a sentence holds at most; the record has all of them.
+REASONS_TOLD = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,21 +31,37 @@ class Reservation:
     joints: tuple[str, ...]  # names of the joints concerned
     reason: str  # the reason as a sentence
     parameters: dict[str, Interval]  # parameters of the rejected effect
-    # The rejected effect where a cause is present that it does not describe; None where there may be no cause at all.
-    candidate: Evaluated | None = None
+    probability: float | None = None  # of an effect that was weighed
+    reasons: tuple[Reason, ...] = ()  # why it has this probability, the largest first
 
     @classmethod
     def of(cls, item: Evaluated, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
         """The reservation about an effect that was rejected."""
-        candidate = None if estimate.undefined else item
-        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters, candidate)
+        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters)
+
+    @classmethod
+    def unlikely(cls, name: Named, joints: Sequence[str]) -> Reservation:
+        """The reservation about an effect that is less likely than not, with what speaks against it."""
+        estimate = name.estimate
+        against = [reason.what for reason in estimate.reasons if reason.weight < 0.0][:REASONS_TOLD]
+        words = " and ".join(against) or "nothing speaks for it"
+        where = tuple(joints[j] for j in name.affected_joints)
+        probability = estimate.class_probability
+        return cls(
+            name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons
+        )
 
     def to_dict(self) -> dict[str, Any]:
+        weighed = {}
+        if self.probability is not None:
+            reasons = [reason.to_dict() for reason in self.reasons]
+            weighed = {"probability": self.probability, "reasons": reasons}
         return {
             "effect": self.effect or None,
             "joints": list(self.joints),
             "reason": self.reason,
             "parameters": {name: value.to_dict() for name, value in self.parameters.items()},
+            **weighed,
         }
 
 
@@ -77,29 +95,10 @@ def find_implausible(candidates: Mapping[int, tuple[Evaluated, Estimate]], sessi
     return {k: insignificant[k] for k in kept}
 
 
-def find_heterogeneous(
-    search: Search, groups: Sequence[Group], tested: Sequence[int], hidden: Collection[int] = ()
-) -> dict[int, str]:
-    """At each joint the effect whose size differs most between runs, if by much and significantly, and the reason.
-
-    Args:
-        search, groups: The search that selected the effects, and all accepted effects.
-        tested: Indices of those that are tested; events, slow effects and effects beyond a bound have no constant size.
-        hidden: Indices of those that tuned inertias absorb.
-    """
-    settings = search.settings
-    effects = [group.effect for group in groups]
-    constant = [k for k in tested if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
-    found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
-    large = {k: one for k, one in found.items() if one.between_fold_std > settings.most_uneven}
-    heterogeneous = {k: one for k, one in large.items() if one.p_value < settings.uneven_chance}
-    worst = sorted(heterogeneous, key=lambda k: -heterogeneous[k].between_fold_std)
-    kept = first_of_each_joint([(k, groups[k].acts_on(search.evidence.layout.n)) for k in worst])
-    return {
-        k: f"its size differs by {100 * one.between_fold_std:.0f} %, from {one.smallest:.2g} to {one.largest:.2g} of "
-        "what it is over all: a constant of the arm is the same in all parts of the recordings"
-        for k, one in ((k, heterogeneous[k]) for k in kept)
-    }
+def unlikely_reservations(unlikely: Sequence[Named], joints: Sequence[str]) -> tuple[Reservation, ...]:
+    """One reservation for each effect that was weighed and found less likely than not, the likeliest first."""
+    ordered = sorted(unlikely, key=lambda name: -name.estimate.class_probability)
+    return tuple(Reservation.unlikely(name, joints) for name in ordered)
 
 
 def link_reservations(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:

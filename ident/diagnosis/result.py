@@ -18,11 +18,11 @@ from ident.diagnosis.gap.improvement import Improvement, spreads
 from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.inference.conclusion import Named
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.design import NotTestable
 from ident.results import ONE_RUN, Result
@@ -36,13 +36,13 @@ class Finding(ReportedEffect):
     """An accepted effect with its evidence.
 
     Attributes:
-        evaluated: The effect with its acceptance criteria.
+        evaluated: The effect with what was found of it.
         energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
         energy_std: Standard deviations over the runs of both [J]; None for a single run.
         share: Its Shapley share of the gap that all effects close.
     """
 
-    evaluated: Evaluated
+    evaluated: Named
     energy_before: float
     energy_after: float
     energy_std: tuple[float | None, float | None]
@@ -57,6 +57,7 @@ class Finding(ReportedEffect):
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.shared_record(),
+            "reasons": [reason.to_dict() for reason in self.estimate.reasons],
             "rivals": dict(self.estimate.odds),
             "heldout": {
                 "rms_before_Nm": self.rms_before,
@@ -69,9 +70,9 @@ class Finding(ReportedEffect):
                 "share": self.share,
             },
             "evidence": {
-                "log_score_gain": self.evaluated.criteria.log_score[0],
-                "log_score_error": self.evaluated.criteria.log_score[1],
-                "log_evidence": self.evaluated.criteria.log_evidence,
+                "log_score_gain": self.evaluated.log_score[0],
+                "log_score_error": self.evaluated.log_score[1],
+                "log_evidence": self.evaluated.log_evidence,
                 "judged_against": "urdf" if self.evaluated.absorbed else "tuned",
             },
         }
@@ -138,7 +139,7 @@ class Details:
         baseline_alone: Parameters of the baseline tuned without them.
         baseline_urdf: Parameters of the baseline with the URDF's inertias fixed.
         outside_score: Score from 0 to 1 of a cause outside the catalogue.
-        leftover: Unexplained residual of each joint in units of its threshold.
+        leftover: For each joint the probability that a cause without a name is left there.
         tuned_links: Change of each link from the URDF by tuning, by link name.
     """
 

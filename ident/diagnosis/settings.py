@@ -4,37 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.records import Settings
-from ident.regression.posterior import Beside
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 class VerdictSettings(Settings, table="verdict"):
-    """Thresholds of the verdict, and the discount of probabilities by a discrepancy."""
-
-    def trust(self, law: Beside) -> float:
-        """Factor on the probability of an effect, from the evidence of a discrepancy at its joints.
-
-        With ΔL the log Bayes factor that the law adds to a discrepancy, G the law's gain alone and R what a discrepancy
-        still gains beside it, the odds are (ΔL / `trust_nats`)^`trust_added` (G / R)^`trust_beside`.
-
-        Args:
-            law: Evidence of the law beside a discrepancy.
-        """
-        beside = max(law.gain, 1.0) / max(law.left, 1e-3 * law.gain, 1.0)
-        added = max(law.log_bayes_factor, 1.0) / self.trust_nats
-        odds = added**self.trust_added * beside**self.trust_beside
-        return float(odds / (1.0 + odds))
-
-    def widening(self, law: Beside) -> float:
-        """Factor on the widths of a law's intervals, from what a discrepancy still explains at its joints."""
-        return 1.0 + self.widening_per_fold * float(np.log1p(max(law.left, 0.0)))
+    """What of a joint's error counts as loud, for the map and the page."""
 
 
 USUAL_VERDICT = VerdictSettings()

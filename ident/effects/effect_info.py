@@ -103,10 +103,15 @@ class Interval:
     # Which ends the recordings leave open, where `low` and `high` are those of the values that were tried or that an
     # arm can have: "low", "high", "both", or "" for none.
     open: Literal["", "low", "high", "both"] = ""
+    # Ends with the URDF's own error added, where `low` and `high` are for the URDF as it is; None where it has no part.
+    low_with_urdf: float | None = None
+    high_with_urdf: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Its record; `open` only where an end is."""
-        ends = {"value": self.value, "low": self.low, "high": self.high}
+        ends: dict[str, Any] = {"value": self.value, "low": self.low, "high": self.high}
+        if self.low_with_urdf is not None and self.high_with_urdf is not None:
+            ends |= {"low_with_urdf": self.low_with_urdf, "high_with_urdf": self.high_with_urdf}
         return {**ends, "open": self.open} if self.open else ends
 
     def wider(self, factor: float) -> Interval:

@@ -15,7 +15,6 @@ from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.session_context import SENSING as LIMIT
 from ident.effects.session_context import is_near, joined, rated_torque, root_mean_square, sampled_states
 from ident.laws.acting import shifted
-from ident.motion.filter import mean_spectrum
 
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
@@ -194,10 +193,6 @@ class TorqueDelay(Effect):
 
     Every point d₀ of the grid has the limit −dτ/dt · d, so that the coefficient is the delay at each; curvature beyond
     the first order is right at d = d₀ and about right around it.
-
-    Torque that steps where it is sampled (controllers log in step with what they command) is read half an interval of
-    the log early or late, and no later look can tell. The interval of d holds that, by the share of the torque's change
-    that may be steps.
     """
 
     id = "torque_delay"
@@ -222,25 +217,4 @@ class TorqueDelay(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        found = coefficient_interval(0, coefficients, covariance)
-        doubt = 0.5 * max(run.motion.log_interval for run in session.runs) * share_of_steps(session)
-        reach = float(np.hypot(found.high - found.value, doubt))
-        return {"delay_s": Interval(found.value, found.value - reach, found.value + reach)}
-
-
-def share_of_steps(session: SessionContext) -> float:
-    """Largest share of the modelled torque's change, below the common corner, that can be steps.
-
-    The rate of torque that steps has a flat spectrum: it is as dense at all frequencies as it is near the corner, where
-    what is smooth has gone.
-    """
-    steps = change = 0.0
-    rated = np.array([rated_torque(session, j) for j in range(session.n)])
-    for run in session.runs:
-        corner, rate = run.motion.lowpass.cutoff, np.diff(run.total, axis=0) / run.interval / rated
-        frequency, density = mean_spectrum(rate, run.motion.lowpass.rate, min(LIMIT.spectrum_samples, len(rate)))
-        below = density[frequency <= corner].sum(axis=1)
-        high = below[frequency[frequency <= corner] >= LIMIT.near_corner * corner]
-        steps += len(rate) * len(below) * float(high.mean() if len(high) else below.mean())
-        change += len(rate) * float(below.sum())
-    return min(steps / max(change, 1e-300), 1.0)
+        return {"delay_s": coefficient_interval(0, coefficients, covariance)}

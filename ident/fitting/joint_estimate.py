@@ -178,7 +178,7 @@ def estimate(sums: FitSums) -> JointEstimate:
     evidence = given.with_run_spread(np.full(n, given.settings.wide_spread))
     for _ in range(PASSES):
         model = _solved(evidence, sums)
-        spread = estimate_run_spread(evidence, model)
+        spread = estimate_run_spread(evidence, model.weights)
         worth = worth_of_rows(evidence, model)
         weighted = given.weighted(_huber_weights(given, model)) if sums.options.robust else given
         evidence = weighted.with_run_spread(spread).with_dispersion(worth)

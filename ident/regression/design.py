@@ -84,6 +84,8 @@ class Layout:
     further: int = 0  # columns of effects, right after the loss parameters, that are part of the baseline
     # Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
     further_std: tuple[float, ...] = ()
+    # For each joint the blocks of its discrepancy, which are no candidates; () where the layout has none.
+    flexible: tuple[tuple[Group, ...], ...] = ()
 
     @property
     def tuned(self) -> int:
@@ -113,6 +115,15 @@ class Layout:
         )
 
     @cached_property
+    def flexible_places(self) -> tuple[Int[Array, " m"], ...]:
+        """For each joint, where the columns of its discrepancy stand in its rows."""
+        columns = [[c for group in blocks for c in group.columns] for blocks in self.flexible]
+        return tuple(
+            np.flatnonzero(np.isin(local, own))
+            for local, own in zip(self.local, columns or [[]] * self.n, strict=True)
+        )
+
+    @cached_property
     def places(self) -> tuple[dict[int, int], ...]:
         """For each joint, where each of its columns stands in its rows."""
         return tuple({int(column): k for k, column in enumerate(local)} for local in self.local)
@@ -123,6 +134,7 @@ def build_layout(
     rank: int,
     catalogue: Sequence[Effect],
     beside: Sequence[Effect] = (),
+    flexible: Sequence[Effect] = (),
 ) -> Layout:
     """Lays out every testable effect at every point of its grid.
 
@@ -131,9 +143,10 @@ def build_layout(
         rank: Number of base parameters.
         catalogue: The effects that are candidates.
         beside: Effects that are part of the baseline, as far as they can be seen.
+        flexible: Blocks of each joint's discrepancy.
     """
     silent, grids = find_grids(catalogue, lambda _: session, lambda effect, *where: effect.variants(*where))
-    return layout_of(session, rank, grids, silent, searched=True, beside=beside)
+    return layout_of(session, rank, grids, silent, searched=True, beside=beside, flexible=flexible)
 
 
 def find_grids(
@@ -167,6 +180,7 @@ def layout_of(
     silent: Sequence[NotTestable] = (),
     searched: bool = False,
     beside: Sequence[Effect] = (),
+    flexible: Sequence[Effect] = (),
 ) -> Layout:
     """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns.
 
@@ -177,6 +191,7 @@ def layout_of(
         silent: What can't be tested.
         searched: Whether names are looked for, so that parts of points are candidates, too (`Effect.parts`).
         beside: Effects of one joint that are part of the baseline wherever they can be seen, each with a prior scale.
+        flexible: Blocks of each joint's discrepancy, in columns after all others.
     """
     own_joints = [(effect, j) for effect in beside for j in range(session.n) if effect.untestable(session, j) is None]
     nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
@@ -196,6 +211,17 @@ def layout_of(
             for part, some in effect.parts(variant) if searched else ():
                 groups.append(Group(effect, joint, part, columns[list(some)], prior, borrows=True))
             (own[joint] if effect.rows == "own" else shared).extend(columns)
+    blocks: list[tuple[Group, ...]] = []
+    for joint in range(session.n if flexible else 0):
+        inputs = flexible[0].variants(session, joint)[0]
+        of_joint = []
+        for effect in flexible:
+            width = effect.columns(sample, joint, inputs)[0].shape[-1]
+            columns = np.arange(start, start + width)
+            of_joint.append(Group(effect, joint, inputs, columns))
+            own[joint].extend(columns)
+            start += width
+        blocks.append(tuple(of_joint))
     return Layout(
         rank=rank,
         n=session.n,
@@ -205,4 +231,5 @@ def layout_of(
         silent=tuple(silent),
         further=sum(len(group.columns) for group in groups[: len(nuisances)]),
         further_std=tuple(float(one) for each in std if each is not None for one in each),
+        flexible=tuple(blocks),
     )

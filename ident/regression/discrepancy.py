@@ -101,6 +101,9 @@ class Discrepancy(Effect):
         return np.concatenate([waves, waves * direction, waves * x[:, 1:2]], axis=1)
 
 
+KINDS = tuple(Discrepancy(block) for block in BLOCKS)
+
+
 def _inputs(run: RunContext, joint: int) -> Float[Array, "t k"]:
     """What the function depends on: the joint's own position, speed, load, its slow speeds spread out, its direction;
 

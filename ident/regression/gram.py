@@ -70,6 +70,9 @@ class Evidence:
     settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
     # For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     dwells: tuple[DwellRows, ...] = ()
+    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows, over all time, friction
+    # the same in all runs; those columns are zero in the sums of blocks and folds.
+    flexible: tuple[Float[Array, "m p"], ...] = ()
 
     def with_dwells(self) -> Evidence:
         """The same with each joint's holds in the whitened sums, a row as one sample, and no longer beside them.
@@ -79,14 +82,21 @@ class Evidence:
         white, plain = list(self.free), list(self.plain)
         rows, weights = np.array(self.rows), np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
+        flexible = list(self.flexible)
         for j, held in enumerate(self.dwells):
-            white[j] = white[j].with_rows(held.weighted, held.block)
+            smooth = self.layout.flexible_places[j]
+            weighted = np.asarray(held.weighted, dtype=float)
+            if flexible:
+                flexible[j] = flexible[j] + weighted[:, smooth].T @ weighted
+            weighted[:, smooth] = 0.0
+            white[j] = white[j].with_rows(weighted, held.block)
             if still[j]:
                 level, fold = float(self.whitening.level[j]), self.fold_of_block[held.block]
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
             np.add.at(rows[:, j], held.block, 1.0)
-        return replace(self, free=tuple(white), plain=tuple(plain), rows=rows, weights=weights, dwells=())
+        sums = {"free": tuple(white), "plain": tuple(plain), "flexible": tuple(flexible)}
+        return replace(self, **sums, rows=rows, weights=weights, dwells=())
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
         """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
@@ -119,10 +129,12 @@ class Evidence:
             power[local] += own
             weighted[local] += own / factor[j]
         sums = tuple(one.divided(float(factor[j])) for j, one in enumerate(self.free))
+        flexible = tuple(one / factor[j] for j, one in enumerate(self.flexible))
         tied = tuple(one / factor[j] for j, one in enumerate(self.friction.sums))
         return replace(
             self,
             free=sums,
+            flexible=flexible,
             friction=replace(self.friction, sums=tied),
             noise_power=self.noise_power * weighted / np.maximum(power, 1e-300),
             dispersion=np.array(dispersion, dtype=float),
@@ -302,6 +314,10 @@ class _Sums:
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
         self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
+        self.flexible = [
+            np.zeros((len(smooth), len(local)))
+            for smooth, local in zip(layout.flexible_places, layout.local, strict=True)
+        ]
 
     def add(self, rows: Rows) -> None:
         """Adds a run: what was seen, less what of it is encoder noise."""
@@ -319,11 +335,16 @@ class _Sums:
         filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
         full = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
         # Columns that are not zero any more stand last, so that older sums are as they were.
+        smooth = self.layout.flexible_places[j]
         shown = np.flatnonzero(np.any([table.any(axis=0) for table in full], axis=0))
+        shown = np.setdiff1d(shown, smooth)
         self.kept[j] = np.append(self.kept[j], np.setdiff1d(shown, self.kept[j]))
         kept, local = self.kept[j], self.layout.local[j]
         tables = [table[:, kept].astype(float) for table in full]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
+        bent = whiten_after_gaps(full[0][:, smooth].astype(float), counts, filters)
+        self.flexible[j][:, kept] += _where(bent, counts).T @ _where(filtered[0], counts)
+        self.flexible[j][:, smooth] += _where(bent, counts).T @ _where(bent, counts)
         power, sums, first = np.zeros(len(kept)), np.zeros((len(kept), len(kept))), FRICTION.stop - FRICTION.start
         for block, inside in _stretches(rows.blocks):
             seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
@@ -332,6 +353,7 @@ class _Sums:
             self.rows[block, j] += len(seen)
             tied = np.zeros((first, len(local)))
             tied[:, kept] = seen[:, :first].T @ seen
+            tied[:, smooth] = seen[:, :first].T @ _where(bent[inside], counts[inside])
             for drawn in noise:
                 add_products(sums, drawn, -rows.weight)
                 tied[:, kept] -= rows.weight * (drawn[:, :first].T @ drawn)
@@ -378,6 +400,7 @@ class _Sums:
             spread=np.zeros(self.layout.n),
             dispersion=np.ones(self.layout.n),
             settings=self.settings,
+            flexible=tuple(self.flexible) if self.layout.flexible else (),
         )
 
 

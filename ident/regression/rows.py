@@ -67,6 +67,8 @@ def compute_rows(
         if weights[i]:  # in half the room: its squares are a small share of the columns'
             pairs = zip(next(again)[2], tables, strict=True)
             noise = tuple(np.subtract(more, table, out=more).astype(np.float32) for more, table in pairs)
+            for drawn, smooth in zip(noise, layout.flexible_places, strict=True):
+                drawn[:, smooth] = 0.0
         counts = run.motion.settled if through is None else np.where(through, run.motion.moving, run.motion.settled)
         yield Rows(i, layout.rank, tuple(tables), counts, blocks, noise, float(weights[i]))
         del run, tables, noise  # before the next are made
@@ -92,6 +94,10 @@ def compute_tables(
         known = _kept_columns(session, baseline, chunk, part.runs, noisier)
         batches = [_Batch(layout, run, baseline_tables(layout, k)) for run, k in zip(part.runs, known, strict=True)]
         for group in groups:
+            for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
+                batch.add(group, columns)
+        # A discrepancy's columns are so smooth that what encoder noise adds to them is nothing.
+        for group in () if noisier else (block for blocks in layout.flexible for block in blocks):
             for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
                 batch.add(group, columns)
         for batch in batches:

@@ -111,14 +111,14 @@ def worth_of_rows(evidence: Evidence, projection: Projection) -> Float[Array, " 
     return found
 
 
-def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
+def estimate_run_spread(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
     """Relative standard deviation of each joint's friction from run to run.
 
     Args:
         evidence: Sums of the session.
-        projection: The model that leaves the residual; solved with about this spread or a larger one.
+        weights: What a model leaves of a row is the row's product with these; solved with about this spread or more.
     """
-    return np.array([_spread_of_joint(evidence, j, projection.weights) for j in range(evidence.layout.n)])
+    return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
 
 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:

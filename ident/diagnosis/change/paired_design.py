@@ -186,7 +186,7 @@ def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
     model = _with_all(sums, prior)
     # Each set has a mean of its own, which costs one more degree of freedom than a single session.
     evidence = sums.evidence.with_run_spread(wide)
-    found = estimate_run_spread(evidence, model) * np.sqrt((runs - 1) / (runs - 2))
+    found = estimate_run_spread(evidence, model.weights) * np.sqrt((runs - 1) / (runs - 2))
     return np.minimum(found, wide)
 
 

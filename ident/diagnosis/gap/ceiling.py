@@ -1,6 +1,6 @@
 """Ceiling of each joint: how much of the residual beside the accepted effects a function of the state could explain.
 
-Two flexible functions are tried. The discrepancy (`regression.posterior`) is smooth over its inputs. A
+Two flexible functions are tried. The discrepancy (`inference.components`) is smooth over its inputs. A
 nearest-neighbour mean over the joint's angle, each way by itself, finds what repeats many times a turn, such as torque
 or friction of gear teeth; it is tested on other runs.
 """
@@ -16,7 +16,6 @@ from scipy.spatial import KDTree
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_CEILING, CeilingSettings
-from ident.regression.posterior import LeftAtJoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +25,6 @@ class Ceiling:
     rms: float  # residual that the better function would leave [N m]
     before: float  # residual beside the accepted effects [N m]
     kind: str | None  # its inputs: state, memory, time or coupling; None if no function explains the residual
-    significant: bool  # whether the fall is significant
-    evidence: float = 0.0  # log Bayes factor of a discrepancy against none [nats]
 
     @property
     def ratio(self) -> float:
@@ -36,13 +33,17 @@ class Ceiling:
 
 
 def measure_ceiling(
-    series: Sequence[RunResidual], joint: int, left: LeftAtJoint | None, settings: CeilingSettings = USUAL_CEILING
+    series: Sequence[RunResidual],
+    joint: int,
+    share: float,
+    kind: str | None,
+    settings: CeilingSettings = USUAL_CEILING,
 ) -> Ceiling:
     """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
         series, joint: Residuals of all runs, and index of the joint.
-        left: Evidence of a discrepancy at the joint; None where it does not move.
+        share, kind: What a discrepancy explains of its squares, and which block of it most; nothing where it is chance.
         settings: Thresholds of significance.
     """
     moving = [item.valid[:, joint] for item in series]
@@ -55,17 +56,12 @@ def measure_ceiling(
         [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
     )
     before = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
-    share, kind, significant, evidence = 0.0, None, False, 0.0
-    if left is not None:
-        evidence = left.evidence
-        significant = evidence >= settings.least_nats and left.share >= settings.least_fall
-        share, kind = (left.share, left.kind) if significant else (0.0, None)
     # Samples of opposite motion are no neighbours.
     each_way = q + np.where(dq < 0.0, 2.0 * np.ptp(q), 0.0) if len(q) else q
     repeated = _share_repeated_by_angle(each_way, y, piece, settings)
     if repeated > share:
-        share, kind, significant = repeated, "state", True
-    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, significant, evidence)
+        share, kind = repeated, "state"
+    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
 
 
 def _share_repeated_by_angle(

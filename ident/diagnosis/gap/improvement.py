@@ -25,8 +25,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay, replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
-from ident.diagnosis.selection.criteria import SearchResults
-from ident.diagnosis.selection.search import Search
+from ident.inference.conclusion import Conclusion
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
@@ -41,7 +40,6 @@ class Improvement:
     """Gain of the accepted effects on held-out runs."""
 
     shares: Float[Array, " k"]  # Shapley share of the reducible gap of each effect, in the order of acceptance
-    without_names: Float[Array, " n"]  # error with a discrepancy in place of the effects, joint by joint [N m]
     forward: Replay  # the replayed motion, without and with the effects
     runs_before: Float[Array, "R n"]  # energy error of each run without the effects, joint by joint [J]
     runs_after: Float[Array, "R n"]  # energy error of each run with the effects, joint by joint [J]
@@ -64,7 +62,6 @@ class Improvement:
 
         stds = (spread_of_runs(energies) for energies in (self.runs_before, self.runs_after))
         return {
-            "without_names_rms_Nm": by_joint(self.without_names),
             "energy_error_before_J": by_joint(self.energy_before),
             "energy_error_after_J": by_joint(self.energy_after),
             **spreads(*(None if std is None else by_joint(std) for std in stds)),
@@ -90,29 +87,26 @@ def spreads(before: Any, after: Any) -> dict[str, Any]:
 
 
 def measure_improvement(
-    search: Search,
+    conclusion: Conclusion,
     given: HeldOut,
-    found: SearchResults,
     series: Sequence[RunResidual],
     baseline: Baseline,
     floors: Float[Array, " n"],
-    explained: Float[Array, " n"],
+    seed: int,
     settings: GapSettings = USUAL_GAP,
 ) -> Improvement:
     """Measures the gain of the accepted effects.
 
     Args:
-        search, given: The search, and held-out scores with the untuned URDF.
-        found, series, baseline, settings: Its results, residuals of all runs, the tuned model, settings of the replay.
-        floors: Floor of each joint's error [N m].
-        explained: Share of each joint's mean square that a discrepancy explains in place of the effects.
+        conclusion, given: The names, and held-out scores with the untuned URDF.
+        series, baseline, settings: Residuals of all runs, the tuned model, settings of the replay.
+        floors, seed: Floor of each joint's error [N m]; seed of drawn orders.
     """
     # An absorbed effect closes nothing beside tuned inertias: its share is computed with the URDF's.
-    scorer = given if any(item.absorbed for item in found.accepted) else search.held_out
-    rms = found.ladder[0].rms
+    absorbed = any(name.absorbed for name in conclusion.names)
+    scorer = given if absorbed else conclusion.held_out
     return Improvement(
-        shares=shapley_shares(scorer, [item.group for item in found.accepted], floors, search.seed),
-        without_names=np.maximum(rms * np.sqrt(1.0 - explained), np.minimum(rms, floors)),
+        shares=shapley_shares(scorer, conclusion.groups, floors, seed),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
         runs_after=np.array([run_energy(item, item.unseen_after) for item in series]),

@@ -1,0 +1,86 @@
+"""From features to probabilities, by a calibration that a command fitted to a stored corpus.
+
+    log odds = b + Σ_k w_k (x_k − c_k) / s_k
+
+`calibration.toml` is written by `python -m ident.benchmark.calibrate`, which says how it holds on arms and worlds that
+were left out whole. No number of it is set by hand.
+
+Source: Platt 1999 and Niculescu-Mizil and Caruana 2005 (calibrated probabilities).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.special import expit
+
+from ident.safe_read import read_toml
+
+FILE = Path(__file__).with_name("calibration.toml")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One feature's part in the log odds."""
+
+    weight: float  # of the standardised feature [nats]
+    centre: float  # its mean over the corpus
+    scale: float  # its standard deviation over the corpus
+
+    def nats(self, value: float) -> float:
+        """What a value adds to the log odds of one as in the corpus [nats]."""
+        standard = (value - self.centre) / self.scale
+        return self.weight * standard if np.isfinite(standard) else 0.0
+
+
+@dataclass(frozen=True)
+class Odds:
+    """A fitted logistic regression."""
+
+    intercept: float
+    terms: Mapping[str, Term]
+
+    def parts(self, features: Mapping[str, float]) -> dict[str, float]:
+        """What each feature adds to the log odds [nats]."""
+        return {name: term.nats(features[name]) for name, term in self.terms.items()}
+
+    def probability(self, features: Mapping[str, float]) -> float:
+        """Probability of what has such features."""
+        return float(expit(self.intercept + sum(self.parts(features).values())))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All numbers that were fitted to the corpus."""
+
+    names: Odds  # of a chosen effect, or one of its class, being the cause
+    gaps: Odds  # of a joint having a cause that none of the chosen effects is
+    even_nats: float  # log evidence at which half of the corpus' chosen effects were right [nats]
+    temper: float  # exponent of the evidence between rivals
+    width: float  # factor on the half-widths of intervals
+
+
+@cache
+def load_calibration(path: Path = FILE) -> Calibration:
+    """The calibration that the package ships, or another.
+
+    Raises:
+        InputError: There is no such file, or it can't be read.
+    """
+    record = read_toml(path, "write it: python -m ident.benchmark.calibrate fit")
+    return Calibration(
+        names=_odds(record),
+        gaps=_odds(record["gap"]),
+        even_nats=float(record["even_nats"]),
+        temper=float(record["temper"]),
+        width=float(record["interval_width"]["factor"]),
+    )
+
+
+def _odds(record: Mapping) -> Odds:
+    terms = {name: Term(**values) for name, values in record["feature"].items()}
+    return Odds(float(record["intercept"]), terms)

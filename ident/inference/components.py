@@ -1,0 +1,336 @@
+"""Variance components that every model has: friction's levels, the URDF's error, discrepancies, dispersion.
+
+For a set of effects, each is where the log evidence of the session is greatest beside the others:
+
+    discrepancy   variance of each block of a joint's flexible function, by its analytic gradient
+    urdf          scales of the URDF's error, on a grid with a prior
+    friction      relative spread of each joint's friction level from stretch to stretch
+    dispersion    mean square of whitened rows that all of it leaves, one at the least
+
+A discrepancy is a nuisance beside every model: its columns are integrated out of a joint's sums, after which sets of
+effects are compared without it.
+
+Source: Kennedy and O'Hagan 2001 (discrepancy); MacKay 1992 (evidence of a scale).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.selection.settings import USUAL_SELECTION
+from ident.inference.evidence import optimise
+from ident.inference.names import Names
+from ident.inference.sums import SessionSums, without_negative_directions
+from ident.regression.baseline import Baseline, UrdfError
+from ident.regression.design import Group
+from ident.regression.discrepancy import BLOCKS
+from ident.regression.least_squares import Prior, ridge_of
+from ident.regression.run_spread import estimate_run_spread
+
+# Whitened rows of a joint below which nothing is learnt of its discrepancy.
+FEWEST_ROWS = 20
+# Variances of whitened coefficients that a block starts from where nothing is known of it.
+FIRST_VARIANCES = (1e-4, 1e-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Variances beside a set of effects."""
+
+    friction: Float[Array, " n"]  # relative spread of each joint's friction level
+    urdf: UrdfError  # by how much the URDF is off
+    discrepancy: Float[Array, "n b"]  # variance of the whitened coefficients of each joint's blocks
+    dispersion: Float[Array, " n"]  # what each joint's sums are divided by
+
+    @classmethod
+    def usual(cls, sums: SessionSums) -> Components:
+        """Those before anything is known: a usual URDF, friction that varies much, and no discrepancy."""
+        n, blocks = sums.evidence.layout.n, len(sums.evidence.layout.flexible[0])
+        wide = np.full(n, sums.evidence.settings.wide_spread)
+        return cls(wide, UrdfError(), np.zeros((n, blocks)), np.ones(n))
+
+
+@dataclass(frozen=True, eq=False)
+class WeighedResidual:
+    """What a model leaves of a session's rows."""
+
+    weights: Float[Array, " P"]  # a row's product with these is what the model leaves of it
+    mean_square: Float[Array, " n"]  # of each joint's whitened rows, after its discrepancy
+    by_block: Float[Array, "n b"]  # whitened squares that each block of it explains
+
+    def kind_of(self, joint: int) -> str | None:
+        """The block of a joint's discrepancy that explains most; None where none explains anything."""
+        power = self.by_block[joint]
+        return BLOCKS[int(np.argmax(power))] if power.any() else None
+
+
+class ModelSums:
+    """All joints' sums given variance components, discrepancies integrated out.
+
+    Attributes:
+        sums, names, components: The session's sums, the candidates, and the variance components.
+        gram: Sums over all joints of all columns but the discrepancies', shape (P, P); the torque last.
+    """
+
+    def __init__(
+        self, sums: SessionSums, names: Names, baseline: Baseline, components: Components
+    ) -> None:
+        self.sums, self.names, self.baseline = sums, names, baseline
+        self.components = components
+        layout = sums.evidence.layout
+        self.whole = [
+            sums.of_joint(j, float(components.friction[j])) / components.dispersion[j]
+            for j in range(layout.n)
+        ]
+        self.gram = np.zeros((layout.size + 1, layout.size + 1))
+        self.fixed_nats = -0.5 * float(sums.evidence.samples @ np.log(components.dispersion))
+        self.log_determinants = np.zeros(layout.n)
+        self.reduced = []
+        for j, local in enumerate(layout.local):
+            reduced, nats = self._without_discrepancy(j, components.discrepancy[j])
+            self.gram[np.ix_(local, local)] += reduced
+            self.reduced.append(reduced)
+            self.log_determinants[j] = nats
+            self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
+
+    def with_discrepancy(self, changed: Mapping[int, Float[Array, " b"]]) -> ModelSums:
+        """The same with other variances of the discrepancies of some joints.
+
+        Args:
+            changed: For each of these joints the variances of its blocks.
+        """
+        other = copy(self)
+        variances = self.components.discrepancy.copy()
+        other.gram, other.reduced, other.log_determinants = (
+            self.gram.copy(),
+            list(self.reduced),
+            self.log_determinants.copy(),
+        )
+        for joint, of_blocks in changed.items():
+            variances[joint] = of_blocks
+            local = self.sums.evidence.layout.local[joint]
+            reduced, nats = self._without_discrepancy(joint, of_blocks)
+            other.gram[np.ix_(local, local)] += reduced - self.reduced[joint]
+            other.reduced[joint] = reduced
+            other.log_determinants[joint] = nats
+        other.components = replace(self.components, discrepancy=variances)
+        return other
+
+    def with_urdf(self, error: UrdfError) -> ModelSums:
+        """The same with another belief in the URDF."""
+        other = copy(self)
+        other.components = replace(self.components, urdf=error)
+        return other
+
+    @property
+    def nats(self) -> float:
+        """Log determinants of discrepancies and friction, and priors of the components [nats]."""
+        return self.fixed_nats + float(self.log_determinants.sum())
+
+    def _without_discrepancy(
+        self, joint: int, variances: Float[Array, " b"]
+    ) -> tuple[Float[Array, "p p"], float]:
+        """A joint's sums with its discrepancy integrated out, and the log determinant's part."""
+        whole = self.whole[joint]
+        deviation = self._deviations(joint, variances)
+        used = np.flatnonzero(deviation)
+        if len(used) == 0:
+            return whole, 0.0
+        places = self.sums.evidence.layout.flexible_places[joint][used]
+        scale = deviation[used]
+        inner = scale[:, None] * whole[np.ix_(places, places)] * scale
+        inner[np.diag_indices(len(inner))] += 1.0
+        factor = cholesky(inner, lower=True, check_finite=False)
+        half = solve_triangular(
+            factor, scale[:, None] * whole[places], lower=True, check_finite=False
+        )
+        return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
+
+    def _deviations(self, joint: int, variances: Float[Array, " b"]) -> Float[Array, " m"]:
+        sizes = [len(group.columns) for group in self.sums.evidence.layout.flexible[joint]]
+        return np.repeat(np.sqrt(variances), sizes)
+
+    def prior(self, error: UrdfError | None = None) -> Prior:
+        """The URDF's tolerance, in the columns' scale."""
+        return Prior.believing(
+            self.sums.evidence, self.baseline, self.components.urdf if error is None else error
+        )
+
+    def information(
+        self, chosen: Sequence[Group], prior: Prior
+    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
+        """Columns of the baseline and some effects, and the information on their coefficients."""
+        layout = self.sums.evidence.layout
+        inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in chosen)])
+        inside = inside.astype(int)
+        information = self.gram[np.ix_(inside, inside)].copy()
+        self._add_priors(information, chosen, prior)
+        return inside, information
+
+    def _add_priors(
+        self, information: Float[Array, "z z"], chosen: Sequence[Group], prior: Prior
+    ) -> None:
+        layout = self.sums.evidence.layout
+        prior.add_to(information, layout)
+        tuned = np.arange(layout.tuned)
+        information[tuned, tuned] += ridge_of(self.gram, self.sums.evidence, tuned)
+        if chosen:
+            deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+            own = np.arange(layout.tuned, len(information))
+            information[own, own] += np.maximum(deviation, 1e-12) ** -2.0
+
+    def log_evidence(self, chosen: Sequence[Group], error: UrdfError | None = None) -> float:
+        """Log evidence of the session beside a set of effects, priors of all components included [nats].
+
+        Args:
+            chosen: The effects.
+            error: Scales of the URDF's error; those of the components if None.
+        """
+        error = self.components.urdf if error is None else error
+        prior = self.prior(error)
+        inside, information = self.information(chosen, prior)
+        factor = cholesky(information, lower=True, check_finite=False)
+        target = self.gram[inside, -1]
+        half = solve_triangular(factor, target, lower=True, check_finite=False)
+        nats = 0.5 * float(half @ half - self.gram[-1, -1])
+        nats -= float(np.log(np.diag(factor)).sum())
+        nats += 0.5 * float(np.linalg.slogdet(prior.base)[1])
+        if chosen:
+            deviation = np.concatenate([self.names.deviation[group] for group in chosen])
+            nats -= float(np.log(np.maximum(deviation, 1e-12)).sum())
+            nats += sum(self.names.log_odds[group] for group in chosen)
+        return nats + self.nats + log_prior_of(error)
+
+    def residual(self, chosen: Sequence[Group]) -> WeighedResidual:
+        """What the baseline, some effects and the discrepancies leave."""
+        layout = self.sums.evidence.layout
+        inside, information = self.information(chosen, self.prior())
+        factor = cholesky(information, lower=True, check_finite=False)
+        estimate = cho_solve((factor, True), self.gram[inside, -1], check_finite=False)
+        weights = np.zeros(layout.size + 1)
+        weights[inside] = -estimate
+        weights[-1] = 1.0
+        mean_square = np.ones(layout.n)
+        by_block = np.zeros((layout.n, len(layout.flexible[0])))
+        for j, local in enumerate(layout.local):
+            own = weights[local].copy()
+            follow = self._follow(j, own)
+            by_block[j] = self._power_of_blocks(j, follow)
+            own[layout.flexible_places[j]] = follow
+            after = float(own @ self.whole[j] @ own)
+            mean_square[j] = after / max(float(self.sums.evidence.samples[j]), 1.0)
+        return WeighedResidual(weights, mean_square, by_block)
+
+    def smooth_share(self, chosen: Sequence[Group]) -> Float[Array, " n"]:
+        """Share of each joint's squares beside some effects that its discrepancy explains."""
+        blocks = self.components.discrepancy.shape[1]
+        none = {j: np.zeros(blocks) for j in range(len(self.whole))}
+        before = self.with_discrepancy(none).residual(chosen).mean_square
+        after = self.residual(chosen).mean_square
+        return np.clip(1.0 - after / np.maximum(before, 1e-300), 0.0, 1.0)
+
+    def _follow(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, " m"]:
+        """Weights of a joint's discrepancy where the other columns have theirs."""
+        deviation = self._deviations(joint, self.components.discrepancy[joint])
+        places = self.sums.evidence.layout.flexible_places[joint]
+        whole = self.whole[joint]
+        inner = deviation[:, None] * whole[np.ix_(places, places)] * deviation
+        inner[np.diag_indices(len(inner))] += 1.0
+        target = deviation * (whole[places] @ weights)
+        return np.asarray(-deviation * np.linalg.solve(inner, target))
+
+    def _power_of_blocks(self, joint: int, weights: Float[Array, " m"]) -> Float[Array, " b"]:
+        """Whitened squares of each block's torque."""
+        groups = self.sums.evidence.layout.flexible[joint]
+        places = self.sums.evidence.layout.flexible_places[joint]
+        whole = self.whole[joint][np.ix_(places, places)]
+        ends = np.cumsum([0, *(len(group.columns) for group in groups)])
+        power = []
+        for start, end in pairwise(ends):
+            part = weights[start:end]
+            power.append(float(part @ whole[start:end, start:end] @ part))
+        return np.array(power)
+
+    def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
+        """Sums of a joint's discrepancy columns and the torque after the baseline and some effects."""
+        layout = self.sums.evidence.layout
+        local, smooth = layout.local[joint], layout.flexible_places[joint]
+        inside, information = self.information(chosen, self.prior())
+        columns = np.concatenate([inside, local[smooth], [layout.size]])
+        position = {int(column): k for k, column in enumerate(columns)}
+        everything = self.gram[np.ix_(columns, columns)].copy()
+        at = np.array([position.get(int(column), -1) for column in local])
+        seen = np.flatnonzero(at >= 0)
+        change = self.whole[joint] - self.reduced[joint]
+        everything[np.ix_(at[seen], at[seen])] += change[np.ix_(seen, seen)]
+        width = len(inside)
+        inner = everything[:width, :width].copy()
+        self._add_priors(inner, chosen, self.prior())
+        across = everything[:width, width:]
+        factor = cholesky(inner, lower=True, check_finite=False)
+        half = solve_triangular(factor, across, lower=True, check_finite=False)
+        return without_negative_directions(everything[width:, width:] - half.T @ half)
+
+
+def discrepancy_at(
+    model: ModelSums, joint: int, chosen: Sequence[Group], warm: bool = True
+) -> tuple[Float[Array, " b"], float]:
+    """Variances of a joint's discrepancy beside a set of effects, and their log evidence [nats].
+
+    Args:
+        model: Sums, with variances at other joints as they are.
+        joint, chosen: The joint, and the effects.
+        warm: Whether to begin with the joint's present variances alone; else from several starts.
+    """
+    groups = model.sums.evidence.layout.flexible[joint]
+    before = model.components.discrepancy[joint]
+    if model.sums.evidence.samples[joint] < FEWEST_ROWS:
+        return np.zeros_like(before), 0.0
+    sums = model.beside(joint, chosen)
+    sizes = [len(group.columns) for group in groups]
+    starts = [np.full(len(groups), value) for value in FIRST_VARIANCES]
+    if warm and before.any():
+        starts = [np.maximum(before, FIRST_VARIANCES[0])]
+    fits = [optimise(sums[:-1, :-1], sums[:-1, -1], sizes, start) for start in starts]
+    best = max(fits, key=lambda fit: fit.nats)
+    return best.variances, best.nats
+
+
+def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Components:
+    """Variance components that are likeliest beside a set of effects, one after the other.
+
+    Args:
+        model: Sums with the present components.
+        chosen: The effects.
+        warm: Whether discrepancies begin at their present variances.
+    """
+    before, evidence = model.components, model.sums.evidence
+    variances = [discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)]
+    fresh = replace(before, discrepancy=np.stack(variances))
+    model = ModelSums(model.sums, model.names, model.baseline, fresh)
+    error = max(urdf_errors(), key=lambda one: model.log_evidence(chosen, one))
+    model.components = replace(fresh, urdf=error)
+    left = model.residual(chosen)
+    seen = evidence.with_run_spread(before.friction).with_dispersion(before.dispersion)
+    friction = estimate_run_spread(seen, left.weights)
+    dispersion = np.maximum(1.0, before.dispersion * left.mean_square)
+    return replace(model.components, friction=friction, dispersion=dispersion)
+
+
+def urdf_errors() -> list[UrdfError]:
+    """All scales of the URDF's error that are tried."""
+    scales = product(USUAL_SELECTION.urdf_scales, USUAL_SELECTION.urdf_com_m)
+    return [UrdfError(scale, com) for scale, com in scales]
+
+
+def log_prior_of(error: UrdfError) -> float:
+    """Log prior of the URDF's error scales, up to a constant [nats]."""
+    ratio = np.log(error.scale) / np.log(USUAL_SELECTION.usual_urdf_factor)
+    return -0.5 * float(ratio**2 + (error.com_m / USUAL_SELECTION.usual_urdf_com_m) ** 2)

@@ -1,0 +1,175 @@
+"""From a session's sums to its causes: the one inference from end to end.
+
+    sums -> sets and variances (`infer`) -> fine grids (`refine`) -> features -> probabilities and parameters
+
+An effect whose class is likelier than not is a name. The others are reported with their probability and what speaks
+against them; nothing is struck out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Float
+from ident.effects.base import SessionContext
+from ident.inference.calibration import Calibration, load_calibration
+from ident.inference.estimate import Estimate, estimate
+from ident.inference.features import (
+    Described,
+    JointLeft,
+    Scorers,
+    describe,
+    describe_joints,
+    evidence_of,
+)
+from ident.inference.infer import Inference, Inferred, infer
+from ident.inference.refine import refine
+from ident.regression.baseline import Baseline
+from ident.regression.cross_validation import HeldOut, HeldOutScore
+from ident.regression.design import Group
+from ident.regression.gram import Evidence
+from ident.regression.least_squares import Prior
+
+# Likelier than not.
+EVEN_ODDS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A chosen effect with what was found of it."""
+
+    group: Group  # at its point of the fine grid
+    described: Described  # features, rivals, held-out scores
+    estimate: Estimate  # parameters and probability
+    before: HeldOutScore  # held-out score without it, beside those named before it
+    after: HeldOutScore  # the same with it
+
+    @property
+    def absorbed(self) -> bool:
+        """Whether tuned inertias hide it, so that it was scored with the URDF's."""
+        return self.described.view.fixed
+
+    @property
+    def affected_joints(self) -> list[int]:
+        """Its own joint, or those where it shows."""
+        return list(self.described.joints)
+
+    @property
+    def log_score(self) -> tuple[float, float]:
+        """Gain of log score on parts that the fit never saw, and its standard error [nats]."""
+        return self.described.view.after.gain_over(self.described.view.before)
+
+    @property
+    def log_evidence(self) -> float:
+        """What it adds to the session's log evidence [nats]."""
+        return float(np.expm1(self.described.features["log_nats"]))
+
+
+@dataclass(frozen=True, eq=False)
+class Conclusion:
+    """The causes of a session.
+
+    Attributes:
+        inference: What was reached on coarse grids.
+        fine: The best set on fine grids.
+        scorers: Cross-validated scores on the fine grids' sums.
+        names: The effects that are likelier than not, in the order of the torque that they explain.
+        unlikely: The other chosen effects.
+        ladder: Held-out scores without effects, and after each name.
+        joints: What is left at each joint, and how probably it is a cause without a name.
+    """
+
+    inference: Inference
+    fine: Inferred
+    scorers: Scorers
+    names: tuple[Named, ...]
+    unlikely: tuple[Named, ...]
+    ladder: tuple[HeldOutScore, ...]
+    joints: Mapping[int, JointLeft]
+    calibration: Calibration
+
+    @property
+    def groups(self) -> list[Group]:
+        """The names' columns in the fine grids' sums."""
+        return [name.group for name in self.names]
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Sums of the names on fine grids, with friction's spread and dispersion."""
+        return evidence_of(self.fine.model)
+
+    @property
+    def prior(self) -> Prior:
+        """What the URDF says of the base parameters."""
+        return self.fine.model.prior()
+
+    @property
+    def held_out(self) -> HeldOut:
+        """Scores beside tuned inertias."""
+        return self.scorers.tuned
+
+    def gap_probability(self) -> Float[np.ndarray, " n"]:
+        """For each joint the probability that a cause without a name is left there."""
+        n = self.evidence.layout.n
+        probability = np.zeros(n)
+        for joint, left in self.joints.items():
+            probability[joint] = self.calibration.gaps.probability(left.features)
+        return probability
+
+
+def conclude(
+    evidence: Evidence,
+    baseline: Baseline,
+    session: SessionContext,
+    calibration: Calibration | None = None,
+) -> Conclusion:
+    """The causes of a session.
+
+    Args:
+        evidence: Block sums of all candidates, with discrepancies' columns.
+        baseline, session: The tuned model, and the runs.
+        calibration: Fitted numbers; those that the package ships if None.
+    """
+    calibration = load_calibration() if calibration is None else calibration
+    inference = infer(evidence, baseline, session)
+    fine = refine(inference.best, session, baseline)
+    described = describe(inference, fine, session)
+    estimates = estimate(fine, described, session, calibration)
+    sure = [k for k, one in enumerate(estimates) if one.class_probability >= EVEN_ODDS]
+    order = sorted(sure, key=lambda k: -_explained(described[k]))
+    scorers = Scorers.of(fine)
+    ladder = [scorers.tuned.score()]
+    names: list[Named] = []
+    for k in order:
+        chosen = [name.group for name in names]
+        scorer = scorers.fixed if described[k].view.fixed else scorers.tuned
+        before = scorer.score(chosen)
+        after = scorer.score([*chosen, described[k].group])
+        names.append(Named(described[k].group, described[k], estimates[k], before, after))
+        ladder.append(scorers.tuned.score([name.group for name in names]))
+    unlikely = [
+        Named(one.group, one, estimates[k], one.view.before, one.view.after)
+        for k, one in enumerate(described)
+        if k not in sure
+    ]
+    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in names])}
+    return Conclusion(
+        inference,
+        fine,
+        scorers,
+        tuple(names),
+        tuple(unlikely),
+        tuple(ladder),
+        joints,
+        calibration,
+    )
+
+
+def _explained(one: Described) -> float:
+    """Mean square that an effect closes on parts that the fit never saw, over its joints [N² m²]."""
+    old, new = one.view.before.rms, one.view.after.rms
+    return float(np.sum(old[list(one.joints)] ** 2 - new[list(one.joints)] ** 2))

@@ -1,0 +1,185 @@
+"""The chosen effects as a person reads them: parameters with intervals, probability, class, reasons.
+
+Intervals are of the joint posterior of all effects, losses and inertias, discrepancies integrated out; nonlinear
+parameters by profile likelihood over the fine grid. They are given twice: for the URDF's inertias as they are, which is
+what the recordings determine, and with the URDF's own error in them.
+
+The probability is that of the effect's class (`calibration`); within the class each effect has the share
+exp(−T d), d its deficit in log evidence and T the fitted temper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Float
+from ident.effects.base import Interval, SessionContext
+from ident.inference.calibration import Calibration
+from ident.inference.components import ModelSums
+from ident.inference.features import FEATURE_WORDS, Described
+from ident.inference.infer import Inferred
+from ident.inference.profile import Profile
+from ident.inference.search import SetSearch, rest_of
+from ident.regression.design import Group
+
+# Odds within which two effects are told as one class (the method's own definition).
+CLASS_ODDS = 20.0
+# Divisor of the URDF's tolerance at which its inertias are as good as fixed.
+FIXED = 1e3
+
+
+@dataclass(frozen=True)
+class Reason:
+    """What speaks for an effect, or against it."""
+
+    feature: str  # name of the feature
+    weight: float  # what it adds to the log odds [nats]
+
+    @property
+    def what(self) -> str:
+        """The reason in words."""
+        speaks_for, speaks_against = FEATURE_WORDS[self.feature]
+        return speaks_for if self.weight > 0.0 else speaks_against
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its entry in a record."""
+        return {"for": self.weight > 0.0, "what": self.what, "weight": abs(self.weight)}
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters, probability and rivals of one chosen effect."""
+
+    group: Group  # the effect at its best point of the coarse grid
+    parameters: dict[str, Interval]  # physical parameters with 95 % intervals
+    probability: float  # that this effect is the cause, and none of its rivals
+    rivals: tuple[str, ...]  # its class: ids that can't be distinguished from it, itself first
+    refined: Group  # the effect at the point of the fine grid to which the parameters belong
+    coefficients: Float[np.ndarray, " k"]  # estimates there
+    covariance: Float[np.ndarray, "k k"]  # covariance of the coefficients
+    odds: Mapping[str, float]  # odds of the effect against each rival, by the rival's id
+    places: Mapping[int, float] = field(default_factory=dict)  # the same at other joints, by index
+    reasons: tuple[Reason, ...] = ()  # why it has this probability, the largest first
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Probability of each effect of the class, its own first."""
+        own = {self.rivals[0]: self.probability}
+        return own | {
+            name: self.probability / self.odds[name]
+            for name in self.rivals[1:]
+            if name in self.odds
+        }
+
+    @property
+    def class_probability(self) -> float:
+        """Probability that an effect of the class, or the same at another joint, is the cause."""
+        elsewhere = (self.probability / odds for odds in self.places.values())
+        return min(sum((*self.shares.values(), *elsewhere)), 1.0)
+
+
+def estimate(
+    fine: Inferred,
+    described: Sequence[Described],
+    session: SessionContext,
+    calibration: Calibration,
+) -> list[Estimate]:
+    """Estimates of all chosen effects, in their order.
+
+    Args:
+        fine: The effects on fine grids.
+        described: Their features and rivals.
+        session: The runs.
+        calibration: The fitted numbers.
+    """
+    fixed = SetSearch.of(_with_fixed_inertias(fine.model))
+    estimates = []
+    for one in described:
+        given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
+        free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
+        parameters = {
+            name: _both(interval, free[name], calibration.width) for name, interval in given.items()
+        }
+        parts = calibration.names.parts(one.features)
+        ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
+        sure = calibration.names.probability(one.features)
+        shares, odds, places = _shares(one, calibration.temper)
+        classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
+        estimates.append(
+            Estimate(
+                group=one.coarse,
+                parameters=parameters,
+                probability=sure * shares,
+                rivals=(one.group.effect.id, *classed),
+                refined=one.group,
+                coefficients=beta,
+                covariance=covariance,
+                odds=odds,
+                places=places,
+                reasons=tuple(Reason(name, nats) for name, nats in ordered),
+            )
+        )
+    return estimates
+
+
+def _with_fixed_inertias(model: ModelSums) -> ModelSums:
+    """The same model with the URDF's inertias as they are."""
+    error = model.components.urdf.divided(FIXED)
+    return model.with_urdf(error)
+
+
+def _parameters(
+    search: SetSearch, spread: SetSearch, fine: Inferred, group: Group, session: SessionContext
+) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    """Parameters of an effect at its best point, with its coefficients and their covariance.
+
+    Args:
+        search: Sums that the estimates come from.
+        spread: Sums that the covariances come from.
+        fine, group, session: The set, one of its effects, and the runs.
+    """
+    others = rest_of(fine.chosen, group)
+    width = len(group.columns)
+    points = tuple(
+        point
+        for point in search.names.groups
+        if point.key == group.key
+        and len(point.columns) == width
+        and point.variant.inner.keys() == group.variant.inner.keys()
+    )
+    nats, coefficients, covariances = [], [], []
+    for point in points:
+        chosen = [*others, point]
+        nats.append(search.nats(chosen))
+        coefficients.append(search.coefficients(chosen)[point])
+        covariances.append(spread.covariance(chosen, point))
+    profile = Profile(group, points, np.array(nats), tuple(coefficients), tuple(covariances))
+    best = points.index(group)
+    return profile.parameters(session), coefficients[best], covariances[best]
+
+
+def _both(given: Interval, free: Interval, width: float) -> Interval:
+    """An interval for the URDF as it is, with that of a URDF that may be off beside it."""
+    given, free = given.wider(width), free.wider(width)
+    low = min(given.low, free.low)
+    high = max(given.high, free.high)
+    return replace(given, low_with_urdf=low, high_with_urdf=high)
+
+
+def _shares(one: Described, temper: float) -> tuple[float, dict[str, float], dict[int, float]]:
+    """An effect's own share of its class, its odds against other effects, and against other joints."""
+    odds: dict[str, float] = {}
+    places: dict[int, float] = {}
+    for (effect, joint, _), deficit in one.rivals.items():
+        against = float(np.exp(np.clip(temper * deficit, -50.0, 50.0)))
+        if effect != one.group.effect.id:
+            odds[effect] = min(odds.get(effect, np.inf), against)
+        elif joint != one.group.joint and against <= CLASS_ODDS:
+            places[joint] = min(places.get(joint, np.inf), against)
+    others = sum(1.0 / value for value in odds.values() if value <= CLASS_ODDS)
+    others += sum(1.0 / value for value in places.values())
+    return 1.0 / (1.0 + others), odds, places

@@ -1,0 +1,97 @@
+"""Log evidence of a linear Gaussian model, from sums alone, and the variances at which it is greatest.
+
+With G = XᵀX and g = Xᵀy of whitened rows, and coefficients θ ~ N(0, S),
+
+    log p(y | S) − log p(y | 0) = ½ gᵀ (G + S⁻¹)⁻¹ g − ½ log |I + S^½ G S^½|.
+
+The one place where evidence is defined: effects, discrepancies and tolerances are all columns with a variance. Variances
+that are shared by a block of columns are where it is greatest; its derivative by the logarithm of a block's variance s is
+
+    ½ (wᵀw / s − m + tr C / s),   w, C the block's mean and covariance, m its number of columns.
+
+Source: MacKay 1992 (Bayesian interpolation, evidence); Searle, Casella and McCulloch 1992 (variance components).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from ident.arrays import Array, Float
+
+# Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off, or free [nats].
+LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Coefficients with their evidence."""
+
+    nats: float  # log evidence against all coefficients at zero [nats]
+    mean: Float[Array, " k"]  # posterior mean of the coefficients
+    covariance: Float[Array, "k k"]  # posterior covariance
+
+
+def log_evidence(
+    gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]
+) -> Solved:
+    """Log evidence, mean and covariance of coefficients θ ~ N(0, diag deviation²).
+
+    Args:
+        gram: Sums of products of the columns, positive semidefinite.
+        target: Sums of the columns times the torque.
+        deviation: Prior standard deviation of each coefficient; zero fixes it at zero.
+    """
+    inner = deviation[:, None] * gram * deviation
+    inner[np.diag_indices(len(inner))] += 1.0
+    factor = cholesky(inner, lower=True, check_finite=False)
+    scaled = deviation * target
+    half = solve_triangular(factor, scaled, lower=True, check_finite=False)
+    mean = deviation * cho_solve((factor, True), scaled, check_finite=False)
+    inverse = cho_solve((factor, True), np.eye(len(inner)), check_finite=False)
+    nats = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+    return Solved(nats, mean, deviation[:, None] * inverse * deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockVariances:
+    """Variances of blocks of coefficients where their evidence is greatest."""
+
+    nats: float  # log evidence against all variances at zero [nats]
+    variances: Float[Array, " b"]  # of each block's coefficients; zero where the block is off
+
+
+def optimise(
+    gram: Float[Array, "k k"],
+    target: Float[Array, " k"],
+    sizes: Sequence[int],
+    start: Float[Array, " b"],
+) -> BlockVariances:
+    """Variances of blocks of coefficients by marginal likelihood, by its analytic gradient over log variances.
+
+    Args:
+        gram, target: Sums of the blocks' columns, and of these times the torque.
+        sizes: Number of columns of each block.
+        start: Variances to begin with, above zero.
+    """
+    block = np.repeat(np.arange(len(sizes)), sizes)
+    bounds = [(LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE)] * len(sizes)
+
+    def minus_evidence(logs: Float[Array, " b"]) -> tuple[float, Float[Array, " b"]]:
+        variances = np.exp(logs)
+        solved = log_evidence(gram, target, np.sqrt(variances)[block])
+        power = solved.mean**2 + np.diag(solved.covariance)
+        gradient = 0.5 * (np.bincount(block, power, len(sizes)) / variances - np.asarray(sizes))
+        return -solved.nats, -gradient
+
+    first = np.clip(np.log(np.maximum(start, 1e-300)), LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE)
+    best = minimize(minus_evidence, first, jac=True, method="L-BFGS-B", bounds=bounds)
+    variances = np.where(best.x > LEAST_LOG_VARIANCE + 1e-6, np.exp(best.x), 0.0)
+    nats = log_evidence(gram, target, np.sqrt(variances)[block]).nats
+    return (
+        BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))
+    )

@@ -1,0 +1,400 @@
+"""What speaks for and against each chosen effect, in numbers that carry over between arms.
+
+Log evidence of a Gaussian model is too sure wherever noise is not as it is modelled, by far on real arms. So it is one
+of several things that are looked at, each without unit: what the effect gains on runs that it never saw, in standard
+errors; in how many parts of the session; the share of the gap that it closes; what a flexible function would gain in
+its place; whether another start leads to it, too; what else stands at the joint. A calibration turns them into a
+probability (`calibration`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ident.effects.base import SessionContext, impossible
+
+from ident.inference.components import ModelSums, discrepancy_at
+from ident.inference.infer import Inference, Inferred
+from ident.inference.search import SetSearch, rest_of
+from ident.regression.cross_validation import HeldOut, HeldOutScore
+from ident.regression.design import Group, Key
+from ident.regression.gram import Evidence
+
+# Divisor of the URDF's tolerance where its inertias are taken as they are.
+FIXED = 20.0
+# Each feature of an effect as a reason for it, and against it.
+FEATURE_WORDS = {
+    "log_nats": ("the recordings speak for it strongly", "the recordings hardly speak for it"),
+    "log_nats_beside": (
+        "no smooth function of the joint's state explains as much",
+        "a smooth function of the joint's state explains nearly as much",
+    ),
+    "log_nats_a_row": ("every sample speaks for it", "it shows only over many samples"),
+    "log_rows": ("there are many samples", "there are few samples"),
+    "gain_in_errors": (
+        "it foretells runs that the fit never saw",
+        "it hardly foretells runs that the fit never saw",
+    ),
+    "closed_in_errors": (
+        "it lowers the error on every run that the fit never saw",
+        "it does not lower the error on all runs that the fit never saw",
+    ),
+    "folds_that_gain": (
+        "all parts of the recordings agree",
+        "parts of the recordings disagree",
+    ),
+    "share_of_square": ("it explains much of the error", "it explains little of the error"),
+    "share_of_gap": ("it closes much of the gap", "it closes little of the gap"),
+    "log_size_over_noise": ("it is large beside the noise", "it is small beside the noise"),
+    "log_left_over_noise": ("much is left beside it", "much is left beside it"),
+    "log_size_over_usual": (
+        "its size is one that arms have",
+        "its size is not one that arms usually have",
+    ),
+    "log_share_of_evidence": (
+        "most of what the recordings say is said by it",
+        "other effects explain far more",
+    ),
+    "unlike_any_arm": ("arms have such figures", "no arm has such figures"),
+    "log_urdf_scale": ("the URDF is about right elsewhere", "the URDF is off elsewhere, too"),
+    "visibility": (
+        "tuning the model can't imitate it",
+        "tuning the model imitates most of it",
+    ),
+    "inertia_like": ("it is a body, or acts like one", "wrong inertias can imitate it"),
+    "event": ("it happens once", "it happens once, so no other run can confirm it"),
+    "whole_arm": ("it shows at several joints", "it should show at several joints"),
+    "columns": ("its law is simple", "its law has many numbers"),
+    "from_every_start": (
+        "every start of the search leads to it",
+        "another start of the search leads elsewhere",
+    ),
+    "starts_apart": ("other explanations are far less likely", "other explanations are as likely"),
+    "others_here": ("nothing else acts at the joint", "other effects act at the joint, too"),
+    "names_a_joint": ("few effects explain this arm", "this arm would need many effects"),
+    "smooth_share": (
+        "nothing else is left at the joint",
+        "something without a name is left at the joint",
+    ),
+    "log_dispersion": (
+        "the model fits the joint down to its noise",
+        "the model does not fit the joint down to its noise",
+    ),
+    "rival_behind": ("no other effect explains it", "another effect explains it nearly as well"),
+    "place_behind": ("no other joint explains it", "another joint explains it nearly as well"),
+}
+# Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
+MOST_DEFICIT = 2000.0
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutView:
+    """Held-out scores without and with one effect, beside tuned inertias or the URDF's."""
+
+    before: HeldOutScore
+    after: HeldOutScore
+    fixed: bool  # whether the inertias are the URDF's
+
+    def closed(self, joints: Sequence[int]) -> float:
+        """Share of the joints' mean square that the effect closes."""
+        old, new = self.before.squares[:, joints].sum(), self.after.squares[:, joints].sum()
+        return float((old - new) / max(old, 1e-300))
+
+
+@dataclass(frozen=True, eq=False)
+class Described:
+    """A chosen effect with its features and rivals.
+
+    Attributes:
+        group: The effect at its point of the fine grid.
+        coarse: The same at its point of the coarse grid.
+        joints: Indices of the joints where it shows.
+        view: Held-out scores without and with it.
+        features: What speaks for and against it, by name.
+        rivals: For other effects by id, and for the same effect at other joints, by how many nats each explains less in
+            its place.
+    """
+
+    group: Group
+    coarse: Group
+    joints: tuple[int, ...]
+    view: HeldOutView
+    features: Mapping[str, float]
+    rivals: Mapping[Key, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Scorers:
+    """Cross-validated scores of models of one session."""
+
+    tuned: HeldOut  # inertias tuned
+    fixed: HeldOut  # inertias as the URDF has them
+
+    @classmethod
+    def of(cls, reached: Inferred) -> Scorers:
+        """The scorers that go with a set's variance components."""
+        evidence = evidence_of(reached.model)
+        prior = reached.model.prior()
+        factor = FIXED * reached.model.components.urdf.scale
+        return cls(HeldOut(evidence, prior), HeldOut(evidence, prior.tightened(factor)))
+
+
+def evidence_of(model: ModelSums) -> Evidence:
+    """A model's sums with its friction spread and dispersion."""
+    components = model.components
+    spread = model.sums.evidence.with_run_spread(components.friction)
+    return spread.with_dispersion(components.dispersion)
+
+
+def describe(inference: Inference, fine: Inferred, session: SessionContext) -> list[Described]:
+    """Features and rivals of every chosen effect.
+
+    Args:
+        inference: What was reached on coarse grids.
+        fine: The best set on fine grids.
+        session: The runs.
+    """
+    scorers = Scorers.of(fine)
+    coarse = inference.best
+    smooth_share = fine.model.smooth_share(fine.chosen)
+    described = []
+    points = {point.key: point for point in coarse.chosen}
+    for group in fine.chosen:
+        point = points[group.key]
+        view = _held_out(scorers, fine.chosen, group)
+        joints = _shows_at(group, view, fine.model)
+        features = {
+            **_of_evidence(fine, group, joints),
+            **_of_held_out(view, scorers, joints, group),
+            **_of_shape(fine, group, session),
+            **_of_others(inference, fine, group, joints),
+            "smooth_share": float(smooth_share[list(joints)].max()),
+            "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
+        }
+        rivals = find_rivals(coarse, point)
+        features |= _of_rivals(rivals, point)
+        described.append(Described(group, point, joints, view, features, rivals))
+    return described
+
+
+def residual_dispersion(model: ModelSums, joints: Sequence[int]) -> float:
+    """Largest dispersion of some joints."""
+    return float(model.components.dispersion[list(joints)].max())
+
+
+def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOutView:
+    """Scores without and with an effect; of one that inertias can imitate in the view in which it closes more."""
+    others = rest_of(chosen, group)
+    joints = group.acts_on(len(scorers.tuned.evidence.layout.local))
+    views = [HeldOutView(scorers.tuned.score(others), scorers.tuned.score(chosen), False)]
+    if group.effect.inertia_like:
+        views.append(HeldOutView(scorers.fixed.score(others), scorers.fixed.score(chosen), True))
+    return max(views, key=lambda view: view.closed(joints))
+
+
+def _shows_at(group: Group, view: HeldOutView, model: ModelSums) -> tuple[int, ...]:
+    """The effect's own joint, or of one of the whole arm those where it closes a third of the most or more."""
+    n = model.sums.evidence.layout.n
+    if group.effect.rows == "own":
+        return (group.joint,)
+    event = group.effect.event
+    if event:
+        fall = (view.before.misfit - view.after.misfit).sum(axis=0)
+    else:
+        fall = view.after.fall_from(view.before)
+    shown = np.flatnonzero(fall >= max(float(fall.max(initial=0.0)) / 3.0, 1e-6))
+    return tuple(int(j) for j in shown) or (int(np.argmax(fall)) if n else 0,)
+
+
+def _of_evidence(fine: Inferred, group: Group, joints: Sequence[int]) -> dict[str, float]:
+    """Log evidence that an effect adds, the discrepancy as it is, and free to take the effect's place."""
+    model, others = fine.model, rest_of(fine.chosen, group)
+    alone = fine.search.nats(fine.chosen) - fine.search.nats(others)
+    changed = {j: discrepancy_at(model, j, others)[0] for j in joints}
+    freed = model.with_discrepancy(changed)
+    without = freed.log_evidence(()) + SetSearch.of(freed).nats(others)
+    beside = min(fine.log_evidence - without, alone)
+    rows = float(model.sums.evidence.samples[list(joints)].sum())
+    return {
+        "log_nats": signed_log(alone),
+        "log_nats_beside": signed_log(beside),
+        "log_share_of_evidence": float(np.log(max(alone, 0.1) / max(_all_nats(fine), 1.0))),
+        "log_nats_a_row": float(np.log(max(alone, 0.1) / max(rows, 1.0))),
+        "log_rows": float(np.log(max(rows, 1.0))),
+    }
+
+
+def _all_nats(fine: Inferred) -> float:
+    """Log evidence of all chosen effects together [nats]."""
+    return fine.search.nats(fine.chosen)
+
+
+def _of_held_out(
+    view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group
+) -> dict[str, float]:
+    """What an effect gains on parts of the session that it never saw."""
+    own = list(joints)
+    gain, error = view.after.gain_over(view.before, own)
+    closed, closed_error = view.after.closed_over(view.before, own)
+    by_fold = 0.5 * (view.before.misfit - view.after.misfit)[:, own].sum(axis=1)
+    floor = scorers.tuned.evidence.floor[own]
+    old, new = view.before.rms[own], view.after.rms[own]
+    most = int(np.argmax(old**2 - new**2))
+    fell = float(old[most] ** 2 - new[most] ** 2)
+    reducible = max(float(old[most] ** 2 - floor[most] ** 2), 1e-3 * float(old[most] ** 2), 1e-300)
+    level = max(float(scorers.tuned.evidence.whitening.level[own][most]), 1e-12)
+    return {
+        "gain_in_errors": squashed(gain, error),
+        "closed_in_errors": squashed(closed, closed_error),
+        "folds_that_gain": float(np.mean(by_fold > 0.0)),
+        "share_of_square": float(np.clip(fell / max(float(old[most] ** 2), 1e-300), -1.0, 1.0)),
+        "share_of_gap": float(np.clip(fell / reducible, -1.0, 1.0)),
+        "log_size_over_noise": float(np.log(np.sqrt(max(fell, 1e-6 * level**2)) / level)),
+        "log_left_over_noise": float(np.log(max(float(new[most]), 1e-12) / level)),
+    }
+
+
+def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str, float]:
+    """How large an effect is beside what is expected, and which share of it tuning can't absorb."""
+    search, model = fine.search, fine.model
+    estimate = search.coefficients(fine.chosen)[group]
+    scaled = estimate * search.scale[group.columns - search.first]
+    certain = np.zeros((len(estimate), len(estimate)))
+    parameters = group.effect.parameters(
+        session, group.joint, group.variant, estimate, certain
+    )
+    unlike_any_arm = impossible(group.effect, session, group.joint, parameters)
+    deviation = np.maximum(model.names.deviation[group], 1e-12)
+    at = group.columns
+    power = float(scaled @ model.gram[np.ix_(at, at)] @ scaled)
+    inside = at - search.first
+    left = float(scaled @ search.rest[np.ix_(inside, inside)] @ scaled)
+    return {
+        "log_size_over_usual": float(np.log(max(float(np.max(np.abs(scaled) / deviation)), 1e-6))),
+        "visibility": float(np.clip(left / max(power, 1e-300), 0.0, 1.0)),
+        "unlike_any_arm": float(unlike_any_arm is not None),
+        "log_urdf_scale": float(np.log(model.components.urdf.scale)),
+        "inertia_like": float(group.effect.inertia_like),
+        "event": float(group.effect.event),
+        "whole_arm": float(group.effect.scope == "arm"),
+        "columns": float(len(group.columns)),
+    }
+
+
+def _of_others(
+    inference: Inference, fine: Inferred, group: Group, joints: Sequence[int]
+) -> dict[str, float]:
+    """What stands beside an effect, and whether the other starts lead to it, too."""
+    n = fine.model.sums.evidence.layout.n
+    reached = [{other.key for other in one.chosen} for one in inference.reached[1:]]
+    again = [group.key in keys for keys in reached]
+    near = [
+        other
+        for other in rest_of(fine.chosen, group)
+        if other.effect.rows == "own" and other.joint in joints
+    ]
+    behind = inference.best.log_evidence - min(one.log_evidence for one in inference.reached)
+    return {
+        "from_every_start": float(np.mean(again)) if again else 1.0,
+        "starts_apart": float(np.log1p(max(behind, 0.0))),
+        "others_here": float(len(near)),
+        "names_a_joint": len(fine.chosen) / n,
+    }
+
+
+def find_rivals(coarse: Inferred, group: Group) -> dict[Key, float]:
+    """Candidates that could stand in an effect's place, with what each explains less there [nats].
+
+    A rival explains the same torque: beside it, the effect adds less than half of what it adds alone.
+    """
+    search = coarse.search
+    others = rest_of(coarse.chosen, group)
+    gains = search.gains(others)
+    best: dict[Key, tuple[float, Group]] = {}
+    for gain, candidate in zip(gains, search.names.groups, strict=True):
+        if gain > best.get(candidate.key, (0.0, candidate))[0]:
+            best[candidate.key] = float(gain), candidate
+    own = search.nats(coarse.chosen) - search.nats(others)
+    rivals: dict[Key, float] = {}
+    for key, (gain, candidate) in best.items():
+        if key == group.key or own - gain > MOST_DEFICIT:
+            continue
+        with_rival = search.nats([*others, candidate])
+        added = search.nats([*others, candidate, group]) - with_rival
+        if added < 0.5 * own:
+            rivals[key] = own - (with_rival - search.nats(others))
+    return rivals
+
+
+def _of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
+    """How far behind the nearest other effect, and the nearest other joint of the same effect, are."""
+    other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
+    other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
+    return {
+        "rival_behind": signed_log(min(other_effects, default=MOST_DEFICIT)),
+        "place_behind": signed_log(min(other_places, default=MOST_DEFICIT)),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class JointLeft:
+    """What is left at a joint beside the chosen effects."""
+
+    joint: int
+    features: Mapping[str, float]
+    kind: str | None  # block of the discrepancy that explains most: state, memory, time or coupling
+
+    @property
+    def share(self) -> float:
+        """Share of the joint's squares that its discrepancy explains."""
+        return self.features["smooth_share"]
+
+
+def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
+    """What is left at each joint that has rows, beside some of the chosen effects.
+
+    Discrepancies are estimated beside these alone: what an unlikely effect explains is open.
+    """
+    model = fine.model
+    evidence = model.sums.evidence
+    with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
+    smooth = {
+        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
+    }
+    beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
+    residual, smooth_share = beside.residual(names), beside.smooth_share(names)
+    tuned = HeldOut(evidence_of(model), model.prior())
+    score, alone = tuned.score(names), tuned.score()
+    left = []
+    for j in with_rows:
+        nats = smooth[j][1]
+        level = max(float(evidence.whitening.level[j]), 1e-12)
+        here = [group for group in names if group.effect.rows == "own" and group.joint == j]
+        dispersion = model.components.dispersion[j] * max(residual.mean_square[j], 1.0)
+        features = {
+            "log_smooth_nats": signed_log(nats),
+            "log_smooth_nats_a_row": float(np.log1p(1e3 * nats / evidence.samples[j])),
+            "smooth_share": float(smooth_share[j]),
+            "log_dispersion": float(np.log(dispersion)),
+            "log_left_over_noise": float(np.log(max(float(score.rms[j]), 1e-12) / level)),
+            "log_before_over_noise": float(np.log(max(float(alone.rms[j]), 1e-12) / level)),
+            "log_friction_spread": float(np.log(model.components.friction[j])),
+            "names_here": float(len(here)),
+            "names_a_joint": len(names) / evidence.layout.n,
+            "log_rows": float(np.log(evidence.samples[j])),
+        }
+        left.append(JointLeft(j, features, residual.kind_of(j)))
+    return left
+
+
+def signed_log(nats: float) -> float:
+    """Logarithm of one and a number's size, with its sign."""
+    return float(np.sign(nats) * np.log1p(abs(nats)))
+
+
+def squashed(gain: float, error: float) -> float:
+    """A gain in its standard errors, on a scale on which thirty errors are twice as much as three."""
+    return float(np.arcsinh(gain / max(error, 1e-12)))

@@ -1,0 +1,116 @@
+"""Profile likelihood of a chosen effect over its fine grid, for intervals of its nonlinear parameters.
+
+A law's torque is nonlinear in some parameters: the speed of a Stribeck curve, the order of a wave. Each point of their
+grid has linear coefficients of its own, so intervals at the best point alone are too narrow. With Δ the fall of the log
+likelihood from the best point to another, θ the parameter there and s its standard deviation, the profile of the
+parameter reaches to
+
+    θ ± s √(2 (drop − Δ)),    drop = ½ χ²₁(95 %) = 1.92,
+
+and the interval is the union over all points with Δ < drop.
+
+Source: Pawitan 2001 (profile likelihood).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Float
+from ident.effects.base import Interval, SessionContext
+from ident.regression.design import Group
+
+# Fall of the log likelihood at the ends of a 95 % interval: half of χ²₁ [nats].
+DROP = 1.92
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Log likelihood and coefficients of an accepted effect at all points of its fine grid."""
+
+    group: Group  # the point whose parameters are reported
+    points: tuple[Group, ...]  # all points of the grid, that one among them
+    log_likelihood: Float[np.ndarray, " m"]  # of each [nats]
+    # Of each, in the columns' own units.
+    coefficients: tuple[Float[np.ndarray, " k"], ...]
+    covariance: tuple[Float[np.ndarray, "k k"], ...]
+    drop: float = DROP  # fall at the ends of a 95 % interval [nats]
+
+    def inner_parameters(self) -> dict[str, Interval]:
+        """Intervals of the grid's own parameters, of zero width for a parameter that has one value on the grid."""
+        found = {}
+        for name, value in self.group.variant.inner.items():
+            values = np.array([mate.variant.inner[name] for mate in self.points])
+            values_on_grid = np.unique(values)
+            if len(values_on_grid) < 2 or np.any(values_on_grid <= 0):
+                found[name] = Interval(float(value), float(value), float(value))
+            # What is one of a few numbers lies at one of them.
+            elif name in self.group.effect.doubt.exact:
+                likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
+                found[name] = Interval(
+                    float(value), float(min(value, *likely)), float(max(value, *likely))
+                )
+            else:
+                falls = np.array(
+                    [self.log_likelihood[values == point].max() for point in values_on_grid]
+                )
+                found[name] = _interval(np.log(values_on_grid), falls, self.drop)
+        return found
+
+    def parameters(self, session: SessionContext) -> dict[str, Interval]:
+        """Parameters of the best point, with intervals that hold those of all points within the drop."""
+        best = self.points.index(self.group)
+        reported = self._at(best, session)
+        falls = np.maximum(self.log_likelihood[best] - self.log_likelihood, 0.0)
+        for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != best)):
+            others = self._at(int(k), session)
+            narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
+            reported = {
+                name: _union(interval, others[name], narrowing, name)
+                for name, interval in reported.items()
+            }
+        return reported | self.inner_parameters()
+
+    def _at(self, point: int, session: SessionContext) -> dict[str, Interval]:
+        """Parameters of one point of the grid."""
+        group = self.points[point]
+        cells = (self.coefficients[point], self.covariance[point])
+        return group.effect.parameters(session, group.joint, group.variant, *cells)
+
+
+def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
+    """An interval widened to hold another one that is shrunk about its value first; phases are compared modulo 2π."""
+    shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
+    middle = other.value + shift
+    low = middle - narrowing * (other.value - other.low)
+    high = middle + narrowing * (other.high - other.value)
+    return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
+
+
+def _interval(x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float) -> Interval:
+    """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the top points.
+
+    Where the profile does not fall by the drop within the grid, the interval is open: it ends half a step beyond the
+    grid.
+    """
+    top = int(np.argmax(falls))
+    best, peak = x[top], falls[top]
+    step = float(np.min(np.diff(x)))
+    low, high, margin = best, best, step / 2
+    if 0 < top < len(x) - 1:
+        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], falls[top - 1 : top + 2], 2)
+        if a < 0:
+            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
+            reach = float(np.sqrt(drop / -a))
+            low, high, margin = best - reach, best + reach, 0.0
+    inside = falls > peak - drop
+    low = min(low, x[inside].min(initial=best) - margin)
+    high = max(high, x[inside].max(initial=best) + margin)
+    low, high = max(low, x[0] - step / 2), min(high, x[-1] + step / 2)
+    ends = {(True, False): "low", (False, True): "high", (True, True): "both"}
+    open_: Any = ends.get((bool(inside[0]), bool(inside[-1])), "")
+    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)), open_)

@@ -1,0 +1,69 @@
+"""Grid refinement: a second pass over the recordings with fine grids of the chosen effects alone.
+
+The first pass has columns of every effect at every joint, so its grids are coarse. This one has many points of few
+effects, with the noise and the variance components of the first; each effect in turn takes its likeliest point beside
+the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.effects.base import SessionContext
+from ident.inference.components import ModelSums
+from ident.inference.infer import Inferred
+from ident.inference.names import Names
+from ident.inference.search import SetSearch, rest_of
+from ident.inference.sums import SessionSums
+from ident.regression.baseline import Baseline
+from ident.regression.design import Group, layout_of
+from ident.regression.discrepancy import KINDS
+from ident.regression.dwells import HeldFriction
+from ident.regression.gram import gather
+
+# Rounds over the fine grids of all effects: a limit on work; two are mostly enough.
+REFINE_ROUNDS = 3
+
+
+def refine(coarse: Inferred, session: SessionContext, baseline: Baseline) -> Inferred:
+    """A set of effects at its likeliest points of fine grids, in the order of the set.
+
+    Args:
+        coarse: The set on coarse grids, with its variance components.
+        session, baseline: The runs, and the tuned model.
+    """
+    grids = []
+    for group in coarse.chosen:
+        points = group.effect.refined(session, group.joint, group.variant)
+        grids.append((group.effect, group.joint, tuple(points)))
+    rank = baseline.base.rank
+    layout = layout_of(session, rank, grids, beside=(HeldFriction(),), flexible=KINDS)
+    whitening = coarse.model.sums.evidence.whitening
+    evidence = gather(session, baseline, layout, whitening, rest=True).with_dwells()
+    sums, names = SessionSums(evidence), Names.of(evidence, session)
+    model = ModelSums(sums, names, baseline, coarse.model.components)
+    search = SetSearch.of(model)
+    chosen = _ascend(search, [_middle(names.groups, group) for group in coarse.chosen])
+    # Beside fine grids an effect that stood for another's coarse point adds nothing any more.
+    chosen = search.without_idle(chosen)
+    return Inferred.of(model, search, _ascend(search, chosen))
+
+
+def _middle(points: Sequence[Group], group: Group) -> Group:
+    """The middle of a name's fine grid, about which the coarse point lies."""
+    own = [point for point in points if point.key == group.key]
+    return own[len(own) // 2]
+
+
+def _ascend(search: SetSearch, chosen: list[Group]) -> list[Group]:
+    """Each effect of a set at its likeliest point beside the others, until none moves."""
+    for _ in range(REFINE_ROUNDS):
+        before = list(chosen)
+        for k, group in enumerate(before):
+            others = rest_of(chosen, chosen[k])
+            better = search.best(others, {group.key})
+            if better is not None:
+                chosen[k] = better[1]
+        if chosen == before:
+            break
+    return chosen

@@ -1,0 +1,72 @@
+"""Sums of a session as the inference needs them: joint by joint, friction's own levels integrated out.
+
+Sums that encoder noise was taken off may have directions below zero, in which any evidence would run away: such
+directions are zero here. What varies from run to run, each joint's friction, takes its share off before that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from ident.arrays import Array, Float
+from ident.regression.gram import Evidence
+
+# Shift of a correlation matrix's eigenvalues within which rounding may make them negative.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SessionSums:
+    """Whitened sums of every joint's columns, those of its discrepancy included, and the torque."""
+
+    evidence: Evidence
+
+    @cached_property
+    def free(self) -> tuple[Float[Array, "p p"], ...]:
+        """For each joint its sums over all time, friction the same in all runs."""
+        whole = []
+        for j, blocks in enumerate(self.evidence.free):
+            sums = blocks.over()
+            smooth = self.evidence.layout.flexible_places[j]
+            sums[smooth] = self.evidence.flexible[j]
+            sums[:, smooth] = self.evidence.flexible[j].T
+            whole.append(sums)
+        return tuple(whole)
+
+    def of_joint(self, joint: int, spread: float) -> Float[Array, "p p"]:
+        """A joint's sums where each stretch has a friction level of its own.
+
+        Args:
+            joint: The joint.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
+        """
+        taken = self.evidence.friction.taken(joint, spread)
+        return without_negative_directions(self.free[joint] - taken)
+
+    def friction_nats(self, joint: int, spread: float) -> float:
+        """Log determinant term of a joint's friction levels, and the prior of their spread [nats]."""
+        friction = self.evidence.friction
+        sizes = spread * friction.level[joint]
+        seen = friction._wholes[joint][:, :, friction.columns]
+        widened = np.eye(2) + sizes[:, None] * seen * sizes
+        settings = self.evidence.settings
+        usual = 2.0 * np.log(spread) + (settings.usual_spread / spread) ** 2
+        return -0.5 * float(np.linalg.slogdet(widened)[1].sum() + settings.usual_runs * usual)
+
+
+def without_negative_directions(sums: Float[Array, "p p"]) -> Float[Array, "p p"]:
+    """Symmetric sums with the negative eigenvalues of their correlations at zero."""
+    power = np.diag(sums)
+    root = np.where(power > 0.0, np.sqrt(np.maximum(power, 1e-300)), 1.0)
+    correlation = sums / np.outer(root, root)
+    try:
+        cholesky(correlation + ROUNDING * np.eye(len(sums)), lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+        positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        return np.asarray(positive * np.outer(root, root))
+    return sums
