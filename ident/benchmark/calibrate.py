@@ -34,6 +34,7 @@ from ident.benchmark.corpus_table import CANDIDATE, Table, load_table, use_index
 from ident.benchmark.interval_widths import WidthFactor, fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
+from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
 from ident.errors import InputError
 from ident.files import atomic_write
@@ -44,10 +45,6 @@ HELD_OUT_FILE = "held_out.parquet"
 RIDGES = np.geomspace(1e-5, 1.0, 11)
 """Candidates for the ridge; the best of them is chosen on units left out."""
 BINS = 5
-NAMED_FROM = 0.5  # probability from which a candidate is a name
-# A name that the untouched recording of the same arm has at this probability is no news on that
-# arm.
-KNOWN_FROM = 0.25
 # The probabilities of untouched recordings decide what is no news there, and depend on it: so often
 # at most in turn.
 MOST_ROUNDS = 4
@@ -96,7 +93,8 @@ class Fitted:
 
 def row_weights(table: Table, counted: Bool[Array, " N"]) -> Float[Array, " N"]:
     """Weights by which each group counts alike, and in it each session; 1 on average."""
-    cases, groups = table.cases, table.groups
+    cases = table.cases
+    groups = table.groups
     rows_of_case = Counter(cases[counted])
     group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
     cases_of_group = Counter(group_of_case.values())

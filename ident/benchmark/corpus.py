@@ -35,7 +35,8 @@ from ident.simulation.real.cases import make_cases, write_recorded
 from ident.simulation.real.sources import load_sources
 
 SCHEMA = "ident.corpus/1"
-INDEX, KEPT_INDEX = "index.json", "kept.json"
+INDEX = "index.json"
+KEPT_INDEX = "kept.json"
 KINDS = {"null": "healthy"}
 """Kinds of session, where a simulator calls them otherwise."""
 # Figures of other simulators by effect: their name, the catalogue's, and the factor between them.
@@ -153,7 +154,8 @@ def index_of_others(folder: Path, group: str) -> list[Entry]:
 
 def _truth_of_others(values: Mapping[str, Any]) -> Truth:
     """A truth in another simulator's words; its figures count where they mean the catalogue's."""
-    effect, joint = str(values["effect"]), values.get("joint")
+    effect = str(values["effect"])
+    joint = values.get("joint")
     known = KNOWN.get(effect)
     whole = known is not None and known.scope == "arm"
     parameters: dict[str, float | str] = {}
@@ -244,9 +246,9 @@ def make_index(folder: Path, others: Sequence[Path]) -> list[Entry]:
         for home in homes:
             entries += index_of_others(home, "otherworld" if home == other else "other")
     write_index(folder, entries)
-    kept = index_of_cases(folder / "kept", "kept")
-    if kept:
-        write_index(folder, kept, KEPT_INDEX)
+    closed = index_of_cases(folder / "kept", "kept")
+    if closed:
+        write_index(folder, closed, KEPT_INDEX)
     return entries
 
 

@@ -37,8 +37,8 @@ CANDIDATE, FINDING = "candidate", "finding"
 """Sources of rows: what was weighed, and what was reported."""
 CANDIDATES_FILE, SESSIONS_FILE = "candidates.parquet", "sessions.parquet"
 FEATURE = "feature."  # before a feature's name in the table
-QUIET = ("no_gap", "no_change")
-"""Verdicts that tell no gap."""
+TELLING = ("named", "partial", "none_of_catalogue", "changed")
+"""Verdicts that tell a gap."""
 Row = dict[str, Any]
 
 
@@ -69,10 +69,10 @@ class SessionRow:
 class Table:
     """All rows of one source, with the sessions that they are of."""
 
+    source: str  # CANDIDATE or FINDING
     sessions: dict[str, SessionRow]
-    rows: list[
-        Row
-    ]  # case, effect, joint, places, members, named, probability, matched, strict, known, intervals
+    # case, effect, joint, places, members, named, probability, matched, strict, known, intervals
+    rows: list[Row]
     names: list[Name]
     features: dict[str, Float[Array, " N"]]  # by name; what a row does not say is not a number
 
@@ -196,7 +196,7 @@ def session_row(entry: Entry, record: Mapping[str, Any]) -> Row:
         "world": entry.world,
         "control": entry.control,
         "verdict": verdict,
-        "told_gap": verdict not in QUIET and "error" not in record,
+        "told_gap": verdict in TELLING and "error" not in record,
         "error": str(record.get("error", "")),
         "seconds": _number(record.get("seconds")),
         "peak_mb": _number(record.get("peak_mb")),
@@ -310,7 +310,7 @@ def load_table(folder: Path, source: str = CANDIDATE) -> Table:
         column = np.array([np.nan if row[key] is None else row[key] for row in rows], dtype=float)
         if np.any(np.isfinite(column)):
             features[key.removeprefix(FEATURE)] = column
-    return Table(sessions, rows, names, features)
+    return Table(source, sessions, rows, names, features)
 
 
 def _read_rows(path: Path) -> list[Row]:

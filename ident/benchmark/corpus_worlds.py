@@ -31,11 +31,10 @@ MIX = {"single": 70.0, "healthy": 26.0, "decoy": 6.0, "pair": 9.0, "outside": 9.
 """Kinds of case and their shares."""
 # Rows of a session are limited, so that a corpus of hundreds can be diagnosed in an hour; every so
 # many is left whole.
-MOST_ROWS, WHOLE_EVERY = 15_000, 12
-FEWEST_RUNS, SHORTEST_S = (
-    4,
-    20.0,
-)  # below which rows are saved by shorter runs; of all runs together
+MOST_ROWS = 15_000
+WHOLE_EVERY = 12
+FEWEST_RUNS = 4  # below which rows are saved by shorter runs
+SHORTEST_S = 20.0  # of all runs together
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,8 @@ def shortened(world: World) -> World:
 
 def answer_of(task: WorldCase, simulation: Simulation) -> dict[str, Any]:
     """What was wrong, in the form of a semi-real case's answer."""
-    answer, world = simulation.answer, simulation.options.world
+    answer = simulation.answer
+    world = simulation.options.world
     assert world is not None
     starts = [float(run.time[0]) for run in simulation.session.runs]
     asked = task.slot.amplitude if task.slot.kind == "single" else None

@@ -54,9 +54,9 @@ def fit_width(table: Table, counted: Bool[Array, " N"]) -> WidthFactor | None:
         return None
     inside = np.zeros(len(misses), dtype=bool)
     for unit in np.unique(units):
-        own = units == unit
-        others = misses[~own]
+        inside_unit = units == unit
+        others = misses[~inside_unit]
         factor = float(np.quantile(others, HOLDS)) if len(others) else 1.0
-        inside[own] = misses[own] <= factor
+        inside[inside_unit] = misses[inside_unit] <= factor
     factor = float(np.quantile(misses, HOLDS))
     return WidthFactor(len(misses), float(np.mean(misses <= 1.0)), factor, float(inside.mean()))

@@ -92,10 +92,24 @@ def overlap(first: Name, second: Name) -> bool:
         for effect_of_second, joint_of_second in second.members:
             if effect != effect_of_second:
                 continue
-            places, others = first.places_of(joint), second.places_of(joint_of_second)
-            if not places or not others or places & others:
+            if _meet(first.places_of(joint), second.places_of(joint_of_second)):
                 return True
     return False
+
+
+def says_the_same(first: Name, second: Name) -> bool:
+    """Whether one of two names is of the other's class, at a common place."""
+    return _is_member(first, second) or _is_member(second, first)
+
+
+def _is_member(name: Name, of: Name) -> bool:
+    joints = [joint for effect, joint in of.members if effect == name.effect]
+    return any(_meet(name.places, of.places_of(joint)) for joint in joints)
+
+
+def _meet(places: frozenset[str], others: frozenset[str]) -> bool:
+    """Whether places have one in common; none at all is anywhere."""
+    return not places or not others or bool(places & others)
 
 
 def label(name: Name, entry: Entry, control_names: Iterable[Name] = ()) -> str:

@@ -100,7 +100,8 @@ def fit_logistic(
         first[:-1], first[-1] = start.weights, start.intercept
 
     def loss(values: Float[Array, " k"]) -> tuple[float, Float[Array, " k"]]:
-        coefficients, intercept = values[:-1], values[-1]
+        coefficients = values[:-1]
+        intercept = values[-1]
         margin = sides * (standard @ coefficients + intercept)
         pull = -share * sides * expit(-margin)
         value = float(share @ np.logaddexp(0.0, -margin)) + 0.5 * ridge * float(

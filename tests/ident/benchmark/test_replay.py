@@ -10,7 +10,9 @@ from made_up_corpus import candidate, entry, truth, write_result
 from ident.benchmark.corpus import Truth
 from ident.benchmark.corpus_table import FINDING, load_table, store
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG, Name, label
-from ident.benchmark.replay import CRITERIA, Outcome, apply_rule, compare, score
+from ident.benchmark.outcomes import Outcome, apply_rule
+from ident.benchmark.paired import CRITERIA, compare
+from ident.benchmark.score_table import score
 
 SPRING = truth("spring_torque", "joint_2", stiffness_Nm_rad=3.0)
 
@@ -126,6 +128,8 @@ def test_scores_count_what_the_outcomes_say(tmp_path: Path) -> None:
     outcomes = outcomes_of(folder, 0.9)
     record = score(load_table(folder / "table"), outcomes)
     assert record["all"]["single 3x class"]["value"] == 1.0
+    assert record["by unit"]["other:made"] == {"value": 1.0, "low": 0.342, "high": 1.0, "count": 2}
+    assert record["by effect"]["spring_torque"]["count"] == 2
     assert record["real"]["single 3x class"]["count"] == 1
     assert record["all"]["untouched new name"]["value"] == 0.0
     assert record["intervals"]["spring_torque.stiffness_Nm_rad"]["inside"]["value"] == 1.0
