@@ -212,7 +212,8 @@ def _count(words: Iterable[str]) -> str:
     return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common()) or "none"
 
 
-#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare]
+#    python -m ident.benchmark.real_check make OUT --cases 150 --seed 1 [--real DIR] [--compare] [--arms ARM,…]
+#                                              [--kept-back]
 #    python -m ident.benchmark.real_check diagnose OUT [--results DIR] [--only 'case_00*']
 #    python -m ident.benchmark.real_check score OUT [--results DIR]
 # `OUT/cases` holds a session folder a case (`before` and `after` of a comparison), and the untouched recordings as
@@ -305,12 +306,16 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=150)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--compare", action="store_true")
+    parser.add_argument("--arms", default="", help="physical arms, separated by commas; all if none is given")
+    parser.add_argument("--kept-back", action="store_true", help="the arms that stay closed until a release")
     parser.add_argument("--results", type=Path)
     parser.add_argument("--only", default="*")
     given = parser.parse_args()
     results = given.results or given.out / "results"
     if given.job == "make":
-        make_cases(load_sources(given.real), given.out, given.cases, given.seed, given.compare, print)
+        arms = tuple(filter(None, given.arms.split(",")))
+        sources = load_sources(given.real, given.kept_back, arms)
+        make_cases(sources, given.out, given.cases, given.seed, given.compare, print)
     elif given.job == "score":
         print("\n".join(tables(*read_rows(given.out, results))))
     else:

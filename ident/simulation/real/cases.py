@@ -31,7 +31,7 @@ from ident.simulation.real.planted import (
     over_range,
     up_to,
 )
-from ident.simulation.real.sources import Source, cut
+from ident.simulation.real.sources import Source, cut, kept_back_arms, load_known, recorded_causes
 
 
 def plant_cable(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -91,7 +91,7 @@ def plant_ageing(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 OUTSIDE: dict[str, Planted] = {
     "cable_at_the_end": Planted(plant_cable, over_range(30.0)),
-    "velocity_product_drag": Planted(plant_product, at_speed(5.0)),
+    "velocity_product_drag": Planted(plant_product, at_speed(5.0), neighbours=True),
     "seal_relaxation": Planted(plant_seal, over_range(20.0)),
     "brake_release": Planted(plant_brake, up_to(1.0), local=True),
     "supply_sag": Planted(plant_sag, fixed(0.6)),
@@ -175,13 +175,43 @@ def make_cases(
     write_record(out / "seals.json", seals)
 
 
+def write_recorded(folder: Path, out: Path) -> list[str]:
+    """Writes the recordings whose cause was measured as cases with answers; returns their names.
+
+    Args:
+        folder: Of all recordings of real arms; what is not there is left out, as are arms that are kept back.
+        out: Folder of the cases.
+    """
+    seals: dict[str, str] = {}
+    closed = kept_back_arms()
+    for name, entry in recorded_causes().items():
+        if not (folder / entry["folder"]).is_dir() or entry["arm"] in closed:
+            continue
+        source = load_known(name, entry, folder)
+        truth = {
+            "effect": entry["effect"],
+            "also": entry.get("also", []),
+            "in_catalogue": True,
+            "joints": entry["stands_at"],
+            "may_stand_at": entry["stands_at"],
+            "parameters": entry.get("parameters", {}),
+            "asked": None,
+            "visible": {},
+            "by": "recorder",
+        }
+        answer = {**_answer("measured", source, (truth,)), "control": f"control_{entry['control']}"}
+        _write(out, f"recorded_{name}", {"": source.runs}, source.urdf, answer, seals)
+    return list(seals)
+
+
 def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
     """Sources without end, every arm as often as any other."""
     rng, names = np.random.default_rng([seed, 3]), sorted({source.arm for source in sources})
     while True:
         for k in rng.permutation(len(names)):
-            own = [source for source in sources if source.arm == names[k]]
-            yield own[int(rng.integers(len(own)))]
+            sessions = [source for source in sources if source.arm == names[k]]
+            weights = np.array([source.weight for source in sessions])
+            yield sessions[int(rng.choice(len(sessions), p=weights / weights.sum()))]
 
 
 def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recording]:
@@ -258,8 +288,13 @@ def _scaled(
     most = size = law.most(arm, j)
     if not np.isfinite(arm.noise[j]) and not law.whole_arm:
         return None
+    if law.neighbours and arm.n < 2:
+        return None
     for _ in range(TRIES):
-        change = law.change(arm, j, size, np.random.default_rng(seed))
+        try:
+            change = law.change(arm, j, size, np.random.default_rng(seed))
+        except ValueError:  # this joint has none
+            return None
         seen = arm.visible(change.felt, law.view, law.local)
         largest = float(seen.max() if law.whole_arm else seen[j])
         if abs(largest / wanted - 1.0) < NEAR and np.all(np.isfinite(change.torque)):

@@ -138,7 +138,8 @@ class MovedArm:
         bodies = [pin.computeJointTorqueRegressor(self.model, data, *row) for row in zip(q, v, a, strict=True)]
         losses = (a, v, self.rows(np.tanh(self.v / TURNING)), np.ones_like(q))
         own = [x[:, :, None] * np.eye(self.n) for x in losses]
-        return np.concatenate([np.array(bodies), *own], axis=2) * self.moving[:, :, None]
+        stacked = np.array(bodies).reshape(len(q), self.n, -1)  # of one joint Pinocchio drops an axis
+        return np.concatenate([stacked, *own], axis=2) * self.moving[:, :, None]
 
     @cached_property
     def _fit(self) -> tuple[Float[Array, " p"], Float[Array, " n"]]:
@@ -235,10 +236,15 @@ States = tuple[Array, Array, Array]
 def twist_of(arm: MovedArm, j: int, stiffness: float, ratio: float, gap: float = 0.0) -> tuple[States, float]:
     """Twist of a springy gear with play of full width `gap` [rad], its first two derivatives, and its damping
     [N m s/rad], a share `ratio` of the critical one.
+
+    Raises:
+        ValueError: The URDF's links behind the joint have no inertia about it.
     """
     # What the joint moves [kg m^2], every tenth sample and between.
     some, data = np.arange(0, len(arm.q), 10), arm.model.createData()
     inertia = np.interp(np.arange(len(arm.q)), some, [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some])
+    if inertia.min() <= 0.0:
+        raise ValueError(f"{arm.source.joints[j]} moves no inertia")
     damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
     step = float(np.clip(PHASE * np.sqrt(inertia.min() / stiffness), *STEPS))
     states = np.zeros((3, len(arm.q)))

@@ -48,6 +48,7 @@ class Planted:
     view: View = "refit"  # what a refit may absorb before the rest counts as visible
     whole_arm: bool = False  # whether it is named of the arm, not of a joint
     local: bool = False  # whether it acts for a while only, and is measured then
+    neighbours: bool = False  # whether another joint has a part in it
 
 
 def at_joint(arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters) -> PlantedChange:
@@ -322,7 +323,7 @@ EFFECTS: dict[str, Planted] = {
     "presliding_hysteresis": Planted(plant_hysteresis, of_friction(1.5)),
     "position_dependent_friction": Planted(plant_seat, of_friction(1.0)),
     "asymmetric_friction": Planted(plant_asymmetric, lambda arm, j: 1.5 * float(arm.viscous[j])),
-    "joint_coupling": Planted(plant_coupling, up_to(0.8)),
+    "joint_coupling": Planted(plant_coupling, up_to(0.8), neighbours=True),
     "joint_elasticity": Planted(plant_elasticity, lambda arm, j: 0.1 / float(arm.peak[j])),
     "backlash": Planted(plant_backlash, fixed(0.015)),
     "torque_ripple": Planted(plant_ripple, up_to(0.15)),

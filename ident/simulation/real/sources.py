@@ -6,8 +6,8 @@ import itertools
 import re
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,28 +51,58 @@ class Source:
     arm: str  # of the physical arm: sessions of one arm have it in common
     urdf: str  # text of its URDF, without shapes
     runs: tuple[Recording, ...]  # what was recorded; the clock goes on from run to run
+    weight: float = 1.0  # how often it is drawn, beside the other sessions of its arm
 
     @property
     def joints(self) -> tuple[str, ...]:
         return self.runs[0].joints
 
 
-def load_sources(folder: Path) -> tuple[Source, ...]:
-    """All recordings of real arms below a folder.
+def known_recordings() -> dict[str, dict[str, Any]]:
+    """The table of public recordings, by session (`arms.toml`)."""
+    text = Path(__file__).with_name("arms.toml").read_text(encoding="utf-8")
+    return dict(tomllib.loads(text))
+
+
+def recorded_causes() -> dict[str, dict[str, Any]]:
+    """The table of public recordings with a cause that was measured, by session (`recorded.toml`)."""
+    text = Path(__file__).with_name("recorded.toml").read_text(encoding="utf-8")
+    return dict(tomllib.loads(text))
+
+
+def kept_back_arms() -> tuple[str, ...]:
+    """Arms whose recordings stay closed until a release."""
+    return tuple(sorted({entry["arm"] for entry in known_recordings().values() if entry.get("kept_back", False)}))
+
+
+def load_sources(folder: Path, kept_back: bool = False, arms: Collection[str] = ()) -> tuple[Source, ...]:
+    """Recordings of real arms below a folder.
+
+    Args:
+        folder: Where to search; sessions that no table lists are taken if their `session.toml` names a robot.
+        kept_back: The arms that stay closed until a release, in place of all others.
+        arms: Only these physical arms; all if none is given.
 
     Raises:
         InputError: There are none.
     """
-    known = tomllib.loads((Path(__file__).with_name("arms.toml")).read_text(encoding="utf-8"))
-    found = [_load_known(name, entry, folder) for name, entry in known.items() if (folder / entry["folder"]).is_dir()]
+    known = known_recordings()
+    sources: list[Source] = []
+    for name, entry in known.items():
+        wanted = entry.get("kept_back", False) == kept_back and (not arms or entry["arm"] in arms)
+        if wanted and (folder / entry["folder"]).is_dir():
+            sources.append(load_known(name, entry, folder))
     listed = {(folder / entry["folder"]).resolve() for entry in known.values()}
-    others = [path for path in sorted(folder.rglob(NAME)) if path.parent.resolve() not in listed]
-    for path in (path.parent for path in others if load_session_file(path).robot):
-        session, parts = load_session(path), path.resolve().relative_to(folder.resolve()).parts
-        found.append(_source("_".join(parts) or path.name, path.name, str(session.robot), session.runs))
-    if not found:
+    for path in () if kept_back else sorted(folder.rglob(NAME)):
+        place = path.parent
+        if place.resolve() in listed or (arms and place.name not in arms):
+            continue
+        if load_session_file(path).robot:
+            session, parts = load_session(place), place.resolve().relative_to(folder.resolve()).parts
+            sources.append(_source("_".join(parts) or place.name, place.name, str(session.robot), session.runs))
+    if not sources:
         raise InputError(folder, f"no folder below it has a {NAME} with robot = …", "add one beside the recordings")
-    return tuple(found)
+    return tuple(sources)
 
 
 @cache
@@ -81,7 +111,8 @@ def measured_causes(arm: str) -> dict[str, list[str]]:
     return dict(tomllib.loads(Path(__file__).with_name("measured.toml").read_text(encoding="utf-8")).get(arm, {}))
 
 
-def _load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
+def load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
+    """A session of one of the tables, below the folder of all recordings."""
     place, robot = folder / entry["folder"], entry.get("robot", "")
     if "number_files" in entry:
         # Files that hold one number a line, row by row.
@@ -89,21 +120,40 @@ def _load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
         read = {channel: np.loadtxt(place / file) for channel, file in entry["number_files"].items()}
         position, velocity, effort = (read[key].reshape(-1, len(joints)) for key in ("position", "velocity", "effort"))
         runs = [Recording(name, joints, read["time"], position, effort, velocity)]
+    elif "arrays" in entry:
+        runs = [_load_arrays(path, entry) for path in sorted(place.glob("*.npz"))]
     else:
         settings = _settings_of(entry, place)
         files = [path for path in sorted(place.iterdir()) if path.suffix in (".csv", ".parquet")]
         wanted = entry.get("runs", [""])
         runs = [load_recording(path, settings) for path in files if any(part in path.name for part in wanted)]
         robot = robot or str(settings.robot)
+    runs = [_shortened(run, entry) for run in runs]
     if "parts" in entry:
         runs = cut(runs[0], entry["parts"])
     beside = folder / robot
-    return _source(name, entry["arm"], str(beside) if beside.is_file() else robot, runs)
+    source = _source(name, entry["arm"], str(beside) if beside.is_file() else robot, runs)
+    return replace(source, weight=float(entry.get("weight", 1.0)))
+
+
+def _load_arrays(path: Path, entry: Mapping[str, Any]) -> Recording:
+    """A run whose channels are arrays of all joints in an archive."""
+    with np.load(path, allow_pickle=False) as archive:
+        read = {channel: np.asarray(archive[name], dtype=float) for channel, name in entry["arrays"].items()}
+    joints = tuple(entry["joints"])
+    return Recording(path.stem, joints, read["time"], read["position"], read["effort"], read["velocity"])
+
+
+def _shortened(run: Recording, entry: Mapping[str, Any]) -> Recording:
+    """What of a run the table asks for, with the sign of the torque that it states."""
+    count = int(np.searchsorted(run.time, run.time[0] + entry.get("longest_s", np.inf), side="right"))
+    rows = run.at(slice(0, count, entry.get("every", 1)), run.name)
+    return rows.replace(effort=entry.get("effort_sign", 1) * rows.effort)
 
 
 def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
     if "joints" not in entry:
-        return load_session_file(place / NAME)
+        return load_session_file(place / NAME) if (place / NAME).is_file() else SessionFile()
     joints, columns = entry["joints"], {}
     if "headers" in entry:
         letters = {"position": "q", "velocity": "dq", "effort": "effort"}

@@ -1,0 +1,383 @@
+"""Fits the probabilities of candidates to a stored corpus, and says how they hold on what the fit
+never saw.
+
+    python -m ident.benchmark.calibrate store RESULTS TABLE --index INDEX
+    python -m ident.benchmark.calibrate fit TABLE --out calibration.toml [--features a,b,…] [--signs
+    SIGNS.toml]
+
+`store` reads one JSON a session into a table (`corpus_table`). `fit` writes the calibration, and
+beside the table the probabilities that each row gets from a fit without its own unit
+(`held_out.parquet`): a unit is a real arm, a drawn world, or an arm of another simulator, and it is
+left out whole. The ridge is that of the best held-out log score. `SIGNS.toml` holds `increasing =
+[…]` and `decreasing = […]`: features that by their meaning speak for or against.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+from ident.arrays import Array, Bool, Float
+from ident.benchmark.corpus_table import CANDIDATE, Table, load_table, use_index
+from ident.benchmark.interval_widths import WidthFactor, fit_width
+from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
+from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
+from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
+from ident.benchmark.scoring import auroc, calibration_curve
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.safe_read import read_toml
+
+SCHEMA = "ident.calibration/1"
+HELD_OUT_FILE = "held_out.parquet"
+RIDGES = np.geomspace(1e-5, 1.0, 11)
+"""Candidates for the ridge; the best of them is chosen on units left out."""
+BINS = 5
+# The probabilities of untouched recordings decide what is no news there, and depend on it: so often
+# at most in turn.
+MOST_ROUNDS = 4
+FEWEST_ROWS = 10  # right and wrong rows, below which nothing can be fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted: rows that are right or wrong."""
+
+    features: Float[Array, "N k"]
+    names: tuple[str, ...]
+    right: Bool[Array, " N"]
+    weights: Float[Array, " N"]
+    units: Array  # of each row
+    signs: Mapping[str, int]
+
+    def fit(
+        self, ridge: float, rows: Bool[Array, " N"] | None = None, start: Logistic | None = None
+    ) -> Logistic:
+        """The regression on some rows, all if none are given."""
+        chosen = np.ones(len(self.right), dtype=bool) if rows is None else rows
+        return fit_logistic(
+            self.features[chosen],
+            self.right[chosen],
+            self.weights[chosen],
+            self.names,
+            ridge,
+            self.signs,
+            start,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A calibration, with what it says of units that it has not seen."""
+
+    model: Logistic
+    ridge: float
+    scores: dict[float, float]  # held-out log score of each ridge that was tried
+    held_out: Float[
+        Array, " N"
+    ]  # probability of each row of the table, from a fit without its unit
+    labels: Array  # of each row of the table
+
+
+def row_weights(table: Table, counted: Bool[Array, " N"]) -> Float[Array, " N"]:
+    """Weights by which each group counts alike, and in it each session; 1 on average."""
+    cases = table.cases
+    groups = table.groups
+    rows_of_case = Counter(cases[counted])
+    group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
+    cases_of_group = Counter(group_of_case.values())
+    weights = np.zeros(len(cases))
+    for k in np.flatnonzero(counted):
+        weights[k] = 1.0 / (cases_of_group[groups[k]] * rows_of_case[cases[k]])
+    return weights * counted.sum() / max(weights.sum(), 1e-300)
+
+
+def fit_calibration(table: Table, names: Sequence[str], signs: Mapping[str, int]) -> Fitted:
+    """Fits and judges a calibration; what is no news on a real arm follows from its own
+    probabilities.
+
+    Raises:
+        InputError: Too few rows that are right or wrong.
+    """
+    known = table.named
+    previous: Array | None = None
+    for _ in range(MOST_ROUNDS):
+        labels = table.labels(known)
+        fitted = _fit_labelled(table, names, signs, labels)
+        if previous is not None and np.array_equal(labels, previous):
+            break
+        previous = labels
+        known = fitted.held_out >= KNOWN_FROM
+    return fitted
+
+
+def _fit_labelled(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array
+) -> Fitted:
+    counted = labels != UNKNOWN
+    right = labels == RIGHT
+    if min(int(right.sum()), int((counted & ~right).sum())) < FEWEST_ROWS:
+        what = (
+            f"holds {int(right.sum())} right and {int((counted & ~right).sum())} wrong candidates"
+        )
+        raise InputError("the table", what, "diagnose more of the corpus")
+    features = table.matrix(names)
+    weights = row_weights(table, counted)
+    units = table.units
+    problem = Problem(
+        features[counted], tuple(names), right[counted], weights[counted], units[counted], signs
+    )
+    scores: dict[float, float] = {}
+    starts: dict[str, Logistic] = {}
+    # From the stiffest to the loosest, each fit starting at the one before.
+    for ridge in RIDGES[::-1]:
+        probability = left_out(problem, float(ridge), starts)
+        scores[float(ridge)] = log_score(probability, problem.right, problem.weights)
+    best = max(scores, key=lambda ridge: scores[ridge])
+    model = problem.fit(best)
+    held_out = model.probability(features)
+    for unit in np.unique(units):
+        without = problem.fit(best, problem.units != unit, model)
+        rows = units == unit
+        held_out[rows] = without.probability(features[rows])
+    return Fitted(model, best, scores, held_out, labels)
+
+
+def left_out(problem: Problem, ridge: float, starts: dict[str, Logistic]) -> Float[Array, " N"]:
+    """Probability of each row from a fit without its unit; `starts` are fits to begin at."""
+    probability = np.full(len(problem.right), np.nan)
+    for unit in np.unique(problem.units):
+        inside = problem.units == unit
+        model = problem.fit(ridge, ~inside, starts.get(str(unit)))
+        starts[str(unit)] = model
+        probability[inside] = model.probability(problem.features[inside])
+    return probability
+
+
+# What is said of a fit
+
+
+def judged(
+    table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]
+) -> dict[str, Any]:
+    """How probabilities hold on some rows that are right or wrong."""
+    counted = rows & (labels != UNKNOWN)
+    right = labels[counted] == RIGHT
+    p = probability[counted]
+    weights = row_weights(table, counted)[counted]
+    named = p >= NAMED_FROM
+    bins = [
+        {"said": round(said, 4), "right": round(hit.value or 0.0, 4), "count": hit.count}
+        for _, _, said, hit in calibration_curve(list(p), list(right), BINS)
+    ]
+    area = auroc(list(p[right]), list(p[~right]))
+    return {
+        "rows": int(counted.sum()),
+        "right_rows": int(right.sum()),
+        "log_score": round(log_score(p, right, weights), 5) if len(p) else None,
+        "auc": None if area.value is None else round(area.value, 4),
+        "names_right": int((named & right).sum()),
+        "names_wrong": int((named & ~right).sum()),
+        "bins": bins,
+    }
+
+
+def judge_groups(table: Table, fitted: Fitted) -> dict[str, dict[str, Any]]:
+    """The same for all rows and for each group, by the probabilities of units left out."""
+    groups = table.groups
+    everything = np.ones(len(table.rows), dtype=bool)
+    scores = {"all": judged(table, fitted.held_out, fitted.labels, everything)}
+    for group in np.unique(groups):
+        scores[str(group)] = judged(table, fitted.held_out, fitted.labels, groups == group)
+    return scores
+
+
+def calibration_record(
+    table: Table, fitted: Fitted, width: WidthFactor | None, origin: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What `calibration.toml` holds."""
+    model = fitted.model
+    features = {
+        name: {
+            "weight": float(model.weights[k]),
+            "centre": float(model.scaling.centre[k]),
+            "scale": float(model.scaling.scale[k]),
+        }
+        for k, name in enumerate(model.names)
+        if np.isfinite(model.scaling.scale[k])
+    }
+    counts = Counter(map(str, fitted.labels))
+    units = sorted({session.unit for session in table.sessions.values()})
+    record: dict[str, Any] = {
+        "schema": SCHEMA,
+        "intercept": model.intercept,
+        "named_from": NAMED_FROM,
+        "ridge": fitted.ridge,
+        "feature": features,
+        "origin": {
+            **origin,
+            "sessions": len(table.sessions),
+            "right": counts[RIGHT],
+            "wrong": counts[WRONG],
+            "unknown": counts[UNKNOWN],
+            "units": units,
+        },
+        "held_out": judge_groups(table, fitted),
+        "ridges": {
+            f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())
+        },
+    }
+    if width is not None:
+        record["interval_width"] = width.to_dict()
+    return record
+
+
+def write_calibration(path: Path, record: Mapping[str, Any]) -> None:
+    """Writes the file that the diagnosis reads, whole or not at all."""
+    with atomic_write(path) as temporary:
+        text = "# Written by `python -m ident.benchmark.calibrate fit`; no figure is set by hand.\n"
+        temporary.write_text(text + tomli_w.dumps(_without_none(record)), encoding="utf-8")
+
+
+def _without_none(value: Any) -> Any:
+    """What TOML can hold."""
+    if isinstance(value, Mapping):
+        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, (list, tuple)):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def read_calibration(path: Path) -> Logistic:
+    """The regression of a calibration's file.
+
+    Raises:
+        InputError: Another file.
+    """
+    record = read_toml(path, "fit one: python -m ident.benchmark.calibrate fit")
+    if record.get("schema") != SCHEMA:
+        raise InputError(
+            path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}"
+        )
+    features: dict[str, dict[str, float]] = record["feature"]
+    centre = np.array([values["centre"] for values in features.values()])
+    scale = np.array([values["scale"] for values in features.values()])
+    weights = np.array([values["weight"] for values in features.values()])
+    return Logistic(tuple(features), Scaling(centre, scale), weights, float(record["intercept"]))
+
+
+def chosen_features(table: Table, asked: str) -> list[str]:
+    """Features by name, or all that the table has."""
+    names = [name for name in asked.split(",") if name]
+    table.matrix(names)
+    return names or sorted(table.features)
+
+
+def read_signs(path: Path | None) -> dict[str, int]:
+    """Which way features speak by their meaning."""
+    if path is None:
+        return {}
+    record = read_toml(path, "give increasing = […] and decreasing = […]")
+    signs = {str(name): 1 for name in record.get("increasing", ())}
+    signs.update({str(name): -1 for name in record.get("decreasing", ())})
+    return signs
+
+
+def summary_lines(record: Mapping[str, Any]) -> list[str]:
+    """A calibration in words."""
+    origin = record["origin"]
+    lines = [
+        f"{origin['sessions']} sessions of {len(origin['units'])} units; "
+        f"candidates right {origin['right']}, "
+        f"wrong {origin['wrong']}, unknown {origin['unknown']}; ridge {record['ridge']:.1e}",
+        f"intercept {record['intercept']:+.3f}",
+    ]
+    ordered = sorted(record["feature"].items(), key=lambda pair: -abs(pair[1]["weight"]))
+    lines += [f"  {values['weight']:+8.3f}  {name}" for name, values in ordered]
+    lines.append(
+        "held out, by group: log score, area under the curve, names right and wrong; "
+        "what was said: share right (rows)"
+    )
+    for group, score in record["held_out"].items():
+        bins = ", ".join(
+            f"{row['said']:.2f}: {row['right']:.2f} ({row['count']})" for row in score["bins"]
+        )
+        names = f"{score['names_right']} and {score['names_wrong']}"
+        head = f"  {group}: {score['log_score']}, {score['auc']}, {names}"
+        lines.append(f"{head}; {bins}")
+    if "interval_width" in record:
+        width = record["interval_width"]
+        lines.append(
+            f"intervals of {width['count']} parameters hold {width['coverage']:.3f} as they are; "
+            f"0.95 if {width['factor']:.2f} times as wide "
+            f"(on units left out: {width['coverage_held_out']:.3f})"
+        )
+    return lines
+
+
+def current_commit() -> str:
+    """The commit of the working tree; empty where there is none."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    done = subprocess.run(
+        command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False
+    )
+    return done.stdout.strip()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    jobs = parser.add_subparsers(dest="job", required=True)
+    storing = jobs.add_parser("store")
+    storing.add_argument("results", type=Path)
+    storing.add_argument("table", type=Path)
+    storing.add_argument("--index", type=Path, required=True)
+    fitting = jobs.add_parser("fit")
+    fitting.add_argument("table", type=Path)
+    fitting.add_argument("--out", type=Path, required=True)
+    fitting.add_argument("--features", default="")
+    fitting.add_argument("--signs", type=Path)
+    fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
+    fitting.add_argument(
+        "--commit", default="", help="of the engine whose rows these are; the current one"
+    )
+    given = parser.parse_args()
+    if given.job == "store":
+        sessions, rows = use_index(given.index, given.results, given.table)
+        sys.stdout.write(f"{sessions} sessions, {rows} rows\n")
+        return
+    table = load_table(given.table, CANDIDATE)
+    names = chosen_features(table, given.features)
+    fitted = fit_calibration(table, names, read_signs(given.signs))
+    origin = {
+        "seed": given.seed,
+        "commit": given.commit or current_commit(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+    }
+    record = calibration_record(
+        table, fitted, fit_width(table, fitted.held_out >= NAMED_FROM), origin
+    )
+    write_calibration(given.out, record)
+    held_out = pa.table(
+        {"probability": fitted.held_out, "label": [str(label) for label in fitted.labels]}
+    )
+    with atomic_write(given.table / HELD_OUT_FILE) as temporary:
+        pq.write_table(held_out, temporary)
+    sys.stdout.write("\n".join(summary_lines(record)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

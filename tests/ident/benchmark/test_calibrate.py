@@ -1,0 +1,163 @@
+"""Laws of the calibration: what it says is as often right, on units that it has not seen."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_corpus import BASE, SLOPE, candidate, entry, make_corpus, truth, write_result
+
+from ident.benchmark.calibrate import (
+    Problem,
+    calibration_record,
+    fit_calibration,
+    judged,
+    left_out,
+    read_calibration,
+    row_weights,
+    write_calibration,
+)
+from ident.benchmark.corpus_table import Table, load_table, store
+from ident.benchmark.interval_widths import fit_width
+from ident.benchmark.labels import RIGHT, UNKNOWN
+from ident.benchmark.logistic import fit_logistic, log_score
+from ident.errors import InputError
+
+FEATURES = ("evidence", "nothing")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
+    out = tmp_path_factory.mktemp("corpus")
+    entries = make_corpus(out / "results", 900, seed=3)
+    store(entries, out / "results", out / "table")
+    return load_table(out / "table")
+
+
+def problem_of(table: Table, signs: dict[str, int] | None = None) -> Problem:
+    labels = table.labels(table.named)
+    counted = labels != UNKNOWN
+    weights = row_weights(table, counted)[counted]
+    features = table.matrix(FEATURES)[counted]
+    right = labels[counted] == RIGHT
+    return Problem(features, FEATURES, right, weights, table.units[counted], signs or {})
+
+
+def test_log_odds_are_those_that_made_the_labels(table: Table) -> None:
+    """900 sessions tell a slope of 2 to within 0.5, and that a feature says nothing."""
+    fitted = fit_calibration(table, FEATURES, {})
+    slope = fitted.model.weights / fitted.model.scaling.scale
+    base = fitted.model.log_odds(np.array([[0.0, 0.0]]))[0]
+    assert abs(slope[0] - SLOPE) < 0.5
+    assert abs(base - BASE) < 0.5
+    assert abs(slope[1]) < 0.25
+
+
+def test_what_is_said_of_units_left_out_is_as_often_right(table: Table) -> None:
+    fitted = fit_calibration(table, FEATURES, {})
+    scores = judged(table, fitted.held_out, fitted.labels, np.ones(len(table.rows), dtype=bool))
+    for row in scores["bins"]:
+        spread = np.sqrt(row["said"] * (1.0 - row["said"]) / row["count"])
+        assert abs(row["said"] - row["right"]) < 4.0 * spread + 0.02
+    assert scores["auc"] > 0.8
+
+
+def test_a_unit_has_no_say_in_its_own_probabilities(table: Table) -> None:
+    """Turning a unit's labels round changes what is said of the others, not of itself."""
+    problem = problem_of(table)
+    unit = problem.units == problem.units[0]
+    turned = Problem(
+        problem.features,
+        problem.names,
+        np.where(unit, ~problem.right, problem.right),
+        problem.weights,
+        problem.units,
+        {},
+    )
+    before = left_out(problem, 1e-3, {})
+    after = left_out(turned, 1e-3, {})
+    assert np.allclose(before[unit], after[unit], atol=1e-6)
+    assert np.abs(before[~unit] - after[~unit]).max() > 1e-3
+
+
+def test_a_weight_has_the_sign_of_its_meaning(table: Table) -> None:
+    """A feature that should speak against, and does not, is not heard."""
+    problem = problem_of(table, {"evidence": -1})
+    model = problem.fit(1e-4)
+    assert model.weights[0] == 0.0
+    free = problem_of(table).fit(1e-4)
+    assert free.weights[0] > 0.5
+
+
+def test_units_of_a_feature_do_not_matter(table: Table) -> None:
+    problem = problem_of(table)
+    in_milli = problem.features * np.array([1e3, 1.0]) + np.array([7.0, 0.0])
+    first = fit_logistic(problem.features, problem.right, problem.weights, FEATURES, 1e-3)
+    second = fit_logistic(in_milli, problem.right, problem.weights, FEATURES, 1e-3)
+    said = first.probability(problem.features), second.probability(in_milli)
+    assert np.allclose(*said, atol=1e-4)
+
+
+def test_a_ridge_draws_to_the_base_rate(table: Table) -> None:
+    problem = problem_of(table)
+    stiff = problem.fit(1e4).probability(problem.features)
+    rate = float(problem.weights @ problem.right / problem.weights.sum())
+    assert np.allclose(stiff, rate, atol=0.01)
+    loose = problem.fit(1e-5).probability(problem.features)
+    assert log_score(loose, problem.right, problem.weights) > log_score(
+        stiff, problem.right, problem.weights
+    )
+
+
+def test_what_is_not_known_says_nothing(table: Table) -> None:
+    model = problem_of(table).fit(1e-3)
+    centre = model.scaling.centre[None, :]
+    missing = np.full((1, len(FEATURES)), np.nan)
+    assert model.log_odds(missing)[0] == pytest.approx(model.log_odds(centre)[0])
+
+
+def test_groups_and_sessions_count_alike(tmp_path: Path) -> None:
+    """Three sessions weigh as one of another group; many candidates of a session as one."""
+    entries = [entry(f"real/case_{k}", truth("spring_torque", "joint_1")) for k in range(3)]
+    entries.append(entry("other/case_9", truth("spring_torque", "joint_1")))
+    for number, session in enumerate(entries):
+        rows = [
+            candidate("torque_ripple", f"joint_{k}", features={"x": 0.0}) for k in range(number + 1)
+        ]
+        write_result(tmp_path / "results", session.case, *rows)
+    store(entries, tmp_path / "results", tmp_path / "table")
+    table = load_table(tmp_path / "table")
+    weights = row_weights(table, np.ones(len(table.rows), dtype=bool))
+    by_case = {case: weights[table.cases == case].sum() for case in table.sessions}
+    assert by_case["real/case_0"] == pytest.approx(by_case["real/case_2"])
+    assert by_case["other/case_9"] == pytest.approx(3.0 * by_case["real/case_0"])
+    assert weights.mean() == pytest.approx(1.0)
+
+
+def test_the_file_says_what_was_fitted(table: Table, tmp_path: Path) -> None:
+    fitted = fit_calibration(table, FEATURES, {})
+    record = calibration_record(
+        table, fitted, fit_width(table, fitted.held_out >= 0.5), {"seed": 3}
+    )
+    write_calibration(tmp_path / "calibration.toml", record)
+    model = read_calibration(tmp_path / "calibration.toml")
+    matrix = table.matrix(model.names)
+    assert np.allclose(model.probability(matrix), fitted.model.probability(table.matrix(FEATURES)))
+    text = (tmp_path / "calibration.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["origin"]["seed"] == 3
+
+
+def test_intervals_of_one_standard_deviation_have_to_be_twice_as_wide(table: Table) -> None:
+    """Estimates off by 0.1 with intervals of ± 0.1 hold two thirds; 1.96 times as wide 95 %."""
+    width = fit_width(table, np.ones(len(table.rows), dtype=bool))
+    assert width is not None
+    assert 0.6 < width.coverage < 0.77
+    assert 1.7 < width.factor < 2.3
+    assert 0.92 < width.coverage_held_out < 0.98
+
+
+def test_too_little_is_refused(tmp_path: Path) -> None:
+    entries = make_corpus(tmp_path / "results", 6, seed=1)
+    store(entries, tmp_path / "results", tmp_path / "table")
+    with pytest.raises(InputError, match="diagnose more"):
+        fit_calibration(load_table(tmp_path / "table"), FEATURES, {})
