@@ -26,6 +26,7 @@ from ident.benchmark.corpus import Entry, interleaved, read_index
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
+from ident.inference.rows import candidate_rows, joint_rows
 from ident.sessions import Given, inspect_sources
 
 TIMEOUT_S = 120.0  # of the processor
@@ -35,8 +36,13 @@ Diagnose = Callable[[Entry], dict[str, Any]]
 def diagnose_entry(entry: Entry) -> dict[str, Any]:
     """Diagnoses a session of the corpus, from its recordings and its URDF alone."""
     arm, reports = inspect_sources(Given([Path(entry.folder)], entry.urdf)).whole
-    diagnosis = diagnose_reports(reports, arm, CATALOGUE)[0].to_dict()
-    return {"verdict": diagnosis["verdict"], "diagnosis": diagnosis}
+    diagnosis, analysis, _ = diagnose_reports(reports, arm, CATALOGUE)
+    record = {"verdict": diagnosis.verdict, "diagnosis": diagnosis.to_dict()}
+    if analysis is None:
+        return {**record, "candidates": [], "joints": []}
+    names = diagnosis.joints
+    candidates = candidate_rows(analysis.conclusion, analysis.session, names)
+    return {**record, "candidates": candidates, "joints": joint_rows(analysis.conclusion, names)}
 
 
 def result_path(out: Path, case: str) -> Path:

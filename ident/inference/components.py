@@ -24,16 +24,17 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.inference.evidence import optimise
 from ident.inference.names import Names
 from ident.inference.sums import SessionSums, without_negative_directions
+from ident.records import read_group
 from ident.regression.baseline import Baseline, UrdfError
 from ident.regression.design import Group
 from ident.regression.discrepancy import BLOCKS
 from ident.regression.least_squares import Prior, ridge_of
 from ident.regression.run_spread import estimate_run_spread
 
+URDF = read_group(__file__, "urdf")
 # Whitened rows of a joint below which nothing is learnt of its discrepancy.
 FEWEST_ROWS = 20
 # Variances of whitened coefficients that a block starts from where nothing is known of it.
@@ -326,11 +327,11 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
 
 def urdf_errors() -> list[UrdfError]:
     """All scales of the URDF's error that are tried."""
-    scales = product(USUAL_SELECTION.urdf_scales, USUAL_SELECTION.urdf_com_m)
+    scales = product(URDF.scales, URDF.com_m)
     return [UrdfError(scale, com) for scale, com in scales]
 
 
 def log_prior_of(error: UrdfError) -> float:
     """Log prior of the URDF's error scales, up to a constant [nats]."""
-    ratio = np.log(error.scale) / np.log(USUAL_SELECTION.usual_urdf_factor)
-    return -0.5 * float(ratio**2 + (error.com_m / USUAL_SELECTION.usual_urdf_com_m) ** 2)
+    ratio = np.log(error.scale) / np.log(URDF.usual_factor)
+    return -0.5 * float(ratio**2 + (error.com_m / URDF.usual_com_m) ** 2)

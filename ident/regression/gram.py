@@ -95,8 +95,15 @@ class Evidence:
                 plain[j] = plain[j].with_rows(level * held.weighted, fold)
                 np.add.at(weights[:, j], fold, (level / held.std) ** 2)
             np.add.at(rows[:, j], held.block, 1.0)
-        sums = {"free": tuple(white), "plain": tuple(plain), "flexible": tuple(flexible)}
-        return replace(self, **sums, rows=rows, weights=weights, dwells=())
+        return replace(
+            self,
+            free=tuple(white),
+            plain=tuple(plain),
+            flexible=tuple(flexible),
+            rows=rows,
+            weights=weights,
+            dwells=(),
+        )
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
         """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""

@@ -5,17 +5,8 @@ from __future__ import annotations
 from ident.records import Settings
 
 
-class WanderingSettings(Settings, table="wandering"):
-    """Friction that wanders from run to run, against a law of warmth."""
-
-
-USUAL_WANDERING = WanderingSettings()
-
-
 class RegressionSettings(Settings, table="regression"):
     """What the sums are made of, and what is known beforehand."""
-
-    wandering: WanderingSettings = USUAL_WANDERING
 
 
 USUAL_REGRESSION = RegressionSettings()
