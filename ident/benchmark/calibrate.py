@@ -2,8 +2,8 @@
 never saw.
 
     python -m ident.benchmark.calibrate store RESULTS TABLE --index INDEX
-    python -m ident.benchmark.calibrate fit TABLE --out calibration.toml [--features a,b,…] [--signs
-    SIGNS.toml]
+    python -m ident.benchmark.calibrate fit TABLE --results RESULTS --index INDEX --out
+    calibration.toml [--features a,b,…] [--signs SIGNS.toml]
 
 `store` reads one JSON a session into a table (`corpus_table`). `fit` writes the calibration, and
 beside the table the probabilities that each row gets from a fit without its own unit
@@ -15,10 +15,11 @@ left out whole. The ridge is that of the best held-out log score. `SIGNS.toml` h
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,17 +31,23 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from ident.arrays import Array, Bool, Float
+from ident.benchmark.corpus import Entry, read_index
+from ident.benchmark.corpus_run import result_path
 from ident.benchmark.corpus_table import CANDIDATE, Table, load_table, use_index
+from ident.benchmark.gap_odds import GapFit, JointRows, fit_gaps
 from ident.benchmark.interval_widths import WidthFactor, fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
+from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
+from ident.benchmark.tempering import choices, fit_temper
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.safe_read import read_toml
 
 SCHEMA = "ident.calibration/1"
+SIGNS = Path(__file__).with_name("signs.toml")
 HELD_OUT_FILE = "held_out.parquet"
 RIDGES = np.geomspace(1e-5, 1.0, 11)
 """Candidates for the ridge; the best of them is chosen on units left out."""
@@ -204,20 +211,72 @@ def judge_groups(table: Table, fitted: Fitted) -> dict[str, dict[str, Any]]:
     return scores
 
 
+@dataclass(frozen=True, eq=False)
+class Further:
+    """What else is fitted to the corpus."""
+
+    gaps: GapFit
+    temper: float
+    even_nats: float  # log evidence at which half of the candidates are right
+    widths: Widths | None
+
+
+def fit_further(
+    table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]
+) -> Further:
+    """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
+    by_case: dict[str, list[float]] = {case: [] for case in results}
+    for row, probability in zip(table.rows, fitted.held_out, strict=True):
+        by_case[row["case"]].append(float(probability))
+    gaps = fit_gaps(JointRows.of(results, entries, by_case))
+    misses = []
+    for row, probability in zip(table.rows, fitted.held_out, strict=True):
+        if probability >= NAMED_FROM:
+            unit = table.sessions[row["case"]].unit
+            misses += [_miss(row, interval, unit) for interval in json.loads(row["intervals"])]
+    return Further(
+        gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses)
+    )
+
+
+def _miss(row: Mapping[str, Any], interval: Mapping[str, Any], unit: str) -> Miss:
+    error = abs(interval["true"] - interval["value"])
+    if interval["parameter"] == "phase_rad":
+        error = abs(float(np.angle(np.exp(1j * error))))
+    half = 0.5 * (interval["high"] - interval["low"])
+    size = abs(interval["value"])
+    return Miss(str(row["effect"]), str(interval["parameter"]), error, half, size, unit)
+
+
+def _even_nats(table: Table, fitted: Fitted) -> float:
+    """Log evidence at which half of the candidates of simulated arms are right, by that alone."""
+    simulated = table.groups != "real"
+    counted = (fitted.labels != UNKNOWN) & simulated
+    values = table.features["log_nats"][counted][:, None]
+    right = fitted.labels[counted] == RIGHT
+    model = fit_logistic(values, right, np.ones(len(right)), ("log_nats",), RIDGES[0])
+    standard = -model.intercept / model.weights[0]
+    return float(np.expm1(model.scaling.centre[0] + standard * model.scaling.scale[0]))
+
+
+def read_results(folder: Path, cases: Iterable[str]) -> dict[str, Any]:
+    """Stored results by case."""
+    found = {}
+    for case in cases:
+        path = result_path(folder, case)
+        if path.is_file():
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if "candidates" in record:
+                found[case] = record
+    return found
+
+
 def calibration_record(
     table: Table, fitted: Fitted, width: WidthFactor | None, origin: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What `calibration.toml` holds."""
     model = fitted.model
-    features = {
-        name: {
-            "weight": float(model.weights[k]),
-            "centre": float(model.scaling.centre[k]),
-            "scale": float(model.scaling.scale[k]),
-        }
-        for k, name in enumerate(model.names)
-        if np.isfinite(model.scaling.scale[k])
-    }
+    features = _terms(model)
     counts = Counter(map(str, fitted.labels))
     units = sorted({session.unit for session in table.sessions.values()})
     record: dict[str, Any] = {
@@ -242,6 +301,48 @@ def calibration_record(
     if width is not None:
         record["interval_width"] = width.to_dict()
     return record
+
+
+def further_record(further: Further) -> dict[str, Any]:
+    """What `calibration.toml` holds beside the odds of names."""
+    gaps = further.gaps
+    record: dict[str, Any] = {
+        "temper": further.temper,
+        "even_nats": further.even_nats,
+        "gap": {
+            "intercept": gaps.model.intercept,
+            "ridge": gaps.ridge,
+            "feature": _terms(gaps.model),
+            "held_out": {
+                "told": round(gaps.told, 4),
+                "false": round(gaps.false, 4),
+                "open": gaps.counts[0],
+                "closed": gaps.counts[1],
+            },
+        },
+    }
+    if further.widths is not None:
+        widths = further.widths
+        record["widths"] = {
+            "factor": widths.factor,
+            "common": widths.common,
+            "coverage_held_out": round(widths.coverage, 4),
+            "count": widths.count,
+            "share": dict(widths.shares),
+        }
+    return record
+
+
+def _terms(model: Logistic) -> dict[str, dict[str, float]]:
+    return {
+        name: {
+            "weight": float(model.weights[k]),
+            "centre": float(model.scaling.centre[k]),
+            "scale": float(model.scaling.scale[k]),
+        }
+        for k, name in enumerate(model.names)
+        if np.isfinite(model.scaling.scale[k])
+    }
 
 
 def write_calibration(path: Path, record: Mapping[str, Any]) -> None:
@@ -285,13 +386,12 @@ def chosen_features(table: Table, asked: str) -> list[str]:
     return names or sorted(table.features)
 
 
-def read_signs(path: Path | None) -> dict[str, int]:
-    """Which way features speak by their meaning."""
-    if path is None:
-        return {}
+def read_signs(path: Path) -> dict[str, int]:
+    """Which way features speak by their meaning; 0 where either."""
     record = read_toml(path, "give increasing = […] and decreasing = […]")
     signs = {str(name): 1 for name in record.get("increasing", ())}
     signs.update({str(name): -1 for name in record.get("decreasing", ())})
+    signs.update({str(name): 0 for name in record.get("either", ())})
     return signs
 
 
@@ -317,6 +417,19 @@ def summary_lines(record: Mapping[str, Any]) -> list[str]:
         names = f"{score['names_right']} and {score['names_wrong']}"
         head = f"  {group}: {score['log_score']}, {score['auc']}, {names}"
         lines.append(f"{head}; {bins}")
+    if "gap" in record:
+        gap = record["gap"]["held_out"]
+        lines.append(
+            f"joints with a cause without a name told so: {gap['told']:.3f} of {gap['open']}, "
+            f"others: {gap['false']:.3f} of {gap['closed']} (units left out); "
+            f"temper {record['temper']:.3f}; even odds at {record['even_nats']:.1f} nats"
+        )
+    if "widths" in record:
+        widths = record["widths"]
+        lines.append(
+            f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, law's share "
+            f"{widths['common']:.3f}; they hold {widths['coverage_held_out']:.3f} on units left out"
+        )
     if "interval_width" in record:
         width = record["interval_width"]
         lines.append(
@@ -347,9 +460,11 @@ def main() -> None:
     storing.add_argument("--index", type=Path, required=True)
     fitting = jobs.add_parser("fit")
     fitting.add_argument("table", type=Path)
+    fitting.add_argument("--results", type=Path, required=True)
+    fitting.add_argument("--index", type=Path, required=True)
     fitting.add_argument("--out", type=Path, required=True)
     fitting.add_argument("--features", default="")
-    fitting.add_argument("--signs", type=Path)
+    fitting.add_argument("--signs", type=Path, default=SIGNS)
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
     fitting.add_argument(
         "--commit", default="", help="of the engine whose rows these are; the current one"
@@ -360,8 +475,9 @@ def main() -> None:
         sys.stdout.write(f"{sessions} sessions, {rows} rows\n")
         return
     table = load_table(given.table, CANDIDATE)
-    names = chosen_features(table, given.features)
-    fitted = fit_calibration(table, names, read_signs(given.signs))
+    signs = read_signs(given.signs)
+    names = chosen_features(table, given.features or ",".join(signs))
+    fitted = fit_calibration(table, names, signs)
     origin = {
         "seed": given.seed,
         "commit": given.commit or current_commit(),
@@ -370,6 +486,9 @@ def main() -> None:
     record = calibration_record(
         table, fitted, fit_width(table, fitted.held_out >= NAMED_FROM), origin
     )
+    entries = {entry.case: entry for entry in read_index(given.index)}
+    results = read_results(given.results, table.sessions)
+    record |= further_record(fit_further(table, fitted, results, entries))
     write_calibration(given.out, record)
     held_out = pa.table(
         {"probability": fitted.held_out, "label": [str(label) for label in fitted.labels]}

@@ -1,9 +1,10 @@
-"""From features to probabilities, by a calibration that a command fitted to a stored corpus.
+"""From features to probabilities and widths, by a calibration that a command fitted to a stored corpus.
 
     log odds = b + Σ_k w_k (x_k − c_k) / s_k
+    half-width² = q² ((f s)² + (d_e |θ|)²),   q the 97.5 % point of Student's t
 
-`calibration.toml` is written by `python -m ident.benchmark.calibrate`, which says how it holds on arms and worlds that
-were left out whole. No number of it is set by hand.
+`calibration.toml` is written by `python -m ident.benchmark.calibrate`, which says how it holds on arms and worlds
+that were left out whole. No number of it is set by hand.
 
 Source: Platt 1999 and Niculescu-Mizil and Caruana 2005 (calibrated probabilities).
 """
@@ -14,13 +15,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.special import expit
+from scipy.stats import t as student
 
+from ident.effects.intervals import NORMAL_95
 from ident.safe_read import read_toml
 
 FILE = Path(__file__).with_name("calibration.toml")
+# Degrees of freedom of errors of estimates over the corpus: a few are far off.
+FREEDOM = 4.0
+QUANTILE = float(student.ppf(0.975, FREEDOM))
+# Parameters of place have no size that a law could be off by a share of.
+PLACES = ("phase_rad", "order", "start_s", "end_s", "exponent")
 
 
 @dataclass(frozen=True)
@@ -54,14 +63,34 @@ class Odds:
 
 
 @dataclass(frozen=True)
+class Widths:
+    """How wide 95 % intervals have to be."""
+
+    factor: float  # on the standard deviation of what the recordings leave open
+    common: float  # share of a parameter's size that an arm's own law may be off by
+    share: Mapping[str, float]  # the same of effects that the corpus has enough of
+
+    def half_width(self, effect: str, parameter: str, half: float, size: float) -> float:
+        """Half the width of an interval.
+
+        Args:
+            effect, parameter: The effect's id, and the parameter's name.
+            half: Half the width that the recordings alone leave open.
+            size: The parameter's value.
+        """
+        share = 0.0 if parameter in PLACES else self.share.get(effect, self.common)
+        return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))
+
+
+@dataclass(frozen=True)
 class Calibration:
     """All numbers that were fitted to the corpus."""
 
     names: Odds  # of a chosen effect, or one of its class, being the cause
-    gaps: Odds  # of a joint having a cause that none of the chosen effects is
+    gaps: Odds  # of a joint having a cause that none of the names is
     even_nats: float  # log evidence at which half of the corpus' chosen effects were right [nats]
     temper: float  # exponent of the evidence between rivals
-    width: float  # factor on the half-widths of intervals
+    widths: Widths | None  # None for intervals as the recordings alone have them
 
 
 @cache
@@ -72,15 +101,17 @@ def load_calibration(path: Path = FILE) -> Calibration:
         InputError: There is no such file, or it can't be read.
     """
     record = read_toml(path, "write it: python -m ident.benchmark.calibrate fit")
+    widths = record["widths"]
+    share = {str(effect): float(value) for effect, value in widths["share"].items()}
     return Calibration(
         names=_odds(record),
         gaps=_odds(record["gap"]),
         even_nats=float(record["even_nats"]),
         temper=float(record["temper"]),
-        width=float(record["interval_width"]["factor"]),
+        widths=Widths(float(widths["factor"]), float(widths["common"]), share),
     )
 
 
-def _odds(record: Mapping) -> Odds:
+def _odds(record: Mapping[str, Any]) -> Odds:
     terms = {name: Term(**values) for name, values in record["feature"].items()}
     return Odds(float(record["intercept"]), terms)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext
-from ident.inference.calibration import Calibration
+from ident.inference.calibration import Calibration, Widths
 from ident.inference.components import ModelSums
 from ident.inference.features import FEATURE_WORDS, Described
 from ident.inference.infer import Inferred
@@ -102,7 +102,8 @@ def estimate(
         given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
         free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
         parameters = {
-            name: _both(interval, free[name], calibration.width) for name, interval in given.items()
+            name: _both(one.group.effect.id, name, interval, free[name], calibration.widths)
+            for name, interval in given.items()
         }
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
@@ -162,12 +163,31 @@ def _parameters(
     return profile.parameters(session), coefficients[best], covariances[best]
 
 
-def _both(given: Interval, free: Interval, width: float) -> Interval:
+def _both(
+    effect: str, name: str, given: Interval, free: Interval, widths: Widths | None
+) -> Interval:
     """An interval for the URDF as it is, with that of a URDF that may be off beside it."""
-    given, free = given.wider(width), free.wider(width)
+    given = _wider(effect, name, given, widths)
+    free = _wider(effect, name, free, widths)
     low = min(given.low, free.low)
     high = max(given.high, free.high)
     return replace(given, low_with_urdf=low, high_with_urdf=high)
+
+
+def _wider(effect: str, name: str, interval: Interval, widths: Widths | None) -> Interval:
+    """An interval as wide as the corpus asks for; ends that are open stay, and none crosses zero that did not."""
+    if widths is None or not np.isfinite(interval.value) or interval.low == interval.high:
+        return interval
+    value = interval.value
+    below = widths.half_width(effect, name, value - interval.low, value)
+    above = widths.half_width(effect, name, interval.high - value, value)
+    low = interval.low if interval.open in ("low", "both") else value - below
+    high = interval.high if interval.open in ("high", "both") else value + above
+    if interval.low >= 0.0:
+        low = max(low, 0.0)
+    if interval.high <= 0.0:
+        high = min(high, 0.0)
+    return replace(interval, low=low, high=high)
 
 
 def _shares(one: Described, temper: float) -> tuple[float, dict[str, float], dict[int, float]]:

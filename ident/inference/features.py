@@ -263,9 +263,7 @@ def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str
     estimate = search.coefficients(fine.chosen)[group]
     scaled = estimate * search.scale[group.columns - search.first]
     certain = np.zeros((len(estimate), len(estimate)))
-    parameters = group.effect.parameters(
-        session, group.joint, group.variant, estimate, certain
-    )
+    parameters = group.effect.parameters(session, group.joint, group.variant, estimate, certain)
     unlike_any_arm = impossible(group.effect, session, group.joint, parameters)
     deviation = np.maximum(model.names.deviation[group], 1e-12)
     at = group.columns

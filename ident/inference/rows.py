@@ -21,7 +21,7 @@ def candidate_rows(
     """
     chosen = [*conclusion.names, *conclusion.unlikely]
     described = [name.described for name in chosen]
-    plain = replace(conclusion.calibration, width=1.0)
+    plain = replace(conclusion.calibration, widths=None)
     estimates = estimate(conclusion.fine, described, session, plain)
     rows = []
     for k, (name, plain_estimate) in enumerate(zip(chosen, estimates, strict=True)):

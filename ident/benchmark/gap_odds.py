@@ -1,0 +1,153 @@
+"""Fits how probably a cause without a name is left at a joint, from what is left there beside the names.
+
+A joint has such a cause if something was put there, large enough to be seen, that no name says. It has none where a
+simulated arm has nothing wrong at the joint, or what is wrong there has its name. Of a real arm nobody knows what else
+is wrong with it: only joints where something was put are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.benchmark.corpus import Entry, Truth
+from ident.benchmark.labels import Name, matching
+from ident.benchmark.logistic import Logistic, fit_logistic, log_score
+
+# What is left at a joint alone: how many rows or names an arm has tells arms apart, not gaps.
+FEATURES = (
+    "log_smooth_nats",
+    "log_smooth_nats_a_row",
+    "smooth_share",
+    "log_dispersion",
+    "log_left_over_noise",
+)
+RIDGES = np.geomspace(1e-3, 1.0, 7)
+SEEN_FROM = 1.0  # visible size, in floors of the noise, from which a cause can be asked for
+
+
+@dataclass(frozen=True, eq=False)
+class JointRows:
+    """Joints of the corpus, each with or without a cause that has no name."""
+
+    features: Float[Array, "N k"]
+    open: Bool[Array, " N"]  # whether there is such a cause
+    weights: Float[Array, " N"]
+    units: Array
+
+    @classmethod
+    def of(
+        cls,
+        results: Mapping[str, Mapping[str, Any]],
+        entries: Mapping[str, Entry],
+        probability: Mapping[str, Sequence[float]],
+    ) -> JointRows:
+        """The rows of all results.
+
+        Args:
+            results, entries: Results and index entries by case.
+            probability: For each case the probabilities of its candidates, from fits without its unit.
+        """
+        features, gaps, weights, units = [], [], [], []
+        for case, result in results.items():
+            entry = entries.get(case)
+            if entry is None or not result.get("joints"):
+                continue
+            named = [
+                Name.of_candidate(candidate)
+                for candidate, sure in zip(result["candidates"], probability[case], strict=True)
+                if sure >= 0.5
+            ]
+            rows = _labelled(result["joints"], entry, named)
+            for values, is_open in rows:
+                features.append([values[name] for name in FEATURES])
+                gaps.append(is_open)
+                weights.append(1.0 / len(rows))
+                units.append(unit_of(entry))
+        return cls(np.array(features), np.array(gaps), np.array(weights), np.array(units))
+
+
+def unit_of(entry: Entry) -> str:
+    """What is left out whole: a real arm, a drawn world, an arm of another simulator."""
+    return f"{entry.group}:{entry.world if entry.group == 'worlds' else entry.arm}"
+
+
+def _labelled(
+    joints: Sequence[Mapping[str, Any]], entry: Entry, named: Sequence[Name]
+) -> list[tuple[Mapping[str, float], bool]]:
+    """Features of the joints of a session of which it is known whether a cause without a name is left."""
+    rows = []
+    for row in joints:
+        here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]
+        missed = [truth for truth in here if not any(_says(name, truth) for name in named)]
+        visible = [truth for truth in missed if _size(truth) >= SEEN_FROM]
+        if visible:
+            rows.append((row["features"], True))
+        elif entry.group not in ("real", "kept") and not missed and not _anywhere(entry):
+            rows.append((row["features"], False))
+    return rows
+
+
+def _may_stand(truth: Truth, joint: str) -> bool:
+    return joint in (truth.may_stand_at or truth.joints)
+
+
+def _says(name: Name, truth: Truth) -> bool:
+    return matching(name, [truth]) is not None
+
+
+def _size(truth: Truth) -> float:
+    return truth.asked if truth.asked is not None else SEEN_FROM
+
+
+def _anywhere(entry: Entry) -> bool:
+    """Whether something is wrong of which nobody knows the joint."""
+    return any(not (truth.may_stand_at or truth.joints) for truth in entry.truth)
+
+
+@dataclass(frozen=True, eq=False)
+class GapFit:
+    """The fitted odds, judged on units that were left out."""
+
+    model: Logistic
+    ridge: float
+    told: float  # share of joints with a cause without a name that are told one
+    false: float  # share of the other joints that are told one
+    counts: tuple[int, int]
+
+
+def fit_gaps(rows: JointRows) -> GapFit:
+    """Fits the odds; every feature speaks for a cause."""
+    signs = dict.fromkeys(FEATURES, 1)
+    best: tuple[float, float, Float[Array, " N"]] | None = None
+    for ridge in RIDGES:
+        probability = np.zeros(len(rows.open))
+        for unit in np.unique(rows.units):
+            inside = rows.units == unit
+            model = fit_logistic(
+                rows.features[~inside],
+                rows.open[~inside],
+                rows.weights[~inside],
+                FEATURES,
+                float(ridge),
+                signs,
+            )
+            probability[inside] = model.probability(rows.features[inside])
+        score = log_score(probability, rows.open, rows.weights)
+        if best is None or score > best[0]:
+            best = score, float(ridge), probability
+    assert best is not None
+    _, ridge, probability = best
+    model = fit_logistic(rows.features, rows.open, rows.weights, FEATURES, ridge, signs)
+    told = probability >= 0.5
+    return GapFit(
+        model,
+        ridge,
+        float(told[rows.open].mean()),
+        float(told[~rows.open].mean()),
+        (int(rows.open.sum()), int((~rows.open).sum())),
+    )

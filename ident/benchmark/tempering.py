@@ -1,0 +1,63 @@
+"""Fits how far log evidence between rivals is to be believed: the exponent T of p ∝ exp(−T d), d each one's deficit.
+
+Where an effect that was put there is the chosen one, or one of its rivals, its share among them is exp(−T d) over the sum
+of all; T is where the product of these shares over the corpus is greatest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ident.arrays import Array, Float
+from ident.benchmark.corpus import Entry, Truth
+
+# Logarithms of T between which it is looked for.
+LEAST, MOST = -8.0, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The deficit of the effect that was put there, and those of all that may stand for it [nats]."""
+
+    true: float
+    deficits: Float[Array, " r"]
+
+    def log_share(self, temper: float) -> float:
+        """Logarithm of the true effect's share."""
+        return -temper * self.true - float(np.logaddexp.reduce(-temper * self.deficits))
+
+
+def choices(results: Mapping[str, Mapping[str, Any]], entries: Mapping[str, Entry]) -> list[Choice]:
+    """All choices of the corpus in which the true effect takes part."""
+    found = []
+    for case, result in results.items():
+        entry = entries.get(case)
+        for candidate in result["candidates"] if entry is not None else ():
+            members = [(candidate["effect"], 0.0)]
+            members += [(rival["effect"], rival["deficit"]) for rival in candidate["rivals"]]
+            for truth in entry.truth if entry is not None else ():
+                own = [deficit for effect, deficit in members if effect == truth.effect]
+                if own and _at_its_place(candidate, truth):
+                    deficits = np.array([deficit for _, deficit in members])
+                    found.append(Choice(min(own), deficits))
+    return found
+
+
+def _at_its_place(candidate: Mapping[str, Any], truth: Truth) -> bool:
+    places = set(truth.may_stand_at or truth.joints)
+    return not places or bool(places & set(candidate["joints"]))
+
+
+def fit_temper(every: list[Choice]) -> float:
+    """The exponent of greatest likelihood."""
+
+    def minus_log_likelihood(log_temper: float) -> float:
+        return -sum(choice.log_share(float(np.exp(log_temper))) for choice in every)
+
+    best = minimize_scalar(minus_log_likelihood, bounds=(LEAST, MOST), method="bounded")
+    return float(np.exp(best.x))
