@@ -39,6 +39,9 @@ CANDIDATES_FILE, SESSIONS_FILE = "candidates.parquet", "sessions.parquet"
 FEATURE = "feature."  # before a feature's name in the table
 TELLING = ("named", "partial", "none_of_catalogue", "changed")
 """Verdicts that tell a gap."""
+REAL = ("real", "kept")
+# Other sessions of an arm that have to have a name for it to be the arm's own: one may be chance.
+AGAIN = 2
 Row = dict[str, Any]
 
 
@@ -114,6 +117,26 @@ class Table:
         columns = [self.features[name] for name in names]
         return np.column_stack(columns) if columns else np.zeros((len(self.rows), 0))
 
+    def _names_of_arms(self, known_names: Bool[Array, " N"]) -> dict[str, dict[str, list[Name]]]:
+        """By real arm and case what was named there and not put there."""
+        of_arm: dict[str, dict[str, list[Name]]] = {}
+        for row, name, is_known in zip(self.rows, self.names, known_names, strict=True):
+            session = self.sessions[row["case"]]
+            if is_known and row["matched"] < 0 and session.group in REAL:
+                of_arm.setdefault(session.arm, {}).setdefault(row["case"], []).append(name)
+        return of_arm
+
+    def _is_the_arms_own(
+        self, case: str, name: Name, named: Mapping[str, Sequence[Name]]
+    ) -> bool:
+        """Whether other sessions of a real arm, in which other things were put, have a name as well."""
+        others = [
+            other
+            for other, names in named.items()
+            if other != case and any(overlap(name, one) for one in names)
+        ]
+        return len(others) >= AGAIN
+
     def labels(self, known_names: Bool[Array, " N"]) -> Array:
         """Right, wrong or unknown of each row.
 
@@ -126,10 +149,13 @@ class Table:
         for row, name, is_known in zip(self.rows, self.names, known_names, strict=True):
             if is_known and self.sessions[row["case"]].kind == "control":
                 by_case.setdefault(row["case"], []).append(name)
+        of_arm = self._names_of_arms(known_names)
         labels: list[str] = []
         for row, name in zip(self.rows, self.names, strict=True):
             session = self.sessions[row["case"]]
             owned = by_case.get(row["case"] if session.kind == "control" else session.control, [])
+            if self._is_the_arms_own(row["case"], name, of_arm.get(session.arm, {})):
+                owned = [*owned, name]
             if row["matched"] >= 0:
                 labels.append(RIGHT)
             elif row["known"] or any(overlap(name, other) for other in owned):

@@ -31,6 +31,15 @@ LOG_TWO = float(np.log(2.0))
 
 
 @dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates of equally many columns."""
+
+    slots: list[int]  # their numbers among all candidates
+    columns: Int[Array, "m w"]  # their columns in R
+    deviation: Float[Array, "m w"]  # of each scaled coefficient beforehand
+
+
+@dataclass(frozen=True, eq=False)
 class SetSearch:
     """Sums of all candidates and the torque after the baseline."""
 
@@ -53,16 +62,27 @@ class SetSearch:
         return cls(model.names, layout.n, tuned, rest, model.sums.evidence.scale[tuned:])
 
     @cached_property
-    def _widths(self) -> list[tuple[list[int], Int[Array, "m w"], Float[Array, "m w"]]]:
-        """Candidates by number of columns: which they are, their columns in R, and deviations."""
+    def _batches(self) -> dict[int | None, list[Batch]]:
+        """Candidates by number of columns: for each joint those that act there; for None all."""
         groups = self.names.groups
-        found = []
-        for width in sorted({len(group.columns) for group in groups}):
-            slots = [k for k, group in enumerate(groups) if len(group.columns) == width]
-            columns = np.stack([groups[k].columns - self.first for k in slots])
-            deviation = np.stack([self.names.deviation[groups[k]] for k in slots])
-            found.append((slots, columns, deviation))
-        return found
+        batches: dict[int | None, list[Batch]] = {}
+        for joint in (None, *range(self.joints)):
+            near = [
+                k
+                for k, group in enumerate(groups)
+                if joint is None or group.effect.rows == "all" or group.joint == joint
+            ]
+            by_width: dict[int, list[int]] = {}
+            for k in near:
+                by_width.setdefault(len(groups[k].columns), []).append(k)
+            batches[joint] = [self._batch(slots) for slots in by_width.values()]
+        return batches
+
+    def _batch(self, slots: list[int]) -> Batch:
+        groups = [self.names.groups[k] for k in slots]
+        columns = np.stack([group.columns - self.first for group in groups])
+        deviation = np.stack([self.names.deviation[group] for group in groups])
+        return Batch(slots, columns, deviation)
 
     def nats(self, chosen: Sequence[Group]) -> float:
         """Log evidence of a set of effects against none, log odds of its names included [nats]."""
@@ -118,8 +138,13 @@ class SetSearch:
         half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         return self.rest - half.T @ half
 
-    def gains(self, chosen: Sequence[Group]) -> Float[Array, " g"]:
-        """What each candidate adds to a set's log evidence [nats]; −∞ of what can't be added."""
+    def gains(self, chosen: Sequence[Group], joint: int | None = None) -> Float[Array, " g"]:
+        """What each candidate adds to a set's log evidence [nats]; −∞ of what can't be added.
+
+        Args:
+            chosen: The set.
+            joint: Where candidates have to act; anywhere if None.
+        """
         half = np.zeros((0, len(self.rest)))
         if chosen:
             columns = np.concatenate([group.columns for group in chosen]) - self.first
@@ -131,10 +156,12 @@ class SetSearch:
             half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         target = self.rest[:, -1] - half.T @ half[:, -1]
         gains = np.full(len(self.names.groups), -np.inf)
-        for slots, columns, deviation in self._widths:
+        for batch in self._batches[joint]:
+            columns = batch.columns
             taken = np.einsum("kmi,kmj->mij", half[:, columns], half[:, columns])
             sums = self.rest[columns[:, :, None], columns[:, None, :]] - taken
-            gains[slots] = self._gains_of(slots, sums, target[columns], deviation)
+            own = self._gains_of(batch.slots, sums, target[columns], batch.deviation)
+            gains[batch.slots] = own
         keys = {group.key for group in chosen}
         gains[[k for k, group in enumerate(self.names.groups) if group.key in keys]] = -np.inf
         return gains
@@ -173,15 +200,16 @@ class SetSearch:
         return gains
 
     def best(
-        self, chosen: Sequence[Group], keys: set[Key] | None = None
+        self, chosen: Sequence[Group], keys: set[Key] | None = None, joint: int | None = None
     ) -> tuple[float, Group] | None:
         """The candidate that adds most to a set, and what it adds [nats]; None if none adds anything.
 
         Args:
             chosen: The set.
             keys: Names that are candidates; all if None.
+            joint: Where candidates have to act; anywhere if None.
         """
-        gains, checked = self.gains(chosen), 0
+        gains, checked = self.gains(chosen, joint), 0
         for k in np.argsort(-gains):
             if gains[k] <= 0.0 or checked == MOST_CHECKED:
                 return None
@@ -196,13 +224,14 @@ class SetSearch:
 
     def run(self, start: Sequence[Group] = ()) -> list[Group]:
         """A set that no addition, swap or removal of one effect improves, from a start."""
-        chosen = self._swapped(self.without_idle(list(start)))
+        chosen = self._swapped(self.without_idle(list(start)), set(range(self.joints)))
         while len(chosen) < MOST_NAMES * self.joints:
             addition = self.best(chosen)
             if addition is None or addition[0] <= 0.0:
                 break
             before = self.nats(chosen)
-            fuller = self.without_idle(self._swapped([*chosen, addition[1]]))
+            near = set(addition[1].acts_on(self.joints))
+            fuller = self.without_idle(self._swapped([*chosen, addition[1]], near))
             if self.nats(fuller) <= before + 1e-6:
                 break
             chosen = fuller
@@ -219,19 +248,29 @@ class SetSearch:
             chosen = rest_of(chosen, chosen[weakest])
         return chosen
 
-    def _swapped(self, chosen: list[Group]) -> list[Group]:
-        """A set with each effect at its best point beside the others, or in place of it what is better."""
+    def _swapped(self, chosen: list[Group], near: set[int]) -> list[Group]:
+        """A set with each effect at its best point beside the others, or what is better in its place.
+
+        Args:
+            chosen: The set.
+            near: Joints where an effect was added; effects that act elsewhere stay as they are.
+        """
         for _ in range(SWAP_ROUNDS):
-            moved = False
+            moved: set[int] = set()
             for k, group in enumerate(chosen):
+                acts = set(group.acts_on(self.joints))
+                if not acts & (near | moved):
+                    continue
                 others = rest_of(chosen, group)
-                better = self.best(others)
+                joint = group.joint if group.effect.rows == "own" else None
+                better = self.best(others, joint=joint)
                 alone = self.nats(chosen) - self.nats(others)
                 if better is not None and better[1] is not group and better[0] > alone + 1e-6:
                     chosen = [*others[:k], better[1], *others[k:]]
-                    moved = True
+                    moved |= acts | set(better[1].acts_on(self.joints))
             if not moved:
                 break
+            near = moved
         return chosen
 
 
