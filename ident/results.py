@@ -211,6 +211,7 @@ class Result:
         figure: Figure = import_module(self.SHOWN_BY).draw(self)
         for text in figure.findobj(Text):
             text.set_parse_math(False)  # a joint's name is no formula
+            text.set_usetex(False)
         return figure
 
     def save(self, path: str | Path) -> None:
