@@ -9,9 +9,7 @@ import os
 import secrets
 import shutil
 import socket
-import stat
 import sys
-import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -130,21 +128,6 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
         return
     with atomic_write(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
-
-
-def user_cache() -> Path | None:
-    """The folder of what can be made anew; None where others may write: what lies there is run, or believed."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    # A container's user may have no home.
-    folder = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
-    try:
-        if not os.path.lexists(folder):
-            folder.mkdir(mode=0o700, parents=True)
-        found = folder.lstat()
-    except OSError:
-        return None
-    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
-    return folder if private else None
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:

@@ -13,15 +13,25 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from ident.errors import InputError
+from ident.user_cache import user_cache
 
 # Settings of numba's, which it takes from the folder where it is loaded.
 NUMBA_FILE = ".numba_config.yaml"
 # Matplotlib's name of a file of parameters, which it takes from that folder before any other.
 MATPLOTLIB_FILE = "matplotlibrc"
-# Where it looks next, and the variable that names a module to be imported for its windows.
-MATPLOTLIB_VARIABLES = {"MATPLOTLIBRC": str(Path(__file__).parent / "show" / MATPLOTLIB_FILE), "MPLBACKEND": "agg"}
+# Variables of the environment that a module reads while it is loaded, and what it reads there instead: matplotlib its
+# file of parameters, a module that it imports for its windows, and whether it starts a program that lists fonts; MuJoCo
+# whether it starts a process that loads GLFW.
+READ_AT_LOADING = {
+    "matplotlib": {"MATPLOTLIBRC": str(Path(__file__).parent / "show" / MATPLOTLIB_FILE), "MPLBACKEND": "agg"},
+    "matplotlib.font_manager": {"MPL_IGNORE_SYSTEM_FONTS": "1"},
+    "mujoco": {"MUJOCO_GL": "disable"},
+}
+# Folder of styles and lists of fonts, in this package's cache: those of the user stay as they are.
+MATPLOTLIB_FOLDER = "matplotlib"
 
 
 def keep_own_settings() -> None:
@@ -33,32 +43,44 @@ def keep_own_settings() -> None:
     os.environ.setdefault("PYTHONSAFEPATH", "1")
     if os.path.lexists(NUMBA_FILE):
         raise InputError(NUMBA_FILE, "numba would take its settings from this file", "start the command elsewhere")
-    if not any(isinstance(finder, _MatplotlibFinder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _MatplotlibFinder())
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())
 
 
-class _MatplotlibFinder(MetaPathFinder):
-    """Finds matplotlib where Python does, and has it loaded without a look at the folder."""
+class _Finder(MetaPathFinder):
+    """Finds modules where Python does, and has some of them loaded without a look at the folder."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The spec of matplotlib itself; None for every other module."""
-        if fullname != "matplotlib":
+        """The spec of a module of `READ_AT_LOADING`; None for every other."""
+        if fullname not in READ_AT_LOADING:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
-            spec.loader = _MatplotlibLoader(spec.loader.name, spec.loader.path)
+            spec.loader = _Loader(spec.loader.name, spec.loader.path)
         return spec
 
 
-class _MatplotlibLoader(SourceFileLoader):
-    """Loads matplotlib, which reads its parameters while it is loaded: those of this package."""
+class _Loader(SourceFileLoader):
+    """Loads a module that reads settings while it is loaded: those of this package."""
 
     def exec_module(self, module: ModuleType) -> None:
         """Runs the module."""
-        with _no_file(MATPLOTLIB_FILE), _variables(MATPLOTLIB_VARIABLES):
+        with _no_file(MATPLOTLIB_FILE), _variables(READ_AT_LOADING[self.name]):
             super().exec_module(module)
+        if self.name == "matplotlib":
+            _choose_folders(module)
+
+
+def _choose_folders(matplotlib: Any) -> None:
+    """Settles where matplotlib's styles and its list of fonts are; it asks once."""
+    cache = user_cache()
+    if cache is None:
+        return
+    with _variables({"MPLCONFIGDIR": str(cache / MATPLOTLIB_FOLDER)}):
+        matplotlib.get_configdir()
+        matplotlib.get_cachedir()
 
 
 @contextmanager
