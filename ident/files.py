@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import json
 import os
 import secrets
 import shutil
@@ -28,6 +27,7 @@ from ident.outputs import (
     unwritable,
     write_marker,
 )
+from ident.records import as_json
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -122,7 +122,7 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
     """Writes a record as JSON, whole or not at all; `-` prints it, and None writes nothing."""
     if path is None:
         return
-    text = json.dumps(record, indent=1)
+    text = as_json(record)
     if Path(path) == STANDARD_OUTPUT:
         print(text)
         return
