@@ -9,7 +9,7 @@ from typing import Any
 
 import numba
 
-from ident.files import user_cache
+from ident.user_cache import user_cache
 
 NUMBAS: Any = numba.config  # which no type checker knows
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import json
 import os
 import secrets
 import shutil
 import socket
-import stat
 import sys
-import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -30,6 +27,7 @@ from ident.outputs import (
     unwritable,
     write_marker,
 )
+from ident.records import as_json
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -124,27 +122,12 @@ def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
     """Writes a record as JSON, whole or not at all; `-` prints it, and None writes nothing."""
     if path is None:
         return
-    text = json.dumps(record, indent=1)
+    text = as_json(record)
     if Path(path) == STANDARD_OUTPUT:
         print(text)
         return
     with atomic_write(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
-
-
-def user_cache() -> Path | None:
-    """The folder of what can be made anew; None where others may write: what lies there is run, or believed."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    # A container's user may have no home.
-    folder = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
-    try:
-        if not os.path.lexists(folder):
-            folder.mkdir(mode=0o700, parents=True)
-        found = folder.lstat()
-    except OSError:
-        return None
-    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
-    return folder if private else None
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
+from ident.records import as_json
 
 MARKER = ".armgap.json"
 SCHEMA, FILE_SCHEMA = "armgap.folder/1", "armgap.file/1"
@@ -48,7 +49,7 @@ def write_marker(folder: Path, kind: str) -> None:
     names = [path for path in sorted(folder.rglob("*")) if path.name != MARKER and path.is_file()]
     files = {os.fsencode(path.relative_to(folder)).decode("latin-1"): sha256_of(path) for path in names}
     record = {"schema": SCHEMA, "kind": kind, "files": files}
-    (folder / MARKER).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    (folder / MARKER).write_text(as_json(record) + "\n", encoding="utf-8")
 
 
 def begin_folder(folder: Path, kind: str) -> None:
@@ -61,7 +62,7 @@ def begin_folder(folder: Path, kind: str) -> None:
         if not _exists(folder) or (folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())):
             folder.mkdir(parents=True, exist_ok=True)
             record = {"schema": SCHEMA, "kind": kind, "files": None}
-            (folder / MARKER).write_text(json.dumps(record) + "\n", encoding="utf-8")
+            (folder / MARKER).write_text(as_json(record, None) + "\n", encoding="utf-8")
             return
         if folder.is_symlink() or not folder.is_dir():
             raise InputError(folder, f"is {_kind_of(folder)}, not a folder", ELSEWHERE)
@@ -149,7 +150,7 @@ def require_plain(path: Path) -> None:
 def mark_file(path: Path) -> None:
     """Writes down beside a file that has no room for a mark, a CSV table, that it is ours as it stands now."""
     record = {"schema": FILE_SCHEMA, "sha256": sha256_of(path)}
-    _mark_of(path).write_text(json.dumps(record) + "\n", encoding="utf-8")
+    _mark_of(path).write_text(as_json(record, None) + "\n", encoding="utf-8")
 
 
 def remove_own_file(path: Path) -> bool:

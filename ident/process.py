@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn, Self, TextIO
 
 from ident.errors import InputError, visible
+from ident.own_settings import keep_own_settings
 
 # Importable name -> extra of pyproject.toml. The core checks, fits without a net, diagnoses and writes pages.
 EXTRA_OF = {
@@ -90,10 +91,7 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         print(f"{name}: {visible(line)}", file=sys.stderr)
 
     try:
-        # Of a stranger's folder, where the user may be, neither Python nor numba takes anything, whoever starts them.
-        os.environ.setdefault("PYTHONSAFEPATH", "1")
-        if os.path.lexists(own := ".numba_config.yaml"):
-            raise InputError(own, "numba would take its settings from this file", "start the command elsewhere")
+        keep_own_settings()  # the user may stand in a stranger's folder
         app = importlib.import_module(module).app
         signals.is_loading = False
         status = app(prog_name=name, standalone_mode=False)

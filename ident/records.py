@@ -7,6 +7,8 @@ or a limit on work), or `calibrated` on development sets of simulated arms or on
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -35,6 +37,22 @@ def as_record(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [as_record(one) for one in value]
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def as_json(record: Any, indent: int | None = 1) -> str:
+    """A record as JSON allows it, without a line end: what is no finite number is null."""
+    return json.dumps(_strict(record), indent=indent, allow_nan=False)
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _strict(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(entry) for entry in value]
+    if value is None or isinstance(value, int | str):
+        return value
+    figure = float(value)  # of NumPy's kinds as well
+    return figure if math.isfinite(figure) else None
 
 
 def number(default: Any = None, unit: str = "", meaning: str = "", source: str = "") -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import import_module
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.recordings.recording import Recording, Session
+    from ident.recordings.series import Series
+
+    # First digits of a recording's hash, and its series.
+    KnownSeries = tuple[str, Series]
 
 
 # Where a result comes from: the command, the version, its settings, and the recordings by their hashes.
@@ -45,7 +50,8 @@ class SessionStamp(Record):
         path: Its folder or file; its name where it never was a file.
         sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
         first, last: Times of the first and the last sample on the session's clock [s]; None without any.
-        runs: First digits of each file's hash: whether two results were made from a common recording.
+        runs: First digits of each file's hash, and of that of every known recording that it holds in another form:
+            whether two results were made from a common recording.
     """
 
     path: str
@@ -83,6 +89,22 @@ def files_of(record: Mapping[str, Any]) -> frozenset[str]:
     return frozenset((*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", []))))
 
 
+def known_series(record: Mapping[str, Any]) -> tuple[KnownSeries, ...]:
+    """The recordings of a model, by which they are known again in another form; damaged or missing ones are left out.
+
+    Args:
+        record: The provenance of a model.
+    """
+    from ident.recordings.series import Series
+
+    known = []
+    for data in record.get("data", []):
+        for moments in data.get("series", []):
+            with suppress(ValueError, KeyError, TypeError):
+                known.append((str(data["sha256"])[:RUN_DIGITS], Series.from_dict(moments)))
+    return tuple(known)
+
+
 def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
     """One stamp a session; parts of one that follow each other share theirs."""
     ledger = StampLedger()
@@ -92,9 +114,14 @@ def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
 
 
 class StampLedger:
-    """Takes note of sessions while somebody else goes through them, so that a long one is read once only."""
+    """Takes note of sessions while somebody else goes through them, so that a long one is read once only.
 
-    def __init__(self) -> None:
+    Args:
+        known: Recordings that are looked for in them.
+    """
+
+    def __init__(self, known: Sequence[KnownSeries] = ()) -> None:
+        self._known = known
         self._open: list[_Stamping] = []
 
     @property
@@ -104,18 +131,14 @@ class StampLedger:
 
     @property
     def files(self) -> list[dict[str, Any]]:
-        """Session, name and SHA-256 of each file so far."""
-        return [
-            {"session": one.name, "file": path.name, "sha256": digest.hex()}
-            for one in self._open
-            for path, digest in sorted(one.files.items())
-        ]
+        """Session, name, SHA-256 and series of each file so far, and of each run that never was one."""
+        return [data for stamping in self._open for data in stamping.data()]
 
     def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
         """The same sessions, noted on the way; one of the path of the last is its next part."""
         for session in sessions:
             if session.path is None or not self._open or self._open[-1].path != str(session.path):
-                self._open.append(_Stamping(session.name, str(session.path or "")))
+                self._open.append(_Stamping(session.name, str(session.path or ""), self._known))
             self._open[-1].take(session.runs)
             yield session
             del session
@@ -124,27 +147,52 @@ class StampLedger:
 class _Stamping:
     """A stamp in the making: hashes and times of a session whose parts come one after the other."""
 
-    def __init__(self, name: str, path: str) -> None:
+    def __init__(self, name: str, path: str, known: Sequence[KnownSeries]) -> None:
         self.name, self.path = name, path
-        self.files: dict[Path, bytes] = {}
+        self._known = known
+        self._files: dict[Path, bytes] = {}
         self._digest = hashlib.sha256()
         self._runs: dict[str, None] = {}
+        self._names: dict[str, str] = {}
+        self._series: dict[str, list[Series]] = {}
         self._times: list[float] = []
 
     def take(self, runs: Iterable[Recording]) -> None:
+        from ident.recordings.series import SearchedRun, Series
+
         for run in runs:
             digest = self._digest_of(run)
             self._digest.update(digest)
             self._runs[digest.hex()[:RUN_DIGITS]] = None
+            self._names.setdefault(digest.hex(), run.name if run.source is None else run.source.name)
+            series = Series.of(run)
+            if series is not None:
+                self._series.setdefault(digest.hex(), []).append(series)
+            searched = SearchedRun(run)
+            for known, theirs in self._known:
+                if known not in self._runs and theirs.is_in(searched):
+                    self._runs[known] = None
             self._times += [float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)]
+
+    def data(self) -> list[dict[str, Any]]:
+        """What a model's provenance says of the session."""
+        return [
+            {
+                "session": self.name,
+                "file": name,
+                "sha256": digest,
+                "series": [series.to_dict() for series in self._series.get(digest, [])],
+            }
+            for digest, name in sorted(self._names.items(), key=lambda item: item[1])
+        ]
 
     def _digest_of(self, run: Recording) -> bytes:
         """Of the run's file, else of its arrays."""
         if run.source is not None and run.source.is_file():
-            if run.source not in self.files:
+            if run.source not in self._files:
                 with run.source.open("rb") as stream:
-                    self.files[run.source] = hashlib.file_digest(stream, "sha256").digest()
-            return self.files[run.source]
+                    self._files[run.source] = hashlib.file_digest(stream, "sha256").digest()
+            return self._files[run.source]
         digest = hashlib.sha256(run.time.tobytes())
         for name, values in run.channels().items():
             digest.update(name.encode() + values.tobytes())
@@ -211,6 +259,7 @@ class Result:
         figure: Figure = import_module(self.SHOWN_BY).draw(self)
         for text in figure.findobj(Text):
             text.set_parse_math(False)  # a joint's name is no formula
+            text.set_usetex(False)
         return figure
 
     def save(self, path: str | Path) -> None:

@@ -30,6 +30,8 @@ PREFIX = re.compile(r'<(\w[\w.-]*+):\w|\s(\w[\w.-]*+):[\w.-]++\s*+=\s*+["\']')
 ROOT_TAG = re.compile(r"<[A-Za-z_][^\s/>]*+")
 # Beyond these no number of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
+# No figure of an arm in SI units lies beyond; its square and its cube can still be reckoned with.
+LARGEST_FIGURE = 1e12
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
 LARGEST_PACKING = 100
 # What a file may unpack to however small it is [MB]: the default, and the variable by which a user sets another.
@@ -79,7 +81,7 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     """
     text = read_text(path, remedy, error)
     try:
-        record = json.loads(text)
+        record = json.loads(text, parse_constant=_no_number)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
         raise error(path, f"not JSON that can be used ({first_line(failed)})", remedy) from None
@@ -203,9 +205,11 @@ def toml_key(name: str) -> str:
 
 
 def require_finite(value: Any, name: str) -> float:
-    """A finite number, or ValueError: texts, truth values, NaN and infinity are none."""
+    """A finite number that a figure of an arm can be, or ValueError: texts, truth values, NaN and infinity are none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{name} is {value!r}, which is no finite number")
+    if abs(value) > LARGEST_FIGURE:
+        raise ValueError(f"{name} is {value:g}, beyond any arm's")
     return float(value)
 
 
@@ -222,6 +226,10 @@ def _look_through(record: Any) -> None:
             waiting += [(one, depth + 1) for one in value]
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError("an integer of more than 64 bit")
+
+
+def _no_number(name: str) -> None:
+    """What `NaN` and `Infinity` are, which are not JSON; earlier versions wrote them."""
 
 
 def urdf_from(file: Path, robot: str) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate, chain, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ident.arrays import in_a_line
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
@@ -28,9 +28,12 @@ from ident.recordings import TOPIC
 from ident.recordings.load import PART_SAMPLES, Source, gather_sources, load_parts
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file, settings_of
-from ident.results import SessionStamp, StampLedger
+from ident.results import SessionStamp, StampLedger, known_series
 from ident.robot.arm import ArmModel
 from ident.robot.names import is_fetched
+
+if TYPE_CHECKING:
+    from ident.results import KnownSeries
 
 Sources = Source | Sequence[Source]
 Robot = str | Path | ArmModel
@@ -113,6 +116,7 @@ def inspect_sources(
     settings: TelemetrySettings = USUAL_TELEMETRY,
     in_parts: bool = False,
     reported: Sequence[str] = (),
+    known: Sequence[KnownSeries] = (),
 ) -> Inspected:
     """Reads sessions and checks their telemetry, without refusing any.
 
@@ -120,12 +124,13 @@ def inspect_sources(
         given, settings: Recordings and robot, and by what they are refused.
         accept, reported: Names of issues whose refusal is overruled, and of those that what comes next reports.
         in_parts: Whether what is too long to be held may come in parts.
+        known: Recordings that are looked for in the sessions.
 
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
     weaken = partial(overrule, accept=check_accepted(accept), reported=reported)
-    ledger, most = StampLedger(), PART_SAMPLES if in_parts else sys.maxsize
+    ledger, most = StampLedger(known), PART_SAMPLES if in_parts else sys.maxsize
     coming = ledger.passing(given.parts(most))
     parts: list[Session] = []
     for part in coming:
@@ -209,7 +214,8 @@ def open_sessions(
         given, model = Given(sessions, robot.robot), robot
     else:
         given, model = Given(paths, robot, topic, session_file), None
-    found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT)
+    known = () if model is None else known_series(model.provenance)
+    found = inspect_sources(given, accept, in_parts=model is None, reported=REPORTED_BY_A_FIT, known=known)
     reports: list[TelemetryReport] = []
     groups: list[_Group] = []
     groups_of: list[int] = []

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor
 
 from ident.errors import InputError
+from ident.own_settings import keep_own_settings
 
 T = TypeVar("T")
 # How often a task may lose its worker before it is given up.
@@ -83,7 +84,11 @@ def run_tasks(
 
 
 def end_with(parent: int) -> None:
-    """Lets this process end soon after its parent, however that ended: nobody would take its results."""
+    """Lets this process end soon after its parent, however that ended: nobody would take its results.
+
+    It keeps to the same settings as its parent.
+    """
+    keep_own_settings()
 
     def watch() -> None:
         while os.getppid() == parent:

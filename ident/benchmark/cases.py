@@ -15,7 +15,6 @@ Source: Eriksson, Frisk and Krysander 2013 (distinguishability of faults as the 
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +27,7 @@ from ident.effects import catalogue
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.recordings.save import write_session
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
 from ident.simulation.hardware import DECOYS
@@ -303,5 +303,5 @@ def make(task: MakeTask) -> str:
             "stamp": task.stamp,
         }
         with atomic_write(folder / MADE_NAME) as part:
-            part.write_text(json.dumps(record) + "\n", encoding="utf-8")
+            part.write_text(as_json(record, None) + "\n", encoding="utf-8")
     return name

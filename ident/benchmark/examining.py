@@ -7,8 +7,6 @@ plain method names: forward selection by BIC, which takes samples for independen
 
 from __future__ import annotations
 
-import json
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
+from ident.records import as_json
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
 from ident.regression.gram import Evidence
@@ -70,15 +69,8 @@ def examine(task: ExamineTask) -> str:
 def write_result(path: Path, record: dict[str, Any]) -> None:
     """Writes a record as JSON allows it: what is no number becomes null."""
 
-    def finite(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: finite(one) for key, one in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [finite(one) for one in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
     with atomic_write(path) as part:
-        part.write_text(json.dumps(finite(record), default=float) + "\n", encoding="utf-8")
+        part.write_text(as_json(record, None) + "\n", encoding="utf-8")
 
 
 def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:

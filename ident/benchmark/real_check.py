@@ -28,6 +28,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.records import as_json
 from ident.results import Provenance, Result
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
@@ -294,7 +295,7 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
         record["error"] = str(error)
     record["seconds"], record["processor_seconds"] = time.perf_counter() - start, time.process_time() - used
     with atomic_write(path) as part:
-        part.write_text(json.dumps(record, default=float) + "\n", encoding="utf-8")
+        part.write_text(as_json(record, None) + "\n", encoding="utf-8")
     return folder.name
 
 

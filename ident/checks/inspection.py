@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -35,27 +36,36 @@ from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.recordings.columns import match_joints
-from ident.recordings.recording import Session, TelemetryIssue
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.series import SearchedRun, Series
 from ident.robot.arm import ArmModel
 
 
 class Repeats:
-    """Takes note of the runs that pass, and of those that equal an earlier one to the last bit, time included."""
+    """Takes note of the runs that pass, and of those that hold the series of an earlier one, in whatever form."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, str] = {}
+        self._series: dict[tuple[str, ...], list[tuple[str, Series]]] = defaultdict(list)
         self._told: list[str] = []
 
     def take(self, session: Session, report: TelemetryReport) -> None:
         """One more session, or part of one, as it was read."""
         for run in session.runs:
-            found = hashlib.blake2b(digest_size=16)
-            for values in (run.time, run.position, run.effort):
-                found.update(values.tobytes())
-            mark, name = found.digest(), f"{session.name}/{run.name}"
-            if len(run) and mark in self._known:
-                self._told.append(f"{name} is {self._known[mark]} once more")
-            self._known.setdefault(mark, name)
+            name = f"{session.name}/{run.name}"
+            earlier = self._known.get(_mark(run)) or self._earlier(run)
+            if earlier is not None and len(run):
+                self._told.append(f"{name} is {earlier} once more")
+                continue
+            self._known[_mark(run)] = name
+            if (series := Series.of(run)) is not None:
+                self._series[series.joints].append((name, series))
+
+    def _earlier(self, run: Recording) -> str | None:
+        """Name of the run whose series this one holds, with other bytes."""
+        searched = SearchedRun(run)
+        known = self._series[searched.joints]
+        return next((earlier for earlier, series in known if series.is_in(searched)), None)
 
     def issues(self) -> list[TelemetryIssue]:
         """What the runs so far come to."""
@@ -63,6 +73,14 @@ class Repeats:
             return []
         more = f", and {len(self._told) - 1} more" if len(self._told) > 1 else ""
         return [TelemetryIssue("repeated_session", (), "fatal", self._told[0] + more, "give every recording once")]
+
+
+def _mark(run: Recording) -> bytes:
+    """Of a run to the last bit, time included."""
+    digest = hashlib.blake2b(digest_size=16)
+    for values in (run.time, run.position, run.effort):
+        digest.update(values.tobytes())
+    return digest.digest()
 
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]

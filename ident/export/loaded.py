@@ -28,6 +28,8 @@ from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
+# What diverges is found here and reported; MuJoCo would append it to a file in the folder where the user is.
+mujoco.set_mju_user_warning(lambda message: None)
 FILE_OF = {"urdf": "robot.urdf", "mjcf": "robot.xml"}
 # Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
 ROLLOUT_STEP = 2.5e-4

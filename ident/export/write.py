@@ -5,7 +5,6 @@ Formats: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control; one writer each
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.recordings.columns import listed
+from ident.records import as_json
 from ident.results import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
 
@@ -99,7 +99,7 @@ def write_patch(
         }
         record |= arm.measured(module, bool(diagnosed.runs & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
-        arm.write("patch.json", json.dumps(record, indent=1) + "\n")
+        arm.write("patch.json", as_json(record) + "\n")
     return record
 
 
@@ -157,7 +157,7 @@ def write_export(
             }
         record |= arm.measured(module, bool(files_of(model.provenance) & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
-        arm.write("export.json", json.dumps(record, indent=1) + "\n")
+        arm.write("export.json", as_json(record) + "\n")
     return record
 
 

@@ -15,7 +15,6 @@ Source: paper, eq. 4 and 6 and section 4.1.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from errno import EIO
@@ -33,6 +32,7 @@ from ident.model.net_gate import JointGate, make_folds, shrink_net
 from ident.model.net_options import PRESETS, NetOptions
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
@@ -122,7 +122,7 @@ class ResidualNet:
         if self.bounds is not None:
             record["bounds"] = self.bounds.to_dict()
         with atomic_write(folder / "residual.json") as part:
-            part.write_text(json.dumps(record, indent=1), encoding="utf-8")
+            part.write_text(as_json(record), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> ResidualNet:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import bz2
 import os
 import re
-import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -22,7 +21,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import reader as chunks1
 from rosbags.rosbag2 import reader as folders
-from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ident.errors import RecordingError
@@ -32,8 +31,14 @@ from ident.safe_read import require_regular, require_unpacked
 KNOWN = get_typestore(Stores.ROS2_HUMBLE).fielddefs
 # A definition with all that it uses has some kilobytes [bytes]; one list of messages has few.
 LARGEST_DEFINITION, MOST_ENTRIES = 1 << 17, 1 << 16
+# A bag's list of its topics and files [bytes].
+LARGEST_METADATA = 1 << 20
 # What a chunk of messages may unpack to: writers make them of some megabytes [bytes].
 LARGEST_CHUNK = 1 << 28
+# By which the package reads databases.
+SQLITE: Any = storage_sqlite3.apsw
+# Of a table that is no plain one.
+COMPUTED = re.compile(r"(?i)\bvirtual\b|\bas\s*\(")
 KINDS = {"bool": "?", "byte": "B", "char": "B", "octet": "B", "float32": "f4", "float64": "f8"}
 KINDS |= {f"{sign}int{bits}": f"{sign[:1] or 'i'}{bits // 8}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 NUMBERS = {name: np.dtype(kind) for name, kind in KINDS.items()}
@@ -51,15 +56,9 @@ class Bag:
         self.old = path.suffix.lower() == ".bag"
         files = [one for one in path.iterdir() if not one.is_dir()] if path.is_dir() else [path]
         self.size = sum(require_regular(file, "give a bag", RecordingError) for file in files)
-        for file in files:
-            if file.suffix.lower() != ".db3":
-                continue
-            with sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True) as database:
-                for kind, sql in database.execute("SELECT type, sql FROM sqlite_master"):
-                    # Views, triggers, computed columns and virtual tables make rows without end of nothing.
-                    if kind not in ("table", "index") or re.search(r"(?i)\bvirtual\b|\bas\s*\(", str(sql)):
-                        raise ValueError("its database has more than tables")
-            database.close()
+        metadata = path / "metadata.yaml"
+        if metadata in files:
+            require_regular(metadata, "give a bag", RecordingError, LARGEST_METADATA)
         self._reader: Any = rosbag1.Reader(path) if self.old else rosbag2.Reader(path)
         self._types: dict[str, Any] = dict(KNOWN)
 
@@ -174,6 +173,35 @@ class _Zstandard:
         return bytes(found)
 
 
+class _Databases:
+    """In place of the module by which the package opens databases: names are literal, and of tables only.
+
+    The package writes a file's name into a URI as it stands: `%2e%2e%2f` in a name would be a way out of its folder.
+    """
+
+    SQLITE_OPEN_READONLY = SQLITE.SQLITE_OPEN_READONLY
+    SQLITE_OPEN_URI = SQLITE.SQLITE_OPEN_URI
+    Error = SQLITE.Error
+    BEFORE_NAME, AFTER_NAME = "file:", "?immutable=1"
+
+    @classmethod
+    def Connection(cls, name: str, flags: int, vfs: str | None) -> Any:
+        """Opens a database.
+
+        Raises:
+            ValueError: It holds views, triggers, computed columns or virtual tables, which make rows without end of
+                nothing.
+        """
+        path = name.removeprefix(cls.BEFORE_NAME).removesuffix(cls.AFTER_NAME)
+        connection = SQLITE.Connection(f"{cls.BEFORE_NAME}{quote(path)}{cls.AFTER_NAME}", flags=flags, vfs=vfs)
+        for kind, sql in connection.execute("SELECT type, sql FROM sqlite_master"):
+            if kind not in ("table", "index") or COMPUTED.search(str(sql)):
+                connection.close()
+                raise ValueError("its database has more than tables")
+        return connection
+
+
 storage_mcap.DECOMPRESSORS.update(lz4=_bounded(LZ4FrameDecompressor), zstd=_bounded(zstd.ZstdDecompressor))
 chunks1.decompressors.update(lz4=_bounded(LZ4FrameDecompressor), bz2=_bounded(bz2.BZ2Decompressor))
+setattr(storage_sqlite3, "apsw", _Databases)  # noqa: B010 - the package knows no other way
 setattr(folders, "zstd", _Zstandard)  # noqa: B010 - the package knows no other way

@@ -6,6 +6,7 @@ It is checked here: parsers' complaints go to the terminal, name no file, or nev
 from __future__ import annotations
 
 import difflib
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping
@@ -22,6 +23,20 @@ MOST_JOINTS = 500
 # Humanoids with both hands have some eighty that move; the room that dynamics need grows with the cube of them.
 MOST_MOVING = 150
 SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {"scale": 3}}
+# Numbers of a joint that may be left out, and what they are then.
+OPTIONAL = {
+    "dynamics": {"damping": "0", "friction": "0"},
+    "mimic": {"multiplier": "1", "offset": "0"},
+    "calibration": {"rising": "0", "falling": "0"},
+    "safety_controller": {
+        "soft_lower_limit": "0",
+        "soft_upper_limit": "0",
+        "k_position": "0",
+        "k_velocity": "0",
+    },
+}
+# As every parser of URDFs reads it.
+PLAIN_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 
 
@@ -52,14 +67,19 @@ def _require(fine: object, where: str, what: str, remedy: str) -> None:
 
 
 def _numbers(element: ET.Element | None, key: str, default: str, count: int, place: str, where: str) -> np.ndarray:
-    """The finite numbers of an attribute."""
+    """The finite numbers of an attribute, which is then written as every parser reads it.
+
+    Blanks around a number are taken away: the parsers' own check of `2.443 ` fails, and the link weighs nothing.
+    Digits of other alphabets, `2_443` and hexadecimals are refused.
+    """
     text = default if element is None else element.get(key, default)
-    try:
-        values = np.array([float(part) for part in text.split()])
-    except ValueError:
-        values = np.array([])
-    fine = len(values) == count and np.all(np.isfinite(values))
+    words = text.split()
+    plain = len(words) == count and all(PLAIN_NUMBER.fullmatch(word) for word in words)
+    values = np.array([float(word) for word in words]) if plain else np.array([np.nan])
+    fine = np.all(np.isfinite(values))
     _require(fine, where, f"{place} is {text!r}", "give a number" if count == 1 else f"give {count} numbers")
+    if element is not None and key in element.attrib:
+        element.set(key, " ".join(words))
     return values
 
 
@@ -97,6 +117,10 @@ def _check_joint(joint: ET.Element, where: str) -> None:
     _require(kind in JOINT_TYPES, where, f"{name}: type is {kind!r}", f"use one of: {', '.join(JOINT_TYPES)}")
     for key in ("xyz", "rpy"):
         _numbers(joint.find("origin"), key, "0 0 0", 3, f"{name}: origin {key}", where)
+    for tag, keys in OPTIONAL.items():
+        if (element := joint.find(tag)) is not None:
+            for key, default in keys.items():
+                _numbers(element, key, default, 1, f"{name}: {tag} {key}", where)
     if kind in ("fixed", "floating"):
         return
     axis, limit = _numbers(joint.find("axis"), "xyz", "1 0 0", 3, f"{name}: axis", where), joint.find("limit")
@@ -126,6 +150,25 @@ def _check_tree(root: ET.Element, where: str) -> None:
     bases = [link for link in links if link not in children]
     what = f"it has {len(bases)} base links" + (f" ({', '.join(map(str, bases[:4]))})" if bases else "")
     _require(len(bases) == 1, where, what, "join all links to one base")
+    reached = _below(root, bases[0])
+    lost = next((link for link in links if link not in reached), None)
+    _require(lost is None, where, f"link {lost!r} hangs from itself", "an arm has no loops: correct a parent")
+
+
+def _below(root: ET.Element, base: str | None) -> set[str | None]:
+    """A link and all that hang from it."""
+    children: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        children.setdefault(link_of(joint, "parent"), []).append(link_of(joint, "child"))
+    reached: set[str | None] = {base}
+    waiting = [base]
+    while waiting:
+        link = waiting.pop()
+        for child in children.get(link or "", []):
+            if child not in reached:
+                reached.add(child)
+                waiting.append(child)
+    return reached
 
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -329,18 +372,13 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[
     return ET.tostring(root, encoding="unicode"), fixed
 
 
-RULE = (("multiplier", "1"), ("offset", "0"))  # of <mimic>: its numbers, and what they are where left out
-
-
 def _with_followers(root: ET.Element, fixed: Mapping[str, float], where: str) -> dict[str, float]:
     """Fixed joints, with those that follow one of them (`<mimic>`), at the positions where it holds them [rad or m]."""
     found, leaders = dict(fixed), followers(root)
     for _ in leaders:  # one may follow another that follows
         for name, mimic in leaders.items():
             if name not in found and (leader := mimic.get("joint", "")) in found:
-                size, offset = (
-                    _numbers(mimic, key, one, 1, f"mimic of {name!r}: {key}", where)[0] for key, one in RULE
-                )
+                size, offset = (float(mimic.get(key, default)) for key, default in OPTIONAL["mimic"].items())
                 found[name] = float(size * found[leader] + offset)
     return found
 

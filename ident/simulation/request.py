@@ -18,7 +18,7 @@ from typing import Any
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.recordings.recording import Payload
-from ident.records import Record
+from ident.records import Record, as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.simulation.causes import Cause, find_cause
@@ -73,7 +73,7 @@ def seal(answer: Answer, folder: Path, key: bytes) -> str:
 
     The key is a secret of 16 bytes or more, not used for another envelope.
     """
-    plain = json.dumps(answer.to_dict()).encode()
+    plain = as_json(answer.to_dict(), None).encode()
     padded = plain.ljust(-(-(len(plain) + 1) // PADDING) * PADDING)
     text = _cipher(padded, key)
     tag = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()

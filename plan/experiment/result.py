@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder
+from ident.records import as_json
 from ident.results import Result
 from ident.trajectories.files import write_commands
 from ident.trajectories.reference import ReferenceMotion
@@ -154,4 +154,4 @@ class Excitation(Result):
         """The runs as command files at 250 Hz in native columns, and `excite.json`; whole or not at all."""
         with atomic_folder(folder, MOTION_KIND) as part:
             write_commands(self.runs, list(self.noise), part)
-            (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+            (part / RECORD_NAME).write_text(as_json(self.to_dict()) + "\n", encoding="utf-8")

@@ -23,10 +23,11 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
-from ident.files import atomic_write, user_cache
+from ident.files import atomic_write
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_arrays
+from ident.user_cache import user_cache
 from plan.geometry.solids import Box, Solid, hull_points, mesh_triangles
 
 # Places of cuts, as shares of the length along each axis; least gain of one, as a share of the whole hull's volume.

@@ -119,6 +119,8 @@ TIMED = np.linspace(0.0, 1.0, 25)
 # Share of a limit that is aimed at, for the solver's tolerance; solves at most because a limit is passed between nodes.
 AIM, TURNS = 0.9999, 4
 IPOPT: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 200, "mu_strategy": "adaptive"}
+# Else IPOPT obeys the `ipopt.opt` of whatever folder it is started in, which names libraries to load, files to empty.
+IPOPT |= {"option_file_name": "", "linear_solver": "mumps"}
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,15 @@ from plan.spline import Splines
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 SAMPLES = 400
 # A motion that takes so many times longer than the other one has a time axis of its own.
 OWN_AXIS = 1.5
 # Where each kind of picture says who made it.
-MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap"}}
+MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap", "Date": None}}
+# The same picture has the same bytes; LaTeX is not started, in a program that draws its own pictures so either.
+SETTINGS: dict[Any, Any] = {"svg.hashsalt": "armgap", "text.usetex": False}
 BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
 OBSTACLE, TOOL = LIMIT, "#e08e0b"
 # From the side and from above.
@@ -37,7 +40,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """Writes a figure that names its maker, whole or not at all."""
     path = Path(path)
     require_picture(path)
-    with atomic_write(path) as part:
+    for text in figure.findobj(Text):
+        text.set_usetex(False)
+    with atomic_write(path) as part, matplotlib.rc_context(SETTINGS):
         figure.savefig(part, dpi=130, bbox_inches="tight", metadata=MAKER[path.suffix.lower()])
     plt.close(figure)
 

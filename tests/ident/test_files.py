@@ -10,8 +10,9 @@ import pytest
 from ident import files
 from ident.compiled import compiled
 from ident.errors import InputError
-from ident.files import atomic_folder, atomic_write, deliver, user_cache
+from ident.files import atomic_folder, atomic_write, deliver
 from ident.outputs import MARKER, begin_folder, check_outputs
+from ident.user_cache import user_cache
 
 
 def write_half_a_file(target: Path, folder: bool = False) -> None:

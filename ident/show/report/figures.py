@@ -26,6 +26,7 @@ GRID, INK = "#dddddd", "#333333"
 MOST_POINTS = 500
 # Text stays text: the page's own font is used, and the page stays small and can be searched.
 SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "path.simplify": True}
+SVG_SETTINGS |= {"text.usetex": False}  # which would start LaTeX, in a program that draws its own pictures so
 _counter = itertools.count()
 
 
@@ -56,6 +57,7 @@ def to_svg(figure: Figure, description: str) -> Markup:
     buffer = io.StringIO()
     for written in figure.findobj(Text):  # a joint's name is no formula, whatever signs are in it
         written.set_parse_math(False)
+        written.set_usetex(False)
     with mpl.rc_context(SVG_SETTINGS):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()

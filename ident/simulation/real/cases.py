@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from ident.errors import InputError
 from ident.files import atomic_folder, write_record
 from ident.recordings.recording import Recording, Session
 from ident.recordings.save import fill_session
+from ident.records import as_json
 from ident.simulation.real.moved_arm import MovedArm
 from ident.simulation.real.planted import (
     EFFECTS,
@@ -333,6 +333,6 @@ def _write(
             place.mkdir(exist_ok=True)
             fill_session(Session(name, tuple(runs), robot="robot.urdf"), place)
             (place / "robot.urdf").write_text(urdf, encoding="utf-8")
-    text = json.dumps(answer, indent=1) + "\n"
+    text = as_json(answer) + "\n"
     seals[name] = hashlib.sha256(text.encode()).hexdigest()
     write_record(out / "answers" / f"{name}.json", answer)

@@ -1,0 +1,149 @@
+"""Commands in a folder full of files that libraries would obey: nothing is read there, nothing is started.
+
+`docs/security.md` lists what each library reads by itself.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.robot.names import data_path
+from plan.planners.reference import Reference
+from tests import traps
+from tests.plan.worlds import ledger, problem
+
+PRECIOUS = "what is precious"
+IPOPT_OPTIONS = "output_file victim.txt\nfile_print_level 12\nhsllib ./evil.so\nlinear_solver ma27\n"
+MATPLOTLIB_PARAMETERS = "text.usetex: True\ntext.latex.preamble: \\input{evil}\nbackend: module://evil\n"
+DRAWING = """
+from pathlib import Path
+
+def app(**given):
+    from ident.show.report.figures import make_panel, to_svg
+    figure, axes = make_panel("x", "y")
+    axes.plot([0, 1], [0, 1])
+    Path("page.svg").write_text(to_svg(figure, "a line"))
+    from plan.show.pictures import plt, save_figure
+    figure, axes = plt.subplots()
+    axes.plot([0, 1], [0, 1])
+    save_figure(figure, Path("plan.svg").absolute())
+"""
+TASK = """
+robot = "tm5-900"
+[task]
+start_deg = [50, 0, -120]
+goal_deg = [80, 30, -90]
+duration_s = 0.65
+"""
+# Each command by its arguments: {c} is a folder of good files, {r} of recordings, {o} one for what is written.
+LIGHT = {
+    "inspect": "ident inspect {r}/E1 --mend {o}/mended --json {o}/a.json",
+    "inspect a bag": "ident inspect {c}/bag_SQLITE3 --robot tm5-900",
+    "new": "ident new {o}/run.csv",
+    "evaluate": "ident evaluate {r}/E1 --model {c}/model --html {o}/a.html",
+    "patch": "ident patch {c}/diagnosis.json --robot tm5-900 --out {o}/patch",
+    "export": "ident export {c}/model --out {o}/export",
+    "view": "ident view {r}/E1 --model {c}/model --rrd {o}/a.rrd",
+    "schema": "ident schema diagnosis",
+    "servo": "ident servo {r}/E1",
+    "excite": "plan excite --separate backlash,payload --evaluations 8 --minutes 0.2 --out {o}/motion",
+    "verify": "ident verify {c}/model {r}/E2 --limits {c}/limits.toml",
+    "a xacro file": "ident inspect {r}/E1 --robot {c}/arm.xacro",
+    "plan's schema": "plan schema result",
+}
+LONG = {
+    "demo": "ident demo --out {o}/demo",
+    "fit": "ident fit {r}/E1 --out {o}/model",
+    "fit the paper's net": "ident fit {r}/E1 --out {o}/model --net paper",
+    "diagnose": "ident diagnose {r}/E1 --html {o}/a.html --rrd {o}/a.rrd",
+    "compare": "ident compare {r}/E1 {r}/payload_516g --out {o}/compared",
+    "ranges": "ident ranges {r}/sealed_1 {r}/sealed_2 {r}/sealed_3",
+    "watch": "ident watch {r} --store {o}/store --once",
+    "simulate": "ident simulate --out {o}/session",
+    "blind": "ident blind --cases 2 --workers 2 --out {o}/blind",
+    "close": "ident close --out {o}/closed --arms 1 --rounds 2",
+    "solve": "plan solve {o}/task.toml --model {c}/model --method reference --picture {o}/a.png --rrd {o}/a.rrd",
+    "plan's compare": "plan compare {o}/task.toml --model {c}/model --out {o}/compared",
+    "paper": "plan paper --model {c}/model --out {o}/paper --epochs 1 --generations 1 --trials 1 --levels 2",
+}
+# What a command starts on purpose: Python processes that do its work.
+WORKERS = {"blind": "loky|resource_tr"}
+PROGRAM = "#!/bin/sh\necho started >> {log}\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder in which the test stands."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_gradient_reference_reads_no_options_of_the_folder(folder: Path) -> None:
+    """Law: an `ipopt.opt` empties no file, loads no library and changes no plan."""
+    task = problem(vias=2, duration=0.9, grows=False)
+    before = Reference(starts=1).run([task], ledger(), np.random.default_rng(0)).best
+    (folder / "ipopt.opt").write_text(IPOPT_OPTIONS)
+    (folder / "victim.txt").write_text(PRECIOUS)
+    after = Reference(starts=1).run([task], ledger(), np.random.default_rng(0)).best
+    assert (folder / "victim.txt").read_text() == PRECIOUS
+    assert after.cost == before.cost
+
+
+def test_pictures_obey_no_parameters_of_the_folder_nor_of_the_user(folder: Path) -> None:
+    """Law: a `matplotlibrc` starts no LaTeX, imports nothing and changes no picture."""
+    for name in ("before", "after", "apps", "programs", "home/.config/matplotlib"):
+        (folder / name).mkdir(parents=True)
+    (folder / "apps/drawing.py").write_text(DRAWING)
+    started = folder / "started"
+    for name in ("latex", "dvipng", "dvisvgm", "kpsewhich"):
+        program = folder / "programs" / name
+        program.write_text(PROGRAM.format(log=started))
+        program.chmod(0o755)
+    environment = {
+        **os.environ,
+        "HOME": str(folder / "home"),
+        "PATH": f"{folder / 'programs'}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join([str(traps.ROOT), str(folder / "apps")]),
+    }
+    line = [sys.executable, "-P", "-c", "from ident.process import run_command; run_command('ident', 'drawing')"]
+    subprocess.run(line, check=True, cwd=folder / "before", env=environment)
+    (folder / "after/matplotlibrc").write_text(MATPLOTLIB_PARAMETERS)
+    (folder / "after/evil.py").write_text(f"open({str(started)!r}, 'w')")
+    (folder / "home/.config/matplotlib/matplotlibrc").write_text("text.usetex: True\nlines.linewidth: 9\n")
+    subprocess.run(line, check=True, cwd=folder / "after", env={**environment, "MPLBACKEND": "module://evil"})
+    assert not started.exists()
+    for name in ("page.svg", "plan.svg"):
+        assert (folder / "after" / name).read_bytes() == (folder / "before" / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", [*LIGHT, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
+def test_commands_take_nothing_from_the_folder_where_they_are_started(name: str, corpus: Path, tmp_path: Path) -> None:
+    """Law: among traps a command opens nothing, changes nothing and starts nothing."""
+    given, out = tmp_path / "traps", tmp_path / "out"
+    out.mkdir()
+    shutil.copy(corpus / "run.csv", out / "run.csv")
+    (out / "task.toml").write_text(TASK)
+    traps.set_traps(given)
+    words = (LIGHT | LONG)[name].format(c=corpus, r=data_path("logs/tm5_900"), o=out).split()
+    seen = traps.run_among_traps(words[0], words[1:], given, tmp_path / "watch")
+    assert not re.search(r"Traceback|--help", seen.output), traps.told(seen)
+    started = [line for line in seen.started if not re.search(WORKERS.get(name, "nothing of it"), line)]
+    assert (seen.touched, started) == ([], []), traps.told(seen)
+    assert seen.status in (0, 2, 3), traps.told(seen)
+
+
+def test_the_watch_sees_what_is_opened_and_started(tmp_path: Path) -> None:
+    """Law: a command that obeys a trap, or starts a program, would be seen; below Python too."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder/trap").write_text("")
+    seen = traps.Seen()
+    with traps.watching(tmp_path / "folder", seen):
+        subprocess.run(["cat", tmp_path / "folder/trap"], check=True)
+        (tmp_path / "folder/new").touch()
+    assert {"trap", "new"} <= set(seen.touched)

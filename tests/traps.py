@@ -1,0 +1,183 @@
+"""A folder full of files that libraries would obey, and a watch over it and over the processes that are started."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+# Settings, plugins, credentials and libraries that some library of ours, or its own libraries, looks for somewhere.
+SETTINGS = {
+    "ipopt.opt": "output_file victim.txt\nhsllib ./evil.so\n",
+    "matplotlibrc": "text.usetex: True\nbackend: module://evil\n",
+    "pyproject.toml": "[tool.numba]\n[tool.pytest.ini_options]\n",
+    "setup.cfg": "[tool:pytest]\n",
+    "mkdocs.yml": "hooks: [evil.py]\n",
+    ".env": "PYTHONPATH=.\n",
+    ".netrc": "machine localhost login evil password evil\n",
+    "_netrc": "machine localhost login evil password evil\n",
+    ".pythonrc.py": "open('RUN', 'w')\n",
+    ".python-version": "2.7\n",
+    "pyvenv.cfg": "home = .\n",
+    "evil.pth": "import evil\n",
+    "dask.yaml": "distributed: {worker: {preload: [evil]}}\n",
+    "distributed.yaml": "distributed: {scheduler: {preload: [evil]}}\n",
+    "jupyter_config.py": "open('RUN', 'w')\n",
+    "fonts.conf": "<fontconfig/>\n",
+    "openssl.cnf": "openssl_conf = evil\n",
+    "mosek.lic": "evil\n",
+    "gurobi.lic": "evil\n",
+    "gurobi.env": "LogFile victim.txt\n",
+    "highs.options": "log_file = victim.txt\n",
+    "scip.set": "evil\n",
+    "rerun.toml": "evil = true\n",
+    "package.xml": "<package/>\n",
+    "arm.xacro": "<robot/>\n",
+    "tm5-900": "<robot/>\n",
+    "panda": "<robot/>\n",
+    "torch_extensions.cpp": "evil\n",
+    "MUJOCO_LOG.TXT": "precious\n",
+    "mjkey.txt": "evil\n",
+    "victim.txt": "precious\n",
+    "session.toml": "robot = 1\n",
+    "settings.toml": "evil = 1\n",
+    "sitecustomize.pth": "import evil\n",
+}
+LIBRARIES = ("evil", "libhsl", "libcoinhsl", "libpardiso", "libma27", "libipopt", "libglfw", "libmujoco", "libcoal")
+LIBRARIES += ("libcasadi_nlpsol_ipopt", "libcasadi_linsol_ma27", "libopenblas", "libgomp", "libtbb", "libsvml")
+LIBRARIES += ("libassimp", "libarrow", "libcuda", "libnuma", "libEGL", "libOSMesa")
+FOLDERS = ("plugin", "plugins", "mujoco_plugin", "share", "lib", "etc", "__pycache__", ".dask", ".config", ".cache")
+FOLDERS += (".mujoco", ".matplotlib", ".jupyter", "stylelib", "locale", "cmeel.prefix", "numba_cache", "templates")
+MODULE = "open('RUN', 'a').write(__name__)\n"
+# Notes what Python starts, in every Python process.
+HOOK = """
+import os, sys
+
+def hear(event, arguments, log=os.environ["TRAP_LOG"]):
+    if event in ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system", "pty.spawn"):
+        handle = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        os.write(handle, (repr(arguments[:2])[:300] + "\\n").encode())
+        os.close(handle)
+
+sys.addaudithook(hear)
+"""
+# Of inotify(7): what happens in a folder, and the head of what tells it (watch, mask, cookie, length of the name).
+OPENED, CHANGED, IS_FOLDER = 0x21, 0xFCE, 0x40000000
+HEAD = struct.Struct("iIII")
+
+
+@dataclass
+class Seen:
+    """What was seen of a command."""
+
+    status: int = 0
+    output: str = ""
+    touched: list[str] = field(default_factory=list)  # names in the trap folder that were opened or changed
+    started: list[str] = field(default_factory=list)  # processes
+
+
+def set_traps(folder: Path) -> None:
+    """Fills a folder."""
+    folder.mkdir()
+    for name, text in SETTINGS.items():
+        (folder / name).write_text(text)
+    for name in LIBRARIES:
+        for ending in (".so", ".so.1", ".so.3"):
+            (folder / f"{name}{ending}").write_bytes(b"\x7fELF evil")
+    for name in FOLDERS:
+        (folder / name).mkdir()
+    for name in sorted({*sys.stdlib_module_names, *packages_distributions(), "usercustomize", "evil"}):
+        if name.isidentifier():
+            (folder / f"{name}.py").write_text(MODULE)
+
+
+def run_among_traps(command: str, arguments: Sequence[object], traps: Path, place: Path) -> Seen:
+    """Runs `ident` or `plan` in a folder of traps.
+
+    Args:
+        command: `ident` or `plan`.
+        arguments: Its arguments.
+        traps: The folder.
+        place: An empty folder for what the watch needs, and for the user's home.
+    """
+    place.mkdir()
+    log, hook = place / "started", place / "hook"
+    hook.mkdir()
+    (place / "home").mkdir()
+    (hook / "sitecustomize.py").write_text(HOOK)
+    environment = {
+        **os.environ,
+        "HOME": str(place / "home"),
+        "PYTHONPATH": os.pathsep.join([str(hook), str(ROOT)]),
+        "TRAP_LOG": str(log),
+        "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""),
+    }
+    start = f"import sys; sys.argv[0] = {command!r}; from {command}.cli.start import main; main()"
+    line = [sys.executable, "-P", "-c", start, *map(str, arguments)]
+    trace = place / "trace"
+    seen = Seen()
+    with watching(traps, seen):
+        done = subprocess.run(
+            [*_tracer(trace), *line], cwd=traps, env=environment, capture_output=True, text=True, check=False
+        )
+    seen.status, seen.output = done.returncode, done.stdout + done.stderr
+    seen.started = log.read_text().splitlines() if log.exists() else []
+    if trace.exists():
+        programs = [line for line in trace.read_text(errors="replace").splitlines() if "= 0" in line]
+        seen.started += programs[1:]  # the first is the command itself
+    return seen
+
+
+def _tracer(trace: Path) -> list[str]:
+    """What sees the processes that libraries start below Python; nothing where it can't be had."""
+    program = shutil.which("strace")
+    if program is None:
+        return []
+    line = [program, "-f", "-qq", "-e", "trace=execve,execveat", "-e", "signal=none", "-o", str(trace)]
+    allowed = subprocess.run([*line, "true"], capture_output=True, check=False).returncode == 0
+    trace.unlink(missing_ok=True)
+    return line if allowed else []
+
+
+@contextmanager
+def watching(folder: Path, seen: Seen) -> Iterator[None]:
+    """Notes what any process opens or changes in a folder, libraries below Python too."""
+    library = ctypes.CDLL(None, use_errno=True)
+    handle = library.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+    if handle < 0 or library.inotify_add_watch(handle, os.fsencode(folder), OPENED | CHANGED) < 0:
+        raise OSError(ctypes.get_errno(), "inotify")
+    try:
+        yield
+        seen.touched += _names(handle)
+    finally:
+        os.close(handle)
+
+
+def _names(handle: int) -> list[str]:
+    names = []
+    while True:
+        try:
+            events = os.read(handle, 1 << 16)
+        except BlockingIOError:
+            return names
+        place = 0
+        while place < len(events):
+            _, mask, _, length = HEAD.unpack_from(events, place)
+            name = os.fsdecode(events[place + HEAD.size : place + HEAD.size + length].rstrip(b"\0"))
+            names.append(name or ("the folder" if mask & IS_FOLDER else "?"))
+            place += HEAD.size + length
+
+
+def told(seen: Seen) -> str:
+    """What a failing test shows."""
+    return json.dumps([seen.status, seen.touched[:20], seen.started[:5], seen.output[-600:]], indent=1)
