@@ -41,6 +41,11 @@ class SolveOptions(TaskOptions):
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
+    controller: str | None = option(
+        None,
+        "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, ur_servoj or "
+        "ur_servoj_cb3; by the ending of --out, if not given.",
+    )
 
     @property
     def budget(self) -> tuple[int, float]:
