@@ -26,9 +26,10 @@ class TaskOptions:
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
     )
-    inside: bool = option(
-        False, "Keep positions, speeds and accelerations where the model was fitted.", "--stay-inside"
+    beyond: bool = option(
+        False, "Leave what is known: the model's training range or, without a model, the maker's advised acceleration."
     )
+    inside: bool = option(False, "Refuse a start or goal beyond the model's training, too.", "--stay-inside")
     reserve: bool = option(True, "Set torque aside for what the model's intervals leave open.")
 
 

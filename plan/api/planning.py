@@ -98,7 +98,10 @@ class OpenedTask:
             InputError: No such method, or not for this task; no such controller.
         """
         controller = controller or self.controller(options)
-        problem, note = cheapest_goal(self.problems, self.task.pose is not None, options.budget, options.seed)
+        problems = self.problems
+        if controller is not None:
+            problems = tuple(replace(problem, limits=controller.within(problem.limits)) for problem in problems)
+        problem, note = cheapest_goal(problems, self.task.pose is not None, options.budget, options.seed)
         stage("searching for a motion")
         result = solve_problem(problem, options, planner, controller=controller)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}

@@ -67,6 +67,8 @@ def solve(
         require_picture(picture)
     opened = open_task(task, model, options)
     controller = opened.controller(options, out)
+    if options.beyond:  # before anything is planned
+        console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, f"solve by {options.method}"):
         result = opened.solve(options, controller=controller)
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
@@ -121,6 +123,8 @@ def compare(
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model], {**written, "--json": json_file})
     opened = open_task(task, model, options)
+    if options.beyond:
+        console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, "compare"):
         table = opened.compare(options)
 

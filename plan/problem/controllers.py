@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +18,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
+from plan.problem.problem import Limits
 from plan.problem.ramps import TimeLaw
 from plan.spline import Splines
 
@@ -48,15 +49,21 @@ class Controller:
     source: str
     degrees: bool = False  # whether it is sent degrees
     joints: int | None = None  # how many joints it has; None for any number
-    acceleration_rad_s2: float | None = (
-        None  # beyond which it does not follow; None where none is known
-    )
+    acceleration_rad_s2: float | None = None  # beyond which it does not follow; None where none is known
     lookahead_s: float = 0.0  # parameters of servoj
     gain: int = 0
 
     def fits(self, arm: ArmModel) -> bool:
         """Whether an arm may have this controller."""
         return _is_named(self.arms, arm)
+
+    def within(self, limits: Limits) -> Limits:
+        """Limits that it can follow, too."""
+        if self.acceleration_rad_s2 is None:
+            return limits
+        most = np.full(len(limits.speed), self.acceleration_rad_s2)
+        kept = most if limits.acceleration is None else np.minimum(limits.acceleration, most)
+        return replace(limits, acceleration=kept)
 
     def put_on_step(self, splines: Splines, law: TimeLaw) -> Splines:
         """The first of a batch of plans as it is executed, its knots where the controller takes points.
@@ -77,11 +84,7 @@ class Controller:
             count = max(int(whole / max(RAMPED_S, self.step_s)), 1)
             times = whole * np.arange(count + 1) / count
         else:
-            times = (
-                np.concatenate([[0.0], np.cumsum(splines.durations[0])])
-                * law.stretch
-                * (whole / total)
-            )
+            times = np.concatenate([[0.0], np.cumsum(splines.durations[0])]) * law.stretch * (whole / total)
         times = np.unique(np.round(times / self.stamp_s)) * self.stamp_s
         points = law.states(splines, np.minimum(times * (total / whole), total))[0]
         points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
@@ -105,9 +108,7 @@ class Controller:
         count = self.sections(total) if self.points == "even" else round(total / self.stamp_s)
         return np.asarray(np.unique(np.round(knots * count)) / count)
 
-    def sent(
-        self, splines: Splines
-    ) -> tuple[Float[Array, " K"], Float[Array, "K n"], Float[Array, "K n"]]:
+    def sent(self, splines: Splines) -> tuple[Float[Array, " K"], Float[Array, "K n"], Float[Array, "K n"]]:
         """Times, positions and velocities of a plan on this step, as rounded as they are written [s, rad, rad/s]."""
         knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
         if self.curve == "servo":
@@ -147,9 +148,7 @@ def _smoothed(q: Float[Array, "K n"], tick: float) -> Splines:
     return Splines(points[None], np.full((1, len(q)), tick), velocities[None])
 
 
-def _stepped_speeds(
-    times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float[Array, "K n"], tick: float
-) -> Splines:
+def _stepped_speeds(times: Float[Array, " K"], q: Float[Array, "K n"], dq: Float[Array, "K n"], tick: float) -> Splines:
     """Velocity on the cubic of each section at its ticks, and a straight line between them.
 
     A section's cubic begins where the arm has come to, so what the lines miss does not add up.
@@ -158,9 +157,7 @@ def _stepped_speeds(
     for k in range(len(times) - 1):
         length = times[k + 1] - times[k]
         steps = round(length / tick)
-        cubic = Splines(
-            np.stack([place, q[k + 1]])[None], np.array([[length]]), dq[None, k : k + 2]
-        )
+        cubic = Splines(np.stack([place, q[k + 1]])[None], np.array([[length]]), dq[None, k : k + 2])
         speed = cubic.at(length * np.arange(1, steps + 1) / steps)[1]
         speed[-1] = dq[k + 1]
         before = np.concatenate([dq[k : k + 1], speed[:-1]])
@@ -198,19 +195,11 @@ def choose_controller(name: str | None, out: Path | None, arm: ArmModel) -> Cont
     if name is None:
         if suffix is None or suffix in SAMPLED:
             return None
-        ours = [
-            controller
-            for controller in known
-            if controller.suffix == suffix and controller.fits(arm)
-        ]
+        ours = [controller for controller in known if controller.suffix == suffix and controller.fits(arm)]
         if ours:
             return ours[0]
         named = sorted({controller.name for controller in known if controller.suffix == suffix})
-        what = (
-            f"{out.name!r} is a file of {' or '.join(named)}, the robot is {arm.name!r}"
-            if out
-            else ""
-        )
+        what = f"{out.name!r} is a file of {' or '.join(named)}, the robot is {arm.name!r}" if out else ""
         raise InputError("--out", what, f"end it in one of: {', '.join(_suffixes(arm))}")
     chosen = next((controller for controller in known if controller.name == name), None)
     if chosen is None:

@@ -23,7 +23,7 @@ from plan.geometry.tool import hang
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import from_vias, straight
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
-from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, PlanningProblem
+from plan.problem.problem import ADVICE, FREE, OBJECTIVES, TRAINING, Free, Limits, PlanningProblem
 from plan.problem.rules import Pose
 from plan.problem.scene_keys import as_given
 from plan.problem.task_file import Task
@@ -31,6 +31,8 @@ from plan.problem.task_file import Task
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
 # What a plan without a fitted model leaves out.
+# A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie above nought.
+LEAST_RATE = 1e-6
 NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
 
 
@@ -60,12 +62,11 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
     arm = _moving_arm(task, robot)
     trained, makers = None if model is None else model.trained, find_makers_limits(robot)
     doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
-    limits = _limits(task, arm, makers, doubt)
-    if options.inside:
-        if trained is None:
-            what = "there is no model, so nothing says" if model is None else "the model does not know"
-            remedy = "give --model" if model is None else "fit it again"
-            raise InputError("--stay-inside", f"{what} where it was fitted", remedy)
+    known = _known(task, trained, makers, options)
+    limits = _limits(task, arm, makers, doubt, advised=known == ADVICE)
+    leaving = (say_beyond(trained, makers),) if options.beyond else ()
+    kept = (f"speed and acceleration stay inside {known} (--beyond: not)",) if known else ()
+    if known == TRAINING and trained is not None:
         limits = stay_inside(limits, trained)
     duration = task.duration
     if duration is None and objective == "energy":
@@ -91,8 +92,62 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
         way=task.way,
         carried=carried,
         not_the_arms=frozenset(robot.locked_joints),
-        notes=said if model is not None else (*said, NO_FRICTION),
+        notes=(*leaving, *kept, *said, *(() if model is not None else (NO_FRICTION,))),
+        known=known,
     )
+
+
+def _known(task: Task, trained: TrainingRange | None, makers: MakersLimits | None, options: TaskOptions) -> str:
+    """What a motion stays inside of: the model's training, else the maker's advice; nothing where neither is known.
+
+    Raises:
+        InputError: It is to stay inside of what is not known, or to leave it, too.
+    """
+    if options.inside and options.beyond:
+        raise InputError("--beyond", "--stay-inside is given, too", "give one of them")
+    if options.inside and trained is None:
+        raise InputError("--stay-inside", "no model says where it was fitted", "give --model, or fit it again")
+    if options.beyond:
+        return ""
+    if trained is not None:
+        return TRAINING
+    advised = task.makers and makers is not None and not makers.binding and makers.acceleration is not None
+    return ADVICE if advised and task.acceleration is None else ""
+
+
+def say_beyond(trained: TrainingRange | None, makers: MakersLimits | None) -> str:
+    """What leaving the known means, in words."""
+    said = []
+    if trained is not None:
+        speed, acceleration = (float(np.maximum(trained.high[k], -trained.low[k]).max()) for k in (1, 2))
+        said.append(f"the model saw no more than {speed:.3g} rad/s and {acceleration:.3g} rad/s2")
+        said.append("torque and energy beyond that are guesses, and no interval holds there")
+    elif makers is not None and makers.acceleration is not None and not makers.binding:
+        said.append(f"the maker advises {float(makers.acceleration.max()):.3g} rad/s2")
+        said.append("the controller may stop the arm beyond that")
+    else:
+        said.append("nothing is known of this arm that could be left")
+    return f"beyond what is known, as asked: {'; '.join(said)}"
+
+
+def within_known(problem: PlanningProblem) -> PlanningProblem:
+    """The same within the positions of its model's training, widened to what the task itself names; that is told."""
+    trained = problem.trained
+    if problem.known != TRAINING or trained is None:
+        return problem
+    ours, limits = trained.first(problem.n), problem.limits
+    passed = [via.target for via in problem.way.vias if not via.of_tool]
+    ends = np.stack([problem.start, problem.goal, *passed])
+    low, high = np.minimum(ours.low[0], ends.min(axis=0)), np.maximum(ours.high[0], ends.max(axis=0))
+    lower, upper = np.maximum(limits.lower, low), np.minimum(limits.upper, high)
+    names = problem.scene.arm.joint_names
+    wide = [name for name, a, b in zip(names, low < ours.low[0], high > ours.high[0], strict=True) if a or b]
+    said = problem.notes
+    if wide:
+        joints = ", ".join(wide)
+        what = "the task begins, passes or ends beyond the model's training"
+        said = (*said, f"{what}: positions of {joints} reach as far as it does")
+    return replace(problem, limits=replace(limits, lower=lower, upper=upper), notes=said)
 
 
 def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, ...]:
@@ -110,7 +165,8 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         goals = [q for one in found if not isinstance(one, InputError) for q in one]
         if not goals:
             raise next(one for one in found if isinstance(one, InputError))
-    return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
+    reached = [replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals]
+    return tuple(within_known(task_of_goal) for task_of_goal in reached)
 
 
 def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | InputError:
@@ -226,7 +282,8 @@ def find_obstruction(problem: PlanningProblem) -> str:
         bound = f"at {problem.way.speed:g} m/s the tool takes"
         needs[bound] = rules.length / problem.way.speed
     if problem.objective == "energy" and duration < needs[bound]:
-        return f"{duration:g} s is too short: {bound} {needs[bound]:.3f} s at least"
+        leave = f" ({problem.known}; --beyond leaves it)" if problem.known else ""
+        return f"{duration:g} s is too short: {bound} {needs[bound]:.3f} s at least{leave}"
     still = np.zeros_like(ends)[None]
     holding = np.abs(problem.model.torque(ends[None], still, still)[0])
     share = holding / limits.torque
@@ -283,8 +340,12 @@ def _torque(model: HybridModel | None, payload: Payload | None, arm: ArmModel, t
     return torque_of_model(loaded, task.n, [arm.locked_joints[name] for name in known[task.n :]])
 
 
-def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None) -> Limits:
+def _limits(
+    task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None, advised: bool = False
+) -> Limits:
     """The robot's limits within those of the task; where the task gives none, its maker's of speed, acceleration, jerk.
+
+    Advice of the maker counts only where it is asked for.
 
     Raises:
         InputError: They leave nothing.
@@ -305,7 +366,7 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
     speed = arm.velocity_limit if task.speed is None else task.speed
     if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last
         speed = np.minimum(speed, asked.speed[: task.n])
-    bound = asked if asked is not None and asked.binding else None
+    bound = asked if asked is not None and (asked.binding or advised) else None
     published = (None, None) if bound is None else (bound.acceleration, bound.jerk)
     acceleration, jerk = (
         own if own is not None or theirs is None else theirs[: task.n]
@@ -315,16 +376,8 @@ def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Arr
 
 
 def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
-    """Limits that let nothing pass which the training did not see."""
-    n = len(limits.lower)
-    own = known.first(n)
-    speed, acceleration = (np.minimum(-own.low[k], own.high[k]) for k in (1, 2))
-    return replace(
-        limits,
-        lower=np.maximum(limits.lower, own.low[0]),
-        upper=np.minimum(limits.upper, own.high[0]),
-        speed=np.minimum(limits.speed, np.maximum(speed, 1e-6)),
-        acceleration=np.minimum(
-            np.inf if limits.acceleration is None else limits.acceleration, np.maximum(acceleration, 1e-6)
-        ),
-    )
+    """Limits of speed and acceleration that let nothing pass which the training did not see; positions stay."""
+    ours = known.first(len(limits.lower))
+    speed, acceleration = (np.maximum(np.minimum(-ours.low[k], ours.high[k]), LEAST_RATE) for k in (1, 2))
+    most = np.inf if limits.acceleration is None else limits.acceleration
+    return replace(limits, speed=np.minimum(limits.speed, speed), acceleration=np.minimum(most, acceleration))

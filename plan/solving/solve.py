@@ -160,7 +160,7 @@ def solve(
         starts=_start_records(*starts, ledger),
         history=tuple(ledger.history),
         notes=(*problem.notes, *_cuts(found), *ledger.notes),
-        **_judge(found, ledger, starts[1]),
+        **_judge(found, ledger, starts[1], problem.known),
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, starts[0]))
@@ -299,7 +299,7 @@ def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array 
     return limit if limit is None or share is None else limit / np.maximum(share * slack, 1.0)
 
 
-def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed]) -> dict[str, Any]:
+def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str) -> dict[str, Any]:
     """Status of a search, and its reason."""
     if certificate is None:
         return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
@@ -310,6 +310,8 @@ def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed
     reason = f"the best motion found is not allowed: {'; '.join(broken[:2])}"
     if seeds and len(failed) == len(seeds):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
+    if known:
+        reason += f"; it was to stay inside {known}, which --beyond leaves"
     return {"status": "budget_spent" if ledger.remaining == 0 else "infeasible", "reason": reason}
 
 

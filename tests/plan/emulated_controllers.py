@@ -1,6 +1,7 @@
 """What controllers make of the files that they are sent, written anew from their own sources.
 
-Shares no code with `plan`. Each reads a file and gives the motion at a fine rate: times, positions, velocities and accelerations of all joints.
+Shares no code with `plan`. Each reads a file and gives the motion at a fine rate: times, positions, velocities and
+accelerations of all joints.
 
 Sources: Techman, tmr_ros2 (tm_command.cpp, tm_ros2_movit_sct.cpp); ros-controls, ros2_controllers (trajectory.cpp);
 Universal Robots, Universal_Robots_Client_Library (external_control.urscript) and the article on servoj.
@@ -114,10 +115,7 @@ def by_polynomials(points: Points) -> Moved:
         matrix = np.array([_derivative(at, order, degree) for at, order in rows])
         coefficients = np.linalg.solve(matrix, np.array(conditions))
         local = share * length
-        states = [
-            np.array([_derivative(t, order, degree) for t in local]) @ coefficients
-            for order in range(3)
-        ]
+        states = [np.array([_derivative(t, order, degree) for t in local]) @ coefficients for order in range(3)]
         out.append((points.times[k] + local, *states))
     return Moved(*(np.concatenate(part) for part in zip(*out, strict=True)))
 
@@ -153,9 +151,7 @@ def by_speedj(points: Points, tick: float) -> Moved:
     return Moved(*(np.concatenate(part) for part in zip(*out, strict=True)))
 
 
-def _ramp(
-    out: list, now: float, place: np.ndarray, speed: np.ndarray, wanted: np.ndarray, tick: float
-) -> tuple:  # type: ignore[type-arg]
+def _ramp(out: list, now: float, place: np.ndarray, speed: np.ndarray, wanted: np.ndarray, tick: float) -> tuple:  # type: ignore[type-arg]
     """Velocity from one value to the next along one tick."""
     t = np.linspace(0.0, tick, FINE + 1)[:, None]
     push = (wanted - speed) / tick

@@ -35,9 +35,7 @@ QUICK = Sequential(starts=2, kept=(1,), levels=2)
 
 def task(objective: str) -> PlanningProblem:
     """A task at its limits of torque, speed and acceleration, beside an obstacle."""
-    start = problem(
-        MONITOR, objective=objective, free="both" if objective == "time" else "vias", duration=0.9
-    )
+    start = problem(MONITOR, objective=objective, free="both" if objective == "time" else "vias", duration=0.9)
     return replace(start, limits=replace(start.limits, acceleration=np.array([25.0, 20.0, 30.0])))
 
 
@@ -57,11 +55,7 @@ def moved(controller: Controller, path: Path, start: np.ndarray) -> Moved:
     points = read_trajectory(path)
     if controller.name == "tm_ros2":
         return by_polynomials(through_tm_driver(points))
-    return (
-        by_speedj(points, controller.tick_s)
-        if controller.name == "ur_spline"
-        else by_polynomials(points)
-    )
+    return by_speedj(points, controller.tick_s) if controller.name == "ur_spline" else by_polynomials(points)
 
 
 @pytest.mark.parametrize("objective", ["energy", "time"])
