@@ -143,11 +143,19 @@ def load_task(path: str | Path) -> Task:
     top = _read(Path(path))
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
-    robot, given = urdf_from(top.file, top.need("robot")), len(top.table("task")["start_deg"])
+    robot, named = urdf_from(top.file, top.need("robot")), top.table("task")
+    if "start_state" not in named:
+        named["start_deg"]
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
 
-    slides = np.append(ArmModel.load(robot).sliding_joints, np.zeros(given, dtype=bool))
+    arm = ArmModel.load(robot)
+    if "srdf" in top or {"group", "start_state", "goal_state"} & set(named.entry):
+        from plan.problem.srdf_groups import give_states
+
+        give_states(top, arm)
+    given = len(top.table("task")["start_deg"])
+    slides = np.append(arm.sliding_joints, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
     task, limits = top.table("task"), top.table("limits")
     start, wrist = task["start_deg"], task["wrist_deg"]

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.loss import LossParameters
@@ -31,6 +31,8 @@ from plan.problem.task_file import Task
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
 # What a plan without a fitted model leaves out.
+# What a joint that turns may do where its URDF does not say [rad].
+TURN = 2.0 * np.pi
 # A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie above nought.
 LEAST_RATE = 1e-6
 NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
@@ -59,15 +61,17 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
         model.require_robot(robot, task.source)
     hung, payload, carried = hang(robot, task.attached, task.payload, task.payload_link)
     robot = robot if payload is None else robot.with_payload(payload)
-    arm = _moving_arm(task, robot)
+    arm, unknown = with_known_positions(_moving_arm(task, robot), task)
     trained, makers = None if model is None else model.trained, find_makers_limits(robot)
     doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
     known = _known(task, trained, makers, options)
     limits = _limits(task, arm, makers, doubt, advised=known == ADVICE)
+    unknown += say_unknown(arm, limits)
     leaving = (say_beyond(trained, makers),) if options.beyond else ()
     kept = (f"speed and acceleration stay inside {known} (--beyond: not)",) if known else ()
     if known == TRAINING and trained is not None:
         limits = stay_inside(limits, trained)
+    require_known_rates(task, arm, limits, objective)
     duration = task.duration
     if duration is None and objective == "energy":
         raise InputError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
@@ -92,7 +96,7 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
         way=task.way,
         carried=carried,
         not_the_arms=frozenset(robot.locked_joints),
-        notes=(*leaving, *kept, *said, *(() if model is not None else (NO_FRICTION,))),
+        notes=(*leaving, *kept, *unknown, *said, *(() if model is not None else (NO_FRICTION,))),
         known=known,
     )
 
@@ -315,7 +319,7 @@ def _moving_arm(task: Task, robot: ArmModel) -> ArmModel:
         InputError: More angles than joints, or held ones out of their limits.
     """
     if len(task.goal) != task.n or not 1 <= task.n <= robot.n:
-        what = f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints"
+        what = f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints: {', '.join(robot.joint_names)}"
         raise InputError(task.source, what, "give as many or fewer")
     rest, held = robot.n - task.n, robot.neutral[task.n :] if task.wrist is None else task.wrist
     if len(held) != rest:
@@ -352,7 +356,7 @@ def _limits(
     """
     lower = arm.lower if task.lower is None else np.maximum(arm.lower, task.lower)
     upper = arm.upper if task.upper is None else np.minimum(arm.upper, task.upper)
-    torque = arm.effort_limit if task.torque is None else task.torque
+    torque = _where_known(arm.effort_limit) if task.torque is None else task.torque
     usable = torque if reserve is None else torque - reserve
     for j, joint in enumerate(arm.joint_names):
         if lower[j] >= upper[j]:
@@ -363,7 +367,7 @@ def _limits(
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
             raise InputError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     asked = makers if task.makers else None
-    speed = arm.velocity_limit if task.speed is None else task.speed
+    speed = _where_known(arm.velocity_limit) if task.speed is None else task.speed
     if task.speed is None and asked is not None and asked.speed is not None:  # of all the arm's joints, held ones last
         speed = np.minimum(speed, asked.speed[: task.n])
     bound = asked if asked is not None and (asked.binding or advised) else None
@@ -373,6 +377,56 @@ def _limits(
         for own, theirs in zip((task.acceleration, task.jerk), published, strict=True)
     )
     return Limits(lower, upper, speed, usable, task.clearance, acceleration, jerk, reserve)
+
+
+def _where_known(limit: Float[Array, " n"]) -> Float[Array, " n"]:
+    """A URDF's limits, those of nought as endless: files that leave a limit out, or do not know it, have a nought."""
+    return np.where(limit > 0.0, limit, np.inf)
+
+
+def with_known_positions(arm: ArmModel, task: Task) -> tuple[ArmModel, tuple[str, ...]]:
+    """The arm with a whole turn either way for joints whose limits are both nought, and what is to be said of it.
+
+    Raises:
+        InputError: A joint that slides has none, and the task gives none.
+    """
+    unknown = (arm.lower == 0.0) & (arm.upper == 0.0)
+    if not unknown.any():
+        return arm, ()
+    names = [name for name, missing in zip(arm.joint_names, unknown, strict=True) if missing]
+    if np.any(unknown & arm.sliding_joints) and (task.lower is None or task.upper is None):
+        what = f"the URDF gives {' and '.join(names)} no limits of position (0 to 0)"
+        raise InputError(task.source, what, "give limits.lower_deg and upper_deg, of joints that slide in metres")
+    lower, upper = np.where(unknown, -TURN, arm.lower), np.where(unknown, TURN, arm.upper)
+    if task.lower is not None:
+        lower = np.where(unknown, task.lower, lower)
+    if task.upper is not None:
+        upper = np.where(unknown, task.upper, upper)
+    said = f"limits of position of {', '.join(names)} are unknown (0 to 0 in the URDF): a turn either way is taken"
+    return arm.with_position_limits(lower, upper), (said,)
+
+
+def say_unknown(arm: ArmModel, limits: Limits) -> tuple[str, ...]:
+    """Which limits of torque and speed nobody gives, in words."""
+    said = []
+    for name, values in (("torque", limits.torque), ("speed", limits.speed)):
+        missing = [joint for joint, value in zip(arm.joint_names, values, strict=True) if np.isinf(value)]
+        if missing:
+            what = f"limits of {name} of {', '.join(missing)} are unknown (0 in the URDF)"
+            said.append(f"{what}: none is kept")
+    return tuple(said)
+
+
+def require_known_rates(task: Task, arm: ArmModel, limits: Limits, objective: str) -> None:
+    """Raises InputError where a joint's speed has no limit: a time task has no end, and no search a scale."""
+    missing = [name for name, speed in zip(arm.joint_names, limits.speed, strict=True) if np.isinf(speed)]
+    if missing:
+        what = f"nobody says how fast {', '.join(missing)} may be (0 in the URDF)"
+        raise InputError(task.source, what, "give limits.speed_deg_s")
+    endless = [name for name, torque in zip(arm.joint_names, limits.torque, strict=True) if np.isinf(torque)]
+    if objective == "time" and endless and limits.acceleration is None:
+        what = f"nobody says how strong {', '.join(endless)} may be (0 in the URDF), nor how fast speed may change"
+        raise InputError(task.source, what, "give limits.torque_Nm or acceleration_deg_s2")
 
 
 def stay_inside(limits: Limits, known: TrainingRange) -> Limits:
