@@ -20,17 +20,23 @@ from plan.geometry.clearance_proof import why_refused
 from plan.geometry.pairs import read_disabled
 from plan.geometry.scene import Scene
 from plan.geometry.tool import hang
-from plan.initial.inverse_kinematics import reach_pose
-from plan.initial.starts import from_vias, straight
+from plan.initial.inverse_kinematics import PoseSolver, reach_pose
+from plan.initial.starts import from_vias, positions_along, straight
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import ADVICE, FREE, OBJECTIVES, TRAINING, Free, Limits, PlanningProblem
-from plan.problem.rules import Pose
+from plan.problem.rule_values import TURNING
+from plan.problem.rules import Pose, ViaPoint
 from plan.problem.scene_keys import as_given
 from plan.problem.task_file import Task
 
 Choice = TypeVar("Choice", bound=str)
 DEFAULTS = TaskOptions()
 # What a plan without a fitted model leaves out.
+# Positions from which a place that has to be passed is tried before it counts as out of reach.
+PLACES_TRIED = 40
+# Positions along a straight line at which it is looked for what stands in its way; and how much deeper than it may
+# be off the line a link has to be in something for no dodging to help [m].
+LOOKED_AT, DEEPER = 60, 0.02
 # What a joint that turns may do where its URDF does not say [rad].
 TURN = 2.0 * np.pi
 # A joint that the training left standing may move with this [rad/s, rad/s²]: a limit has to lie above nought.
@@ -240,16 +246,41 @@ def require_valid_ends(problem: PlanningProblem, task: Task, inside: bool = Fals
         require_inside(problem, task.source)
     bad, limits = _bad_end(problem), problem.limits
     if bad is not None:
-        raise InputError(task.source, f"task.{bad[0]}_deg: {bad[1]}", bad[2])
+        key = task.keys[bad[0] == "goal"]
+        raise InputError(task.source, f"task.{key}: {bad[1]}", bad[2])
     cones = [] if problem.rules is None else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
     for number, row in enumerate((row for row in cones if row.name == "cone"), start=1):
         if row.value.max() > row.limit:
-            end = ("task.start_deg", "task.goal_deg")[int(row.value.argmax())]
-            what = f"{end}: the tool's axis breaks tool.cone {number}"
+            key = task.keys[int(row.value.argmax())]
+            what = f"task.{key}: the tool's axis breaks tool.cone {number}"
             raise InputError(task.source, what, "move that position, or change the cone")
     for number, via in enumerate(problem.way.vias, start=1):
         if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
             raise InputError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
+        missed = _out_of_reach(problem, via)
+        if missed:
+            raise InputError(task.source, f"pass {number}.{missed}", "move that via point")
+
+
+def _out_of_reach(problem: PlanningProblem, via: ViaPoint) -> str:
+    """Why no motion can pass a via point, whatever its way, in words; nothing where one may."""
+    arm, limits, scene = problem.scene.arm, problem.limits, problem.scene
+    if not via.of_tool:
+        # No pair can come farther apart than its levers let it while each joint is off by what is allowed.
+        gained = scene.levers.sum(axis=1) * via.within
+        apart = scene.distances(via.target) + gained if len(scene.pairs) else np.ones(1)
+        worst = int(np.argmin(apart))
+        return f"deg: {scene.pair_name(worst)} collide there" if apart[worst] <= 0.0 else ""
+    rules = problem.rules
+    assert rules is not None
+    rng, solver = np.random.default_rng(0), PoseSolver(arm, rules.frame)  # fixed: a property of the task
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    nearest = np.inf
+    for begin in (problem.start, problem.goal, *rng.uniform(low, high, (PLACES_TRIED, problem.n))):
+        nearest = min(nearest, solver.descend(Pose(None, via.target), begin)[1][0])
+        if nearest <= via.within:
+            return ""
+    return f"xyz_m is out of reach: {rules.frame} comes within {1000.0 * nearest:.0f} mm of it"
 
 
 def require_inside(problem: PlanningProblem, source: Path) -> None:
@@ -288,6 +319,9 @@ def find_obstruction(problem: PlanningProblem) -> str:
     if problem.objective == "energy" and duration < needs[bound]:
         leave = f" ({problem.known}; --beyond leaves it)" if problem.known else ""
         return f"{duration:g} s is too short: {bound} {needs[bound]:.3f} s at least{leave}"
+    blocked = _line_blocked(problem)
+    if blocked:
+        return blocked
     still = np.zeros_like(ends)[None]
     holding = np.abs(problem.model.torque(ends[None], still, still)[0])
     share = holding / limits.torque
@@ -296,6 +330,24 @@ def find_obstruction(problem: PlanningProblem) -> str:
         needed = f"that takes {holding[end, joint]:.3g} N m, and it may use {limits.torque[joint]:.3g} N m"
         return f"joint {joint + 1} can't hold the arm at the {('start', 'goal')[end]}: {needed}"
     return ""
+
+
+def _line_blocked(problem: PlanningProblem) -> str:
+    """What a straight line of the tool leads through, where the line leaves the joints no choice; else nothing."""
+    rules, scene = problem.rules, problem.scene
+    if rules is None or problem.way.straight is None or not len(scene.pairs) or problem.n not in (3, TURNING):
+        return ""
+    line = positions_along(problem, rules, LOOKED_AT)
+    gaps = scene.gaps(line, 1.0)
+    place, pair = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
+    if gaps[place, pair] > 0.0:
+        return ""
+    depth = -float(scene.distances(line[place])[pair])
+    if depth <= problem.way.straight + DEEPER:
+        return ""
+    share = 100.0 * (place + 1) / (LOOKED_AT + 1)
+    through = f"{scene.pair_name(int(pair))} collide, {1000.0 * depth:.0f} mm deep"
+    return f"the straight line of the tool is blocked {share:.0f} % along: {through}"
 
 
 def _need(limits: Limits, way: Array) -> dict[str, float]:

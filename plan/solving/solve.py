@@ -98,7 +98,11 @@ def cheapest_goal(
         best = QUICK.run([problem], ledger, rng).best
         costs.append(best.cost if best is not None and best.feasible else np.inf)
     which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
-    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
+    reached = int(np.isfinite(costs).sum())
+    taken = f"reached {reached} of them, and the cheapest was taken"
+    if reached == 0:
+        taken = "reached none of them, and the nearest was taken"
+    note = f"{which}; short searches {taken}"
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
@@ -140,7 +144,8 @@ def solve(
         if certificate.broken:
             return replace(result, reason="; ".join(certificate.broken))
         said = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-        return replace(result, status="solved", splines=still, certificate=certificate, reference_gap=0.0, notes=said)
+        result = replace(result, status="solved", splines=still, certificate=certificate, reference_gap=0.0)
+        return replace(result, notes=said, history=((0, 0.0, 0.0),))
     reason = find_obstruction(problem)
     if reason:
         return replace(result, reason=reason)
@@ -151,6 +156,7 @@ def solve(
         starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
     planner.run(starts[0], ledger, rng)
     splines, found = _certified(ledger, rng, controller)
+    verdict = _judge(found, ledger, starts[1], problem.known)
     result = replace(
         result,
         splines=splines,
@@ -158,13 +164,23 @@ def solve(
         evaluations=ledger.evaluations,
         bound=least_time(problem) if problem.objective == "time" else least_energy(problem),
         starts=_start_records(*starts, ledger),
-        history=tuple(ledger.history),
+        history=_history(ledger, problem, splines, found),
         notes=(*problem.notes, *_cuts(found), *ledger.notes),
-        **_judge(found, ledger, starts[1], problem.known),
+        **verdict,
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, starts[0]))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+
+
+def _history(
+    ledger: Ledger, problem: PlanningProblem, splines: Splines | None, found: Certificate | None
+) -> tuple[tuple[int, float, float], ...]:
+    """What was found when, at last the certified motion, which mending may have made another one."""
+    if splines is None or found is None or found.broken:
+        return tuple(ledger.history)
+    cost = float(splines.total[0]) if problem.objective == "time" else found.energy[problem.metric]
+    return (*ledger.history, (ledger.evaluations, ledger.cpu_seconds, cost))
 
 
 def _cuts(certificate: Certificate | None) -> tuple[str, ...]:

@@ -84,13 +84,9 @@ def test_positions_of_nought_are_a_turn_either_way(tmp_path: Path) -> None:
     found = open_task(scene(tmp_path, robot)).problem
     assert found.limits.lower[1] == pytest.approx(-2.0 * np.pi)
     assert any("limits of position of joint_2 are unknown" in note for note in found.notes)
-    more = (
-        "[limits]\nlower_deg = [-90, -40, -90, -90, -90, -90]\nupper_deg = [90, 50, 90, 90, 90, 90]"
-    )
+    more = "[limits]\nlower_deg = [-90, -40, -90, -90, -90, -90]\nupper_deg = [90, 50, 90, 90, 90, 90]"
     found = open_task(scene(tmp_path, robot, more=more)).problem
-    assert np.degrees([found.limits.lower[1], found.limits.upper[1]]) == pytest.approx(
-        [-40.0, 50.0]
-    )
+    assert np.degrees([found.limits.lower[1], found.limits.upper[1]]) == pytest.approx([-40.0, 50.0])
 
 
 @pytest.mark.parametrize(
@@ -109,9 +105,7 @@ def test_named_states_are_their_angles(
     tmp_path: Path, ends: str, start: list[float] | None, goal: list[float] | None
 ) -> None:
     """A state's values stand at the end that names it."""
-    (tmp_path / "arm.srdf").write_text(
-        SRDF.replace('group="manipulator"', 'group="all"') if "all" in ends else SRDF
-    )
+    (tmp_path / "arm.srdf").write_text(SRDF.replace('group="manipulator"', 'group="all"') if "all" in ends else SRDF)
     task = load_task(scene(tmp_path, "tm5-900", ends, top='srdf = "arm.srdf"'))
     if start is not None:
         assert task.start == pytest.approx(start)
