@@ -26,9 +26,10 @@ class TaskOptions:
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
     )
-    inside: bool = option(
-        False, "Keep positions, speeds and accelerations where the model was fitted.", "--stay-inside"
+    beyond: bool = option(
+        False, "Leave what is known: the model's training range or, without a model, the maker's advised acceleration."
     )
+    inside: bool = option(False, "Refuse a start or goal beyond the model's training, too.", "--stay-inside")
     reserve: bool = option(True, "Set torque aside for what the model's intervals leave open.")
 
 
@@ -41,6 +42,11 @@ class SolveOptions(TaskOptions):
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
+    controller: str | None = option(
+        None,
+        "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, ur_servoj or "
+        "ur_servoj_cb3; by the ending of --out, if not given.",
+    )
 
     @property
     def budget(self) -> tuple[int, float]:

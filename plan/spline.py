@@ -102,14 +102,20 @@ class Splines:
 
     points: Float[Array, "B K n"]  # start, via points, goal [rad]
     durations: Float[Array, "B S"]  # section durations, all above zero [s]
+    # Velocities at the knots, of a curve that a controller makes of points and velocities [rad/s]; None for those of
+    # the clamped spline, which alone make the acceleration continuous.
+    sent_velocities: Float[Array, "B K n"] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", freeze(np.ascontiguousarray(self.points, dtype=float)))
-        object.__setattr__(self, "durations", freeze(np.ascontiguousarray(self.durations, dtype=float)))
+        for name in ("points", "durations", "sent_velocities"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, freeze(np.ascontiguousarray(getattr(self, name), dtype=float)))
 
     @cached_property
     def slopes(self) -> Float[Array, "B K n"]:
-        """Velocities at the knots; zero at both ends [rad/s]."""
+        """Velocities at the knots; zero at both ends of a clamped spline [rad/s]."""
+        if self.sent_velocities is not None:
+            return self.sent_velocities
         return _slopes(self.points, self.durations)
 
     @cached_property
@@ -147,6 +153,12 @@ class Splines:
     def end_acceleration(self) -> Float[Array, "B n"]:
         """Larger acceleration of every joint at start and goal, which a motion from rest to rest jumps to [rad/s²]."""
         return np.abs(self._accelerations[:, [0, -1], [0, 1]]).max(axis=1)
+
+    @property
+    def acceleration_jumps(self) -> Float[Array, "B n"]:
+        """Largest step of each joint's acceleration at a knot between start and goal [rad/s²]; nought if clamped."""
+        before, after = self._accelerations[:, :-1, 1], self._accelerations[:, 1:, 0]
+        return np.abs(after - before).max(axis=1, initial=0.0)
 
     @property
     def lowest(self) -> Float[Array, "B n"]:

@@ -84,8 +84,8 @@ def lines(at: Place) -> dict[str, tuple[str, ...]]:
         "ident new": (str(at.out / "run.csv"), *ROBOT),
         "ident servo": (_servo_table(at.out),),
         "ident watch": (_cell(at.out), *ROBOT, *store, "--once", "--settle", "0", "--no-diagnose"),
-        "plan solve": (scene, "--method", "toppra", "--objective", "time", "--no-gap"),
-        "plan compare": (scene, "--methods", "toppra", "--objective", "time", "--seeds", "1"),
+        "plan solve": (scene, "--method", "toppra", "--objective", "time", "--no-gap", "--beyond"),
+        "plan compare": (scene, "--methods", "toppra", "--objective", "time", "--seeds", "1", "--beyond"),
         "plan excite": ("--separate", "torque_gain_error,all_masses", "--minutes", "0.3", "--evaluations", "8"),
     }
 

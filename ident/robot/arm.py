@@ -268,6 +268,13 @@ class ArmModel:
         model.inertias[self.n] = model.inertias[self.n] + body
         return replace(self, model=model)
 
+    def with_position_limits(self, lower: Float[Array, " n"], upper: Float[Array, " n"]) -> ArmModel:
+        """The same arm with other limits of its joints' positions [rad or m]."""
+        model = pin.Model(self.model)
+        model.lowerPositionLimit = np.array(lower, dtype=float)
+        model.upperPositionLimit = np.array(upper, dtype=float)
+        return replace(self, model=model)
+
     def with_gravity(self, gravity: Float[Array, " 3"]) -> ArmModel:
         """The same arm under another gravity vector in the base frame [m/s²]."""
         model = pin.Model(self.model)

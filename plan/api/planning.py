@@ -12,6 +12,7 @@ from ident.progress import stage
 from ident.results import Provenance
 from plan.command_options import USUAL_BUDGET, CompareOptions, SolveOptions, TaskOptions
 from plan.planners.base import Planner, processor_seconds
+from plan.problem.controllers import Controller, choose_controller, require_joints
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, load_task
@@ -76,17 +77,36 @@ class OpenedTask:
         """The first of its problems."""
         return self.problems[0]
 
-    def solve(self, options: SolveOptions, planner: Planner | None = None) -> PlanResult:
-        """Solves it, with a planner of one's own if one is given.
+    def controller(self, options: SolveOptions, out: Path | None = None) -> Controller | None:
+        """Who executes the plan: named by the options, or by the file that is to be written.
 
         Raises:
-            InputError: No such method, or not for this task.
+            InputError: No such controller, or not for this arm.
         """
-        problem, note = cheapest_goal(self.problems, self.task.pose is not None, options.budget, options.seed)
+        problem = self.problem
+        chosen = choose_controller(options.controller, out, problem.scene.arm)
+        if chosen is not None:
+            require_joints(chosen, problem.n + len(problem.held))
+        return chosen
+
+    def solve(
+        self, options: SolveOptions, planner: Planner | None = None, controller: Controller | None = None
+    ) -> PlanResult:
+        """Solves it, with a planner of one's own if one is given, for the options' controller or a given one.
+
+        Raises:
+            InputError: No such method, or not for this task; no such controller.
+        """
+        controller = controller or self.controller(options)
+        problems = self.problems
+        if controller is not None:
+            problems = tuple(replace(problem, limits=controller.within(problem.limits)) for problem in problems)
+        problem, note = cheapest_goal(problems, self.task.pose is not None, options.budget, options.seed)
         stage("searching for a motion")
-        result = solve_problem(problem, options, planner)
+        result = solve_problem(problem, options, planner, controller=controller)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
-        origin = self._origin("plan solve", method=result.method, **asked)
+        executed = None if controller is None else controller.name
+        origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
         return replace(result, notes=(*note, *result.notes)).with_provenance(origin)
 
     def compare(self, options: CompareOptions) -> Comparison:

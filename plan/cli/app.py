@@ -41,10 +41,13 @@ def solve(
     rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording."), Writes()] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write the motion for a controller: .csv, .parquet, or .yaml (JointTrajectory)."),
+        typer.Option(
+            help="Write the motion for a controller: .yaml (JointTrajectory), .tmscript (PVT), .script (URScript); or "
+            "samples of it: .csv, .parquet."
+        ),
         Writes(),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Rate of that file [Hz].")] = 250.0,
+    rate: Annotated[float, typer.Option(help="Rate of samples [Hz].")] = 250.0,
 ) -> None:
     """Finds one trajectory and certifies it."""
     began, before = time.perf_counter(), time.process_time()
@@ -55,7 +58,7 @@ def solve(
     from plan.planners.base import processor_seconds
 
     if out is not None:
-        from plan.problem.execution import execute, require_writable  # brings the table formats along
+        from plan.problem.execution import require_writable, write_motion_file  # brings the table formats along
 
         require_writable(out, rate)
     if picture is not None:
@@ -63,8 +66,11 @@ def solve(
 
         require_picture(picture)
     opened = open_task(task, model, options)
+    controller = opened.controller(options, out)
+    if options.beyond:  # before anything is planned
+        console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, f"solve by {options.method}"):
-        result = opened.solve(options)
+        result = opened.solve(options, controller=controller)
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     written = []
@@ -85,10 +91,11 @@ def solve(
     def write_motion() -> None:
         """Where there is none, one of an earlier run is removed: a controller would take it for this task's."""
         if out is not None and result.solved:
-            motion = execute(result, rate)
-            motion.save(out)
+            motion = write_motion_file(result, out, rate)
             longer = f", {motion.longer:.3f} s longer than planned to start and end at rest" if motion.longer else ""
-            written.append(f"motion written to {out}: {len(motion.times)} points, {motion.duration:.4f} s{longer}")
+            whose = f" for {motion.controller.name}" if motion.controller is not None else ""
+            points = f"{len(motion.times)} points, {motion.duration:.4f} s{longer}"
+            written.append(f"motion{whose} written to {out}: {points}")
         elif out is not None and remove_own_file(out):
             written.append(f"no motion: that of an earlier run is removed from {out}")
 
@@ -116,6 +123,8 @@ def compare(
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model], {**written, "--json": json_file})
     opened = open_task(task, model, options)
+    if options.beyond:
+        console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, "compare"):
         table = opened.compare(options)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -87,8 +88,8 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
     return np.asarray(gaps_of_states(compile_scene(arm.chain, boxes, links), which, q, 1e9, ALL))
 
 
-def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
-    """Pairs of links that an SRDF file leaves out of checks, and the reason that it gives.
+def read_srdf(path: Path, arm: ArmModel) -> ElementTree.Element:
+    """The root of a robot's SRDF file.
 
     Raises:
         InputError: Not an SRDF file, or that of another robot.
@@ -101,6 +102,16 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
     if root.get("name") != arm.name:
         what = f"it is the SRDF of {root.get('name')!r}, the robot is {arm.name!r}"
         raise InputError(path, what, "give this robot's SRDF")
+    return root
+
+
+def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
+    """Pairs of links that an SRDF file leaves out of checks, and the reason that it gives.
+
+    Raises:
+        InputError: Not an SRDF file, or that of another robot.
+    """
+    root = read_srdf(path, arm)
     links = {frame.name for frame in arm.model.frames if frame.type == pin.FrameType.BODY}
     found = {}
     for element in root.findall("disable_collisions"):

@@ -8,6 +8,7 @@ from itertools import count, pairwise
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ident.arrays import Array, Float
 from plan.initial.inverse_kinematics import PoseSolver
@@ -172,6 +173,9 @@ def _bent(problem: PlanningProblem, rng: np.random.Generator, label: str) -> Pla
 
 # Via points along a straight line of the tool, or six apart in time; nodes and reach [rad] of trees between two stops.
 ALONG, NODES, REACH = 12, 2000, 1.5
+# Steps of a line whose time law is looked for, and the least push [1/s²] that is taken where no limit leaves one;
+# sections of the motion that begins with that law, and the share of them that stands where its pace changes.
+FINE_LINE, LEAST_PUSH, TIMED, RAMPS = 240, 1e-3, 24, 0.7
 # Standard deviation of a bend between two stops, and of where the arm's position at a place is looked for [rad].
 SPREAD = 0.3
 
@@ -181,7 +185,9 @@ def iterate_rule_ways(problem: PlanningProblem, rng: np.random.Generator) -> Ite
     rules = problem.rules
     assert rules is not None
     if rules.rules.straight is not None:
-        yield through(problem, _along(problem, rules), "straight line of the tool")
+        if problem.objective == "time" and problem.grows:
+            yield timed_line(problem, rules)
+        yield through(problem, positions_along(problem, rules), "straight line of the tool, evenly")
         return
     trees = Trees.of(problem, rng)
     for number in count():
@@ -212,12 +218,12 @@ def _stops(problem: PlanningProblem, rules: Rules, rng: np.random.Generator, spr
     return [*found, problem.goal]
 
 
-def _along(problem: PlanningProblem, rules: Rules) -> Float[Array, "V n"]:
+def positions_along(problem: PlanningProblem, rules: Rules, count: int = ALONG) -> Float[Array, "V n"]:
     """Positions along the tool's straight line, each found from the one before, drawn to the goal's own."""
     (place, axes), (end, _) = rules.first, rules.last
     turn = pin.log3(axes.T @ rules.last[1])
     solver = PoseSolver(problem.scene.arm, rules.frame)
-    shares = np.arange(1, ALONG + 2) / (ALONG + 1)
+    shares = np.arange(1, count + 2) / (count + 1)
 
     def at(share: float, guess: Array) -> Array:
         rotation = axes @ pin.exp3(share * turn) if problem.n >= TURNING else None
@@ -229,6 +235,62 @@ def _along(problem: PlanningProblem, rules: Rules) -> Float[Array, "V n"]:
     rest = problem.goal - found[-1]
     drawn = [at(float(share), q + share * rest) for share, q in zip(shares, found[1:], strict=True)]
     return np.clip(np.array(drawn[:-1]), problem.limits.lower, problem.limits.upper)
+
+
+def timed_line(problem: PlanningProblem, rules: Rules) -> PlanningProblem:
+    """The task from its tool's line, passed as quickly as speed, acceleration and torque let it.
+
+    Most of the knots stand where the tool gets going or comes to rest, evenly by how much its speed changes there, the
+    others evenly in time: a ramp takes a hundredth of the time, and a grid of equal sections holds none that is short.
+    """
+    fine = problem.with_ends(positions_along(problem, rules, FINE_LINE - 1))
+    pace = quickest_pace(problem, fine, rules)
+    steps = 2.0 / (pace[1:] + pace[:-1]) / FINE_LINE
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    change = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(pace)))])
+    progress = (1.0 - RAMPS) * times / times[-1] + RAMPS * change / max(change[-1], 1e-12)
+    knots = np.interp(np.arange(1, TIMED) / TIMED, progress, times)
+    even = np.linspace(0.0, 1.0, FINE_LINE + 1)
+    place = CubicHermiteSpline(times, even, pace)(knots)
+    vias = CubicSpline(even, fine)(place)
+    stamps = np.concatenate([[0.0], knots, times[-1:]])
+    return replace(problem, vias=vias, durations=np.diff(stamps), label="straight line of the tool")
+
+
+def quickest_pace(problem: PlanningProblem, q: Float[Array, "K n"], rules: Rules) -> Float[Array, " K"]:
+    """Pace along a path of equal steps, as its share a second, from rest to rest within all limits [1/s].
+
+    Along a path q(s), x = (ds/dt)² and u = d²s/dt², speed is q' √x and acceleration q' u + q'' x; torque is linear
+    in u. A pass backwards and one forwards take the least and the largest u that all limits allow.
+
+    Source: Bobrow, Dubowsky and Gibson, Time-optimal control of robotic manipulators along specified paths, 1985.
+    """
+    limits, step = problem.limits, 1.0 / (len(q) - 1)
+    slope = np.gradient(q, step, axis=0, edge_order=2)
+    bend = np.gradient(slope, step, axis=0, edge_order=2)
+    top = (limits.speed / np.maximum(np.abs(slope), 1e-9)).min(axis=1)
+    if problem.way.speed is not None:
+        top = np.minimum(top, problem.way.speed / max(rules.length, 1e-9))
+    most = np.full(problem.n, np.inf) if limits.acceleration is None else limits.acceleration
+
+    def push(k: int, x: float, sign: float) -> float:
+        """Largest u times its sign at a place; at least a little, so that the pass goes on."""
+        speed = slope[k] * np.sqrt(max(x, 1e-12))
+        still = bend[k] * x
+        room = (most - np.sign(sign * slope[k]) * still) / np.maximum(np.abs(slope[k]), 1e-9)
+        states = np.stack([q[k], q[k]]), np.stack([speed, speed]), np.stack([still, still + sign * slope[k]])
+        at_rest, pushed = problem.model.torque(*(state[None] for state in states))[0]
+        rise = pushed - at_rest
+        free = (limits.torque - np.sign(rise) * at_rest) / np.maximum(np.abs(rise), 1e-9)
+        return max(float(min(room.min(), free.min())), LEAST_PUSH)
+
+    x = np.square(top)
+    x[[0, -1]] = 0.0
+    for k in range(len(q) - 2, -1, -1):
+        x[k] = min(x[k], x[k + 1] + 2.0 * step * push(k + 1, x[k + 1], -1.0))
+    for k in range(len(q) - 1):
+        x[k + 1] = min(x[k + 1], x[k] + 2.0 * step * push(k, x[k], 1.0))
+    return np.sqrt(x)
 
 
 # Local times of a section at which a motion is looked at, and how much longer than its rates alone ask for it may last.

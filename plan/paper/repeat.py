@@ -99,7 +99,7 @@ class Repeat:
     def problem(self, duration: float, obstacles: tuple[Box, ...] = ()) -> PlanningProblem:
         place = Path("the paper's task")
         task = Task(source=place, robot="tm5-900", start=START, goal=GOAL, duration=duration, obstacles=obstacles)
-        return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed"))
+        return set_up(task, self.model, TaskOptions(metric="absolute" if obstacles else "signed", beyond=True))
 
     def ppo(self, times: float = 1.0) -> Ppo:
         return Ppo(epochs=max(1, round(self.effort.epochs * times)))

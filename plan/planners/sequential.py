@@ -120,7 +120,7 @@ class Sequential(Planner):
                 for width, power in WIDTHS[1:]:
                     local = replace(course.local, width=width, power=power)
                     course = descend(begin(local, course.x), ledger, self.steps, 0.1, 1e-6)
-                    course, _ = self._settle(course, ledger)
+                    course, _ = self.settle(course, ledger)
         if first.searches_times and ledger.remaining > 0:
             best = ledger.best
             starts = problems if best is None else [best.problem.with_initial(best.splines)]
@@ -146,14 +146,14 @@ class Sequential(Planner):
         course = descend(course, ledger, self.first // 3, 0.3, 1e-4)
         enter(course, ledger)
         if not ledger.solved:
-            course, _ = self._settle(course, ledger)
+            course, _ = self.settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
         if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
             return course
         course = descend(course, ledger, self.first - self.first // 3, 0.1, 1e-4)
-        return self._settle(course, ledger)[0]
+        return self.settle(course, ledger)[0]
 
-    def _settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
+    def settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
         """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
         cost, look, local = enter(course, ledger), course.look, course.local
         nearly = look.limits <= NEARLY and look.clearance <= KEPT_CLEAR and look.rules <= KEPT_RULE
@@ -222,7 +222,7 @@ class Sequential(Planner):
         nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
         refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
         refined = descend(refined, ledger, self.steps, 0.1, 1e-5)
-        refined, cost = self._settle(refined, ledger)
+        refined, cost = self.settle(refined, ledger)
         return cost, refined
 
 
@@ -241,6 +241,31 @@ def begin_course(problem: PlanningProblem) -> Course:
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
     start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
     return begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
+
+
+def descend_on_knots(problem: PlanningProblem, ledger: Ledger, steps: int) -> None:
+    """Takes a motion to the least energy on its own knots, for which it may have been moved a little.
+
+    Args:
+        problem: The task, its duration fixed, started from the motion.
+        ledger: Gets what is found.
+        steps: Most steps, on a coarser and on a finer rounding of the signs of speed and power.
+    """
+    knots = np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum()
+    knots[-1] = 1.0
+    nodes, weights = _nodes(False, len(knots) - 1)
+    grid = Grid(freeze(knots), True, nodes)
+    if grid.free < 1:
+        return
+    aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
+    local = LocalModel(problem, grid, weights, *WIDTHS[1], *aims)
+    start = Splines(problem.with_ends(problem.vias)[None], problem.durations[None])
+    course = begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
+    planner = Sequential(steps=steps)
+    for width, power in WIDTHS[1:]:
+        course = begin(replace(course.local, width=width, power=power), course.x)
+        course = descend(course, ledger, steps, 0.1, 1e-5)
+        course = planner.settle(course, ledger)[0]
 
 
 def _parted(knots: Float[Array, " K"], sections: int) -> Float[Array, " K"]:

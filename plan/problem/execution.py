@@ -1,4 +1,4 @@
-"""A plan as a controller takes it: sampled at its rate, from rest to rest without a jump of the acceleration.
+"""A plan as a controller takes it: points at its step, or sampled at a rate, from rest to rest.
 
 A clamped cubic spline starts with an acceleration, which no drive can have at once. So the plan is begun and ended a
 little slower, on the same path: position, velocity and acceleration start at rest, and the jerk is bounded everywhere.
@@ -21,16 +21,18 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.outputs import WRITER, mark_file
+from plan.problem.controllers import SAMPLED, Controller, load_controllers
 from plan.problem.result import PlanResult
 
-SUFFIXES = (".csv", ".yaml", ".yml", ".parquet")
 DEFAULT_RATE = 250.0
 RATES = (10.0, 10_000.0)
+# Formats that have no room for a mark of ours, or whose readers may know no comments.
+UNMARKED = (".csv", ".tmscript")
 
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """A sampled motion."""
+    """A motion in points."""
 
     joints: tuple[str, ...]  # names of the joints, those that move first, then those that are held
     times: Float[Array, " T"]  # from 0 to the end [s]
@@ -38,6 +40,7 @@ class Execution:
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
     longer: float  # time by which it takes longer than the plan [s]
+    controller: Controller | None = None  # whose points these are; None of samples
 
     @property
     def duration(self) -> float:
@@ -51,9 +54,13 @@ class Execution:
                 pq.write_table(self.table(), part)
             elif path.suffix == ".csv":
                 pacsv.write_csv(self.table(), part)
+            elif path.suffix == ".tmscript":
+                part.write_text(self.tmscript(), encoding="utf-8")
+            elif path.suffix == ".script":
+                part.write_text(self.urscript(), encoding="utf-8")
             else:
                 part.write_text(self.yaml(), encoding="utf-8")
-        if path.suffix == ".csv":
+        if path.suffix in UNMARKED:
             mark_file(path)
 
     def table(self) -> pa.Table:
@@ -66,9 +73,10 @@ class Execution:
         return pa.table(columns).replace_schema_metadata(WRITER)
 
     def yaml(self) -> str:
-        """The message `trajectory_msgs/JointTrajectory` of ROS 2."""
+        """The message `trajectory_msgs/JointTrajectory` of ROS 2: accelerations stay empty, so that cubics are made."""
         lines = [
             "# written by armgap",
+            *self._says(),
             "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
             f"joint_names: {json.dumps(list(self.joints))}",
         ]
@@ -77,10 +85,38 @@ class Execution:
             second, nano = divmod(round(float(time) * 1e9), 1_000_000_000)
             lines.append(f"- positions: {_row(self.q[k])}")
             lines.append(f"  velocities: {_row(self.dq[k])}")
-            lines.append(f"  accelerations: {_row(self.ddq[k])}")
+            lines.append("  accelerations: []")
             lines.append("  effort: []")
             lines.append(f"  time_from_start: {{sec: {second}, nanosec: {nano}}}")
         return "\n".join(lines) + "\n"
+
+    def tmscript(self) -> str:
+        """Techman's PVT commands: angles [deg], speeds [deg/s] and duration [s] of each section; it starts at rest."""
+        assert self.controller is not None
+        digits = self.controller.digits
+        lines = ["PVTEnter(0)"]
+        for k in range(1, len(self.times)):
+            numbers = [*np.degrees(self.q[k]), *np.degrees(self.dq[k]), self.times[k] - self.times[k - 1]]
+            lines.append(f"PVTPoint({','.join(_fixed(value, digits) for value in numbers)})")
+        return "\n".join([*lines, "PVTExit()"]) + "\n"
+
+    def urscript(self) -> str:
+        """A URScript program of `servoj`, a call a tick."""
+        controller = self.controller
+        assert controller is not None
+        lines = ["# written by armgap", *self._says(), "def armgap_motion():"]
+        rest = f"t={controller.tick_s:g}, lookahead_time={controller.lookahead_s:g}, gain={controller.gain}"
+        for q in self.q:
+            angles = ", ".join(_fixed(value, controller.digits) for value in q)
+            lines.append(f"  servoj([{angles}], {rest})")
+        return "\n".join([*lines, "  stopj(4.0)", "end", "armgap_motion()"]) + "\n"
+
+    def _says(self) -> list[str]:
+        """For whom it is, and where it begins, as a comment."""
+        if self.controller is None:
+            return []
+        start = ", ".join(_fixed(value, 4) for value in self.q[0])
+        return [f"# for {self.controller.name}; the arm stands at [{start}] before it starts"]
 
 
 def _row(values: Float[Array, " n"]) -> str:
@@ -88,10 +124,17 @@ def _row(values: Float[Array, " n"]) -> str:
     return f"[{', '.join(np.format_float_positional(round(float(value), 9) + 0.0, trim='0') for value in values)}]"
 
 
+def _fixed(value: float, digits: int) -> str:
+    """A number with so many decimals, without a minus before nought."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
 def require_writable(path: Path, rate: float) -> None:
     """Raises InputError for a format or a rate that no motion can be written in."""
-    if path.suffix not in SUFFIXES:
-        raise InputError("--out", f"{path.name!r} is no motion's name", f"end it in one of: {', '.join(SUFFIXES)}")
+    suffixes = [*SAMPLED, ".yml", *(controller.suffix for controller in load_controllers())]
+    if path.suffix not in suffixes:
+        ends = ", ".join(sorted(set(suffixes)))
+        raise InputError("--out", f"{path.name!r} is no motion's name", f"end it in one of: {ends}")
     if not RATES[0] <= rate <= RATES[1]:
         raise InputError("--rate", f"{rate:g} Hz", f"give {RATES[0]:g} to {RATES[1]:g} Hz")
 
@@ -99,11 +142,47 @@ def require_writable(path: Path, rate: float) -> None:
 def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:
     """The motion of a solved plan at a rate [Hz]; the last sample lies at the end, however short its step."""
     assert result.splines is not None
-    law = result.execution
+    law, curve = result.execution, result.splines
+    if result.certificate is not None and not result.stands:
+        curve = result.certificate.curve
     total = law.duration
     times = np.append(np.arange(0.0, total - 0.5 / rate, 1.0 / rate), total) if total > 0.0 else np.zeros(1)
-    q, dq, ddq = law.states(result.splines, times)
+    q, dq, ddq = law.states(curve, times)
+    return _with_held(result, times, (q, dq, ddq), total - float(result.splines.total[0]), None)
+
+
+def points_of(result: PlanResult) -> Execution:
+    """The points of a solved plan that its controller is sent."""
+    assert result.splines is not None
+    assert result.certificate is not None
+    controller = result.certificate.controller
+    assert controller is not None
+    if result.stands:
+        q = result.splines.points[0, :1]
+        return _with_held(result, np.zeros(1), (q, 0.0 * q, 0.0 * q), 0.0, controller)
+    times, q, dq = controller.sent(result.splines)
+    ddq = result.splines.at(np.minimum(times, float(result.splines.total[0])))[2]
+    return _with_held(result, times, (q, dq, ddq), 0.0, controller)
+
+
+def write_motion_file(result: PlanResult, path: Path, rate: float = DEFAULT_RATE) -> Execution:
+    """Writes a solved plan: its controller's points, or samples at a rate [Hz], by the path's suffix."""
+    certificate = result.certificate
+    sampled = path.suffix in SAMPLED or certificate is None or certificate.controller is None
+    motion = execute(result, rate) if sampled else points_of(result)
+    motion.save(path)
+    return motion
+
+
+def _with_held(
+    result: PlanResult,
+    times: Float[Array, " T"],
+    states: tuple[Array, Array, Array],
+    longer: float,
+    controller: Controller | None,
+) -> Execution:
+    """Points of all joints, those that are held among them."""
     held = np.repeat(np.array(list(result.held.values()))[None], len(times), axis=0).reshape(len(times), -1)
     still = np.zeros_like(held)
-    q, dq, ddq = (np.concatenate(pair, axis=1) for pair in ((q, held), (dq, still), (ddq, still)))
-    return Execution((*result.joints, *result.held), times, q, dq, ddq, total - float(result.splines.total[0]))
+    q, dq, ddq = (np.concatenate(pair, axis=1) for pair in zip(states, (held, still, still), strict=True))
+    return Execution((*result.joints, *result.held), times, q, dq, ddq, longer, controller)

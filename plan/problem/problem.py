@@ -35,6 +35,8 @@ TIME_NODES = np.linspace(0.0, 1.0, 25)
 # A motion with a jerk limit may start with the acceleration that the limit builds within this time, a controller's [s].
 TICK = 1e-3
 NO_RULES = WayRules()
+# What limits of speed and acceleration may keep a motion inside of.
+TRAINING, ADVICE = "the model's training", "the maker's advice"
 # Label of the paper's initial trajectory.
 STRAIGHT = "straight"
 
@@ -113,6 +115,7 @@ class PlanningProblem:
     carried: tuple[dict[str, object], ...] = ()
     way: WayRules = NO_RULES  # what the motion has to keep on its way beside limits and clearance
     notes: tuple[str, ...] = ()  # what is to be said of the task in its result
+    known: str = ""  # what its limits keep it inside of, in words; nothing where they are the arm's own
     # Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     not_the_arms: frozenset[str] = frozenset()
 

@@ -70,20 +70,20 @@ def find_time_law(problem: PlanningProblem, splines: Splines) -> TimeLaw:
     total = float(splines.total[0])
     eager = float(splines.end_acceleration.max()) > AT_REST
     law = TimeLaw(total, min(RAMP_S, RAMP_SHARE * total) if eager else 0.0)
-    law = _measured(problem, splines, law)
+    law = measure(problem, splines, law)
     if law.ramp <= 0.0 or max(law.shares) <= 1.0:
         return law
-    slowest = _measured(problem, splines, replace(law, stretch=SLOWEST))
+    slowest = measure(problem, splines, replace(law, stretch=SLOWEST))
     if max(slowest.shares) > 1.0:
         return law
     low, best = 1.0, slowest
     while best.stretch - low > CLOSELY:
-        tried = _measured(problem, splines, replace(law, stretch=0.5 * (low + best.stretch)))
+        tried = measure(problem, splines, replace(law, stretch=0.5 * (low + best.stretch)))
         low, best = (low, tried) if max(tried.shares) <= 1.0 else (tried.stretch, best)
     return best
 
 
-def _measured(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeLaw:
+def measure(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeLaw:
     """The same law with its shares of the limits."""
     limits = problem.limits
     q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, PLACES))

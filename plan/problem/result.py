@@ -15,8 +15,9 @@ from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.clearance_proof import SHORT, Clearance, Cut, find_cuts, prove_clearance
 from plan.geometry.scene import Scene
+from plan.problem.controllers import Controller
 from plan.problem.problem import TICK, PlanningProblem
-from plan.problem.ramps import STANDING, TimeLaw, find_time_law
+from plan.problem.ramps import STANDING, TimeLaw, find_time_law, measure
 from plan.problem.rule_values import RuleCheck
 from plan.spline import Splines
 
@@ -29,6 +30,8 @@ FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
 # share of the limit, how many more: where a joint turns round, friction jumps within a millisecond.
 DENSE, NEAR_LIMIT, CLOSER = 400, 0.96, 20
+# Sections beyond which each has fewer of both, down to the least: those of a controller's ticks are as short as that.
+MANY_SECTIONS, LEAST_PLACES = 48, (4, 12)
 # What of a result stands in its record as it is, before and behind what the motion is.
 HEAD = ("status", "reason", "robot", "joints", "held", "carried", "method", "objective", "metric")
 REST = ("evaluations", "seconds", "cpu_seconds", "seed", "bound", "reference_gap", "starts", "notes", "provenance")
@@ -95,6 +98,9 @@ class Certificate:
     time_law: TimeLaw  # how the motion is executed from rest to rest, and the limits on that
     # What goes beyond the model's training, the worst first; None where no range is known.
     extrapolation: tuple[Extrapolation, ...] | None
+    # The curve of which all this is said: the plan's own, or what its controller makes of it.
+    curve: Splines
+    controller: Controller | None  # that controller; None where the plan is looked at by itself
     # Torque that was set aside because the model's is no better known [N m]; None for none.
     reserve: Float[Array, " n"] | None
     # Half of the 95 % interval of the executed motion's energy, from that of the model's torque [J]; None where the
@@ -116,12 +122,13 @@ class Certificate:
     def broken(self) -> list[str]:
         """What the motion breaks, in words; empty if nothing."""
         found = []
+        how = "" if self.controller is None else f" as {self.controller.name} executes it"
         for name, share in self.shares.items():
             for joint, value in enumerate([] if share is None else share, start=1):
                 if value > 1.0 + ROUNDING:
-                    found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit")
+                    found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit{how}")
         if not found and max(self.time_law.shares) > 1.0 + ROUNDING:
-            found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit")
+            found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit{how}")
         if self.position_margin < -ROUNDING:
             found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
         return [*found, *(str(one) for one in self.rules if not one.kept), *self.too_near]
@@ -143,14 +150,25 @@ class Certificate:
         return min((self.clearance, *(clearance for _, clearance in self.cuts)), key=lambda one: one.proven)
 
 
-def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
-    """Checks the first of a batch of motions: energy, limits on a dense grid, clearance at every instant."""
-    s, w = section_nodes(FINE)
-    q, dq, ddq = splines.states(s)
+def certify(problem: PlanningProblem, splines: Splines, controller: Controller | None = None) -> Certificate:
+    """Checks the first of a batch of motions: energy, limits on a dense grid, clearance at every instant.
+
+    Args:
+        problem: The task.
+        splines: The motions; on a controller's step, where one is given.
+        controller: Who executes it: then it is its curve that is looked at.
+    """
+    curve = splines if controller is None else controller.make_curve(splines)
+    s, w = section_nodes(_places(curve, FINE, LEAST_PLACES[0]))
+    q, dq, ddq = curve.states(s)
     tau = problem.model.torque(q, dq, ddq)
-    weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
+    weights = (curve.durations[:, :, None] * w).reshape(len(q), -1)
     limits, scene, trained = problem.limits, problem.scene, problem.trained
-    law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)
+    if controller is None:
+        law = find_time_law(problem, splines)
+    else:
+        law = measure(problem, curve, TimeLaw(float(curve.total[0])))
+    beyond = find_extrapolation(problem, curve)
     cuts, half_width = find_cuts(scene, problem.ends, limits.clearance), None
     uncut = ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
     if trained is not None and not beyond:
@@ -158,45 +176,67 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         half_width = float(np.linalg.norm(trained.torque_half_width[: problem.n] * np.array(law.travel)))
     return Certificate(
         energy=power_integrals(tau, dq, weights),
-        shares={
-            "speed": splines.top_speed[0] / limits.speed,
-            "acceleration": None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
-            # That of getting going within a controller's tick too.
-            "jerk": None
-            if limits.jerk is None
-            else np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK) / limits.jerk,
-            "torque": _torque_share(problem, splines),
-        },
-        position_margin=float(np.minimum(splines.lowest - limits.lower, limits.upper - splines.highest).min()),
-        clearance=prove_clearance(scene, splines, uncut, asked=limits.clearance - SHORT),
+        shares=_shares(problem, curve, controller),
+        position_margin=float(np.minimum(curve.lowest - limits.lower, limits.upper - curve.highest).min()),
+        clearance=prove_clearance(scene, curve, uncut, asked=limits.clearance - SHORT),
         asked_clearance=limits.clearance,
         cuts=tuple(
-            (cut, prove_clearance(scene, splines, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT))
+            (cut, prove_clearance(scene, curve, np.arange(len(scene.pairs)) == cut.pair, asked=cut.kept - SHORT))
             for cut in cuts
         ),
         scene=scene,
         time_law=law,
         extrapolation=beyond,
+        curve=curve,
+        controller=controller,
         reserve=limits.reserve,
         energy_half_width=half_width,
-        rules=() if problem.rules is None else problem.rules.check(splines),
+        rules=() if problem.rules is None else problem.rules.check(curve),
     )
 
 
-def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
+def _shares(
+    problem: PlanningProblem, curve: Splines, controller: Controller | None
+) -> dict[str, Float[Array, " n"] | None]:
+    """Peak speed, acceleration, jerk and torque of each joint as a share of its limit; None without a limit."""
+    limits, tick = problem.limits, TICK if controller is None else controller.tick_s
+    shares: dict[str, Float[Array, " n"] | None] = {
+        "speed": curve.top_speed[0] / limits.speed,
+        "acceleration": None,
+        "jerk": None,
+        "torque": _torque_share(problem, curve),
+    }
+    if limits.acceleration is not None:
+        shares["acceleration"] = curve.top_acceleration[0] / limits.acceleration
+    if limits.jerk is not None:
+        # That of getting going within a controller's tick, and of a step of the acceleration at a knot, too.
+        steps = np.maximum(curve.end_acceleration[0], curve.acceleration_jumps[0]) / tick
+        shares["jerk"] = np.maximum(curve.top_jerk[0], steps) / limits.jerk
+    return shares
+
+
+def _places(curve: Splines, most: int, least: int) -> int:
+    """Places of each section: fewer where there are very many sections."""
+    sections = curve.durations.shape[1]
+    return max(most * MANY_SECTIONS // max(sections, MANY_SECTIONS), least)
+
+
+def certify_standing(problem: PlanningProblem, controller: Controller | None = None) -> tuple[Splines, Certificate]:
     """The plan of zero length for a start that is the goal: what standing there for a second is, but for its time."""
     ends = np.stack([problem.start, problem.start])[None]
     found = certify(problem, Splines(ends, np.ones((1, 1))))
     still = dict.fromkeys(METRICS, 0.0)
     splines = Splines(ends, np.zeros((1, 1)))
-    return splines, replace(found, energy=still, time_law=STANDING, energy_half_width=None)
+    standing = {"time_law": STANDING, "energy_half_width": None, "controller": controller}
+    return splines, replace(found, energy=still, **standing)  # type: ignore[arg-type]
 
 
 def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
     """Peak torque of each joint as a share of its limit: densely everywhere, closer beside peaks near the limit."""
-    s = np.linspace(0.0, 1.0, DENSE)
+    dense = _places(splines, DENSE, LEAST_PLACES[1])
+    s = np.linspace(0.0, 1.0, dense)
     share = np.abs(problem.model.torque(*splines.states(s))[0]) / problem.limits.torque
-    padded = np.pad(share.reshape(-1, DENSE, problem.n), ((0, 0), (1, 1), (0, 0)))
+    padded = np.pad(share.reshape(-1, dense, problem.n), ((0, 0), (1, 1), (0, 0)))
     peak = padded[:, 1:-1] >= np.maximum(padded[:, :-2], padded[:, 2:])
     near = (peak & (padded[:, 1:-1] > NEAR_LIMIT)).any(axis=2)
     section, cell = np.nonzero(near[:, :-1] | near[:, 1:])
@@ -205,7 +245,7 @@ def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " 
     durations = splines.durations[0]
     begin = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
     inside = cell[:, None] + np.arange(1, CLOSER) / CLOSER
-    times = (begin[section, None] + durations[section, None] * inside / (DENSE - 1)).reshape(-1)
+    times = (begin[section, None] + durations[section, None] * inside / (dense - 1)).reshape(-1)
     closer = problem.model.torque(*(part[None] for part in splines.at(times)))[0]
     return np.maximum(share.max(axis=0), np.abs(closer).max(axis=0) / problem.limits.torque)
 
@@ -292,6 +332,7 @@ class PlanResult(Result):
             "peak_acceleration_rad_s2": rest if self.stands else splines.top_acceleration[0].tolist(),
             "peak_jerk_rad_s3": rest if self.stands else splines.top_jerk[0].tolist(),
             "execution": certificate.time_law.to_dict(),
+            "controller": None if certificate.controller is None else certificate.controller.name,
             "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
             "beyond_training": as_record(beyond or ()),
             "torque_reserve_Nm": None if reserve is None else reserve.tolist(),

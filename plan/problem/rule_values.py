@@ -19,6 +19,8 @@ from plan.spline import Splines
 UNIT = 0.1
 # Share of a limit at which a search aims: what happens between the places at which it looks has the rest.
 AIM = 0.9
+# The same of the square of the tool's speed, which changes little between two places.
+AIM_OF_SPEED = 0.996
 # Fewest joints that can turn a tool as they like.
 TURNING = 6
 # Places at which a certificate looks, and at which it looks closer about a via point.
@@ -109,7 +111,8 @@ class Rules:
         before = np.cumsum(turned, axis=1) - turned
         change = np.cross(angular, beyond) + np.cross(before, linear)
         by_position = 2.0 * np.einsum("tni,ti->tn", change, speed) / limit**2
-        return RuleRow("speed", (speed * speed).sum(axis=1) / limit**2, 1.0, 1.0, 0.99, by_position, by_speed)
+        share = (speed * speed).sum(axis=1) / limit**2
+        return RuleRow("speed", share, 1.0, 1.0, AIM_OF_SPEED, by_position, by_speed)
 
     def _straight_rows(self, states: tuple[Array, Array, Array, Array], within: float) -> list[RuleRow]:
         """Off the line to either side and beyond its ends, and off the even turn."""

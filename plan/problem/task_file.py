@@ -127,6 +127,7 @@ class Task(Surroundings):
     others: tuple[Float[Array, " n"], ...] = ()  # further goals, any of which will do as well [rad]
     other_poses: tuple[Pose, ...] = ()  # further poses likewise
     way: WayRules = NO_RULES  # what the motion has to keep on its way
+    keys: tuple[str, str] = ("start_deg", "goal_deg")  # by which the file names start and goal, for messages
 
     @property
     def n(self) -> int:
@@ -143,11 +144,23 @@ def load_task(path: str | Path) -> Task:
     top = _read(Path(path))
     if "task" not in top:
         raise InputError(top.file, "it has no [task] table", "add one")
-    robot, given = urdf_from(top.file, top.need("robot")), len(top.table("task")["start_deg"])
+    robot, named = urdf_from(top.file, top.need("robot")), top.table("task")
+    if "start_state" not in named:
+        named["start_deg"]
+    keys = tuple(
+        next((key for key in ends if key in named), ends[0])
+        for ends in (("start_deg", "start_state"), ("goal_deg", "goals_deg", "goal_pose", "goal_state"))
+    )
     top.table("limits")
     from ident.robot.arm import ArmModel  # heavy: a slip in the tables above is reported before
 
-    slides = np.append(ArmModel.load(robot).sliding_joints, np.zeros(given, dtype=bool))
+    arm = ArmModel.load(robot)
+    if "srdf" in top or {"group", "start_state", "goal_state"} & set(named.entry):
+        from plan.problem.srdf_groups import give_states
+
+        give_states(top, arm)
+    given = len(top.table("task")["start_deg"])
+    slides = np.append(arm.sliding_joints, np.zeros(given, dtype=bool))
     top.joints = slides[:given]
     task, limits = top.table("task"), top.table("limits")
     start, wrist = task["start_deg"], task["wrist_deg"]
@@ -181,6 +194,7 @@ def load_task(path: str | Path) -> Task:
         others=tuple(goals[1:]),
         other_poses=tuple(poses[1:]),
         way=read_rules(top),
+        keys=(keys[0], keys[1]),
     )
 
 

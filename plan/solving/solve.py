@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array
 from plan.command_options import DEFAULT_METHOD, USUAL_BUDGET, SolveOptions
 from plan.initial.starts import from_seeds
 from plan.initial.trees import Seed, find_seeds
 from plan.planners.base import Candidate, Ledger, Planner, make_planner
 from plan.planners.evolution import Evolution, start_compressed
-from plan.planners.sequential import Sequential
-from plan.problem.problem import STRAIGHT, PlanningProblem
+from plan.planners.sequential import Sequential, descend_on_knots
+from plan.problem.controllers import Controller
+from plan.problem.problem import STRAIGHT, Limits, PlanningProblem
+from plan.problem.ramps import find_time_law
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.solving.bound import least_energy, least_time
 from plan.solving.set_up import find_obstruction
@@ -33,6 +37,9 @@ MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
 HARDLY = 0.002
 # Factors by which a motion is slowed down to keep its limits between the search's samples.
 SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
+# Factors by which a motion on a controller's step is made longer until it keeps its limits; how far a via
+# angle may move there [rad], and most steps.
+LONGER, ON_STEP, ON_STEP_STEPS = (1.0, 1.005, 1.015, 1.03, 1.06, 1.1, 1.25, 1.5), np.pi / 2, 40
 USUAL = SolveOptions()
 # What is tried for each goal before one is chosen, and how long in processor time [s].
 QUICK = Sequential(starts=2, first=18, kept=(1,), levels=0)
@@ -91,7 +98,11 @@ def cheapest_goal(
         best = QUICK.run([problem], ledger, rng).best
         costs.append(best.cost if best is not None and best.feasible else np.inf)
     which = f"{len(problems)} joint positions bring the frame to the goal's pose" if posed else f"{len(problems)} goals"
-    note = f"{which}; short searches reached {np.isfinite(costs).sum()} of them, and the cheapest was taken"
+    reached = int(np.isfinite(costs).sum())
+    taken = f"reached {reached} of them, and the cheapest was taken"
+    if reached == 0:
+        taken = "reached none of them, and the nearest was taken"
+    note = f"{which}; short searches {taken}"
     return problems[int(np.argmin(costs))], (note,)  # the nearest where none was reached
 
 
@@ -100,6 +111,7 @@ def solve(
     options: SolveOptions = USUAL,
     planner: Planner | None = None,
     starts: Starts | None = None,
+    controller: Controller | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
@@ -108,6 +120,8 @@ def solve(
         options: How it is looked for; how the task is taken stands in the problem.
         planner: A planner with other options than the method's default.
         starts: Initial trajectories, if they are known already.
+        controller: Who executes the plan: it is put on the controller's step, and the curve that the controller makes
+            of it is certified. None for a plan by itself.
 
     Raises:
         InputError: No such method, or not for this task.
@@ -126,11 +140,12 @@ def solve(
         carried=problem.carried,
     )
     if np.array_equal(problem.start, problem.goal):
-        splines, certificate = certify_standing(problem)
+        still, certificate = certify_standing(problem, controller)
         if certificate.broken:
             return replace(result, reason="; ".join(certificate.broken))
         said = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
-        return replace(result, status="solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=said)
+        result = replace(result, status="solved", splines=still, certificate=certificate, reference_gap=0.0)
+        return replace(result, notes=said, history=((0, 0.0, 0.0),))
     reason = find_obstruction(problem)
     if reason:
         return replace(result, reason=reason)
@@ -140,21 +155,32 @@ def solve(
         seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
         starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
     planner.run(starts[0], ledger, rng)
-    best, found = _certified(ledger, rng)
+    splines, found = _certified(ledger, rng, controller)
+    verdict = _judge(found, ledger, starts[1], problem.known)
     result = replace(
         result,
-        splines=None if best is None else best.splines,
+        splines=splines,
         certificate=found,
         evaluations=ledger.evaluations,
         bound=least_time(problem) if problem.objective == "time" else least_energy(problem),
         starts=_start_records(*starts, ledger),
-        history=tuple(ledger.history),
+        history=_history(ledger, problem, splines, found),
         notes=(*problem.notes, *_cuts(found), *ledger.notes),
-        **_judge(found, ledger, starts[1]),
+        **verdict,
     )
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, starts[0]))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+
+
+def _history(
+    ledger: Ledger, problem: PlanningProblem, splines: Splines | None, found: Certificate | None
+) -> tuple[tuple[int, float, float], ...]:
+    """What was found when, at last the certified motion, which mending may have made another one."""
+    if splines is None or found is None or found.broken:
+        return tuple(ledger.history)
+    cost = float(splines.total[0]) if problem.objective == "time" else found.energy[problem.metric]
+    return (*ledger.history, (ledger.evaluations, ledger.cpu_seconds, cost))
 
 
 def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
@@ -162,28 +188,45 @@ def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
     return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
 
 
-def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:
-    """The best candidate and its dense check; mended where the search's samples had missed something.
+def _certified(
+    ledger: Ledger, rng: np.random.Generator, controller: Controller | None
+) -> tuple[Splines | None, Certificate | None]:
+    """The best candidate, on its controller's step if there is one, and its dense check.
 
+    It is mended where the search's samples had missed something, or where the controller makes another curve of it.
     Mending ends at the first motion that passes and costs hardly more than what was found.
     """
     best = ledger.best
     if best is None:
         return None, None
-    problem, certificate = best.problem, certify(best.problem, best.splines)
+    splines, certificate = _checked(best, controller)
     if not certificate.broken or not best.feasible:
-        return best, certificate
-    ledger.notes.append(f"mended between the search's samples: {'; '.join(certificate.broken)}")
-    passed: list[tuple[Candidate, Certificate]] = []
-    for mended in _mended(best, certificate, ledger, rng):
-        if passed and mended.cost >= passed[0][0].cost:
+        return splines, certificate
+    what = "mended between the search's samples"
+    if controller is not None:
+        what = f"moved onto the step of {controller.name}, as the curve that it makes of the motion"
+    ledger.notes.append(f"{what}: {'; '.join(certificate.broken)}")
+    passed: list[tuple[float, Splines, Certificate]] = []
+    ways = [_mended(best, certificate, ledger, rng)]
+    if controller is not None:
+        ways = [_slower(best), _searched_on_step(best, certificate, ledger, controller)]
+    for mended in chain(*ways):
+        if passed and mended.cost >= passed[0][0]:
             continue
-        checked = certify(problem, mended.splines)
+        moved, checked = _checked(mended, controller)
         if not checked.broken:
-            passed = [(mended, checked)]
+            passed = [(mended.cost, moved, checked)]
             if mended.cost <= best.cost + HARDLY * abs(best.cost):
                 break
-    return passed[0] if passed else (best, certificate)
+    return passed[0][1:] if passed else (splines, certificate)
+
+
+def _checked(candidate: Candidate, controller: Controller | None) -> tuple[Splines, Certificate]:
+    """A candidate as it is executed, and its dense check."""
+    problem, splines = candidate.problem, candidate.splines
+    if controller is not None:
+        splines = controller.put_on_step(splines, find_time_law(problem, splines))
+    return splines, certify(problem, splines, controller)
 
 
 def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.random.Generator) -> Iterator[Candidate]:
@@ -192,10 +235,8 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
     What is quick comes first: gradients from where the motion is; where they don't help, and time is left, CMA-ES.
     """
     problem, limits, near = best.problem, best.problem.limits, bool(certificate.too_near)
-    if not near and problem.objective == "time" and problem.searches_times:
-        for factor in SLOWER:
-            slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
-            yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
+    if not near:
+        yield from _slower(best)
     ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
     if problem.grows and problem.free != "times":
         ways.insert(0, Sequential(starts=1, levels=0))
@@ -204,12 +245,7 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
                 return
             own, slack = Ledger(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS))), 1.002 + 0.01 * turn
-            tighter = replace(
-                limits,
-                torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
-                speed=limits.speed / np.maximum(certificate.speed_share * slack, 1.0),
-                clearance=limits.clearance + 0.002 * (turn + 1) * near,
-            )
+            tighter = _tighter(limits, certificate, slack, 0.002 * (turn + 1) * near)
             planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)
             ledger.count(own.evaluations)
             found = own.best
@@ -217,7 +253,69 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
                 yield Candidate(found.problem, found.x, found.cost, 0.0)
 
 
-def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed]) -> dict[str, Any]:
+def _slower(best: Candidate) -> Iterator[Candidate]:
+    """The same motion slowed down a little, where time is free."""
+    problem = best.problem
+    if problem.objective != "time" or not problem.searches_times:
+        return
+    for factor in SLOWER:
+        slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
+        yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
+
+
+def _searched_on_step(
+    best: Candidate, certificate: Certificate, ledger: Ledger, controller: Controller
+) -> Iterator[Candidate]:
+    """The motion searched anew with its knots on the controller's step, where time is free for longer and longer.
+
+    Each time with limits tighter by what the last one passed between the search's samples.
+    """
+    problem, limits = best.problem, best.problem.limits
+    total, timed = float(best.splines.total[0]), problem.objective == "time" and problem.searches_times
+    knots = np.concatenate([[0.0], np.cumsum(best.splines.durations[0])]) / total
+    for longer in LONGER if timed else (1.0,):
+        whole = controller.whole(total * longer)
+        shares = controller.knots_on_step(knots, whole)
+        points = best.splines.at(shares * total)[0]
+        points[0], points[-1] = best.splines.points[0, 0], best.splines.points[0, -1]
+        moved = Splines(points[None], np.diff(shares * whole)[None])
+        seen = certificate
+        for turn in range(MENDS):
+            own = Ledger(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS)))
+            fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
+            slack = 1.0 if turn == 0 else 1.0005 + 0.002 * turn
+            tighter = _tighter(limits, seen, slack) if turn else limits
+            task = problem.with_initial(moved, radius=ON_STEP, limits=tighter, **fixed)
+            descend_on_knots(task, own, ON_STEP_STEPS)
+            ledger.count(own.evaluations)
+            if own.best is None or not own.best.feasible:
+                break
+            cost = whole if timed else own.best.cost
+            found = replace(own.best, cost=cost, problem=replace(own.best.problem, limits=limits))
+            yield found
+            seen = _checked(found, controller)[1]
+            if not seen.broken:
+                return
+
+
+def _tighter(limits: Limits, seen: Certificate, slack: float, clearance: float = 0.0) -> Limits:
+    """Limits lower by what was seen above them, and a little more."""
+    return replace(
+        limits,
+        torque=limits.torque / np.maximum(seen.torque_share * slack, 1.0),
+        speed=limits.speed / np.maximum(seen.speed_share * slack, 1.0),
+        acceleration=_tightened(limits.acceleration, seen.shares["acceleration"], slack),
+        jerk=_tightened(limits.jerk, seen.shares["jerk"], slack),
+        clearance=limits.clearance + clearance,
+    )
+
+
+def _tightened(limit: Array | None, share: Array | None, slack: float) -> Array | None:
+    """A limit, lower by what was seen above it and a little more."""
+    return limit if limit is None or share is None else limit / np.maximum(share * slack, 1.0)
+
+
+def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed], known: str) -> dict[str, Any]:
     """Status of a search, and its reason."""
     if certificate is None:
         return {"status": "budget_spent", "reason": "the budget ended before anything was evaluated"}
@@ -228,6 +326,8 @@ def _judge(certificate: Certificate | None, ledger: Ledger, seeds: Sequence[Seed
     reason = f"the best motion found is not allowed: {'; '.join(broken[:2])}"
     if seeds and len(failed) == len(seeds):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
+    if known:
+        reason += f"; it was to stay inside {known}, which --beyond leaves"
     return {"status": "budget_spent" if ledger.remaining == 0 else "infeasible", "reason": reason}
 
 

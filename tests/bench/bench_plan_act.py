@@ -82,7 +82,9 @@ def plans_of(model: HybridModel, count: int, seed: int, folder: Path, inside: bo
         objective = ("energy", "time")[len(found) % 2]
         try:
             path, spend = folder / "scene.toml", EVALUATIONS
-            result = solve(path, model, objective=objective, evaluations=spend, gap=False, inside=inside)
+            result = solve(
+                path, model, objective=objective, evaluations=spend, gap=False, inside=inside, beyond=not inside
+            )
         except InputError:  # an end inside a box, or beyond the training
             continue
         if result.solved:

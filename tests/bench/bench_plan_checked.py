@@ -133,7 +133,9 @@ def one_task(number: int, robot: str, bench: Bench, evaluations: int, folder: Pa
     row, began = Row(number, robot, objective, evaluations, "refused"), time.process_time()
     row = replace(row, boxes=len(scene["obstacle"]), tool="attached" in scene)
     try:
-        result = solve(path, bench.model, objective=objective, evaluations=evaluations, gap=False, seed=number)
+        result = solve(
+            path, bench.model, objective=objective, evaluations=evaluations, gap=False, seed=number, beyond=True
+        )
     except InputError:  # the task is at fault: an end inside a box
         return row
     except Exception as error:  # ours is

@@ -49,7 +49,7 @@ def test_sound_plans_pass_and_touched_ones_do_not(tm5: ArmModel, folder: Path) -
     """A plan round a box is found sound; a moved via point, a faster motion and other joules are not."""
     scene = tomllib.loads((DATA / "obstacle.toml").read_text())
     scene["task"]["objective"] = "energy"
-    plan = solve(DATA / "obstacle.toml", folder, method="cma", evaluations=1500, gap=False).to_dict()
+    plan = solve(DATA / "obstacle.toml", folder, method="cma", evaluations=1500, gap=False, beyond=True).to_dict()
     assert plan["status"] == "solved"
     limits = limits_of(tm5, 3, 0.005)
     model, world = Model(folder), World(URDF, [], scene)
@@ -74,7 +74,7 @@ def test_a_folded_wrist_cuts_no_other_margin(tm5: ArmModel, folder: Path, tmp_pa
     scene: dict[str, Any] = {"robot": "tm5-900", "task": task, "obstacle": [post]}
     path = tmp_path / "scene.toml"
     path.write_text(tomli_w.dumps(scene))
-    result = solve(path, folder, evaluations=80, gap=False)
+    result = solve(path, folder, evaluations=80, gap=False, beyond=True)
     plan = result.to_dict()
     assert plan["status"] == "solved"
     (cut,) = plan["clearance_cuts"]
@@ -107,7 +107,7 @@ def test_plans_among_what_was_scanned_are_sound(tm5: ArmModel, folder: Path, tmp
     scene["obstacle"] = [{"name": "monitor", "cloud": "scan.npy", "radius_m": 0.004, **place}]
     path = tmp_path / "scene.toml"
     path.write_text(tomli_w.dumps(scene))
-    plan = solve(path, folder, evaluations=300, gap=False).to_dict()
+    plan = solve(path, folder, evaluations=300, gap=False, beyond=True).to_dict()
     assert plan["status"] == "solved"
     scene["task"]["objective"] = "energy"
     limits = limits_of(tm5, 3, 0.005)

@@ -28,14 +28,14 @@ def scene(folder: Path, text: str) -> Path:
 
 
 def opened(path: Path, model: Path | None = None, **changes: Any) -> OpenedTask:
-    return open_task(path, model, TaskOptions(**changes))
+    return open_task(path, model, TaskOptions(**{"beyond": True, **changes}))
 
 
 def test_solves_and_writes_everything(tmp_path: Path) -> None:
     """One command: the plan as JSON, a picture and a Rerun recording."""
     files = [tmp_path / name for name in ("plan.json", "plan.png", "plan.rrd")]
     arguments = ["solve", str(DATA / "table3.toml"), "--json", str(files[0]), "--picture", str(files[1])]
-    outcome = CliRunner().invoke(app, [*arguments, "--rrd", str(files[2])])
+    outcome = CliRunner().invoke(app, [*arguments, "--beyond", "--rrd", str(files[2])])
     assert outcome.exit_code == 0, outcome.output
     assert "solved by sqp" in outcome.output
     assert "proven between samples too" in outcome.output
@@ -48,7 +48,7 @@ def test_solves_and_writes_everything(tmp_path: Path) -> None:
 def test_compares_and_draws(tmp_path: Path) -> None:
     """A table of methods, a JSON record, pictures of costs and of the best motion."""
     arguments = ["compare", str(DATA / "table3.toml"), "--methods", "cma,reference", "--seeds", "2"]
-    arguments += ["--evaluations", "300"]
+    arguments += ["--evaluations", "300", "--beyond"]
     outcome = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "c.json"), "--out", str(tmp_path / "o")])
     assert outcome.exit_code == 0, outcome.output
     record = check_file(tmp_path / "c.json")
@@ -60,7 +60,7 @@ def test_compares_and_draws(tmp_path: Path) -> None:
 def test_a_motion_file_is_never_older_than_its_task(tmp_path: Path, name: str) -> None:
     """Written over our own file, never over the user's; a task without a plan exits 3 and leaves no old motion."""
     path, out = scene(tmp_path, TABLE3), tmp_path / name
-    arguments = ["solve", str(path), "--evaluations", "30", "--no-gap", "--out", str(out)]
+    arguments = ["solve", str(path), "--evaluations", "30", "--no-gap", "--beyond", "--out", str(out)]
     for _ in range(2):
         assert CliRunner().invoke(app, arguments).exit_code == 0
     motion = out.read_bytes()

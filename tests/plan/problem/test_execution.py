@@ -98,7 +98,9 @@ def test_files_hold_the_motion(result: PlanResult, tmp_path: Path) -> None:
     assert len(message["points"]) == len(motion.times)
     stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
     assert stamps == pytest.approx(motion.times)
-    assert np.array([p["accelerations"] for p in message["points"]]) == pytest.approx(motion.ddq, abs=1e-8)
+    assert np.array([p["velocities"] for p in message["points"]]) == pytest.approx(motion.dq, abs=1e-8)
+    # With accelerations ROS 2's controller makes quintics, which are another curve than the certified cubics.
+    assert all(p["accelerations"] == [] for p in message["points"])
 
 
 def test_bad_names_and_rates_are_refused() -> None:

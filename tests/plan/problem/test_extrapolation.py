@@ -11,9 +11,9 @@ from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from plan.api.planning import open_task
-from plan.command_options import TaskOptions
+from plan.command_options import SolveOptions, TaskOptions
 from plan.planners.sequential import Sequential
-from plan.problem.problem import Limits
+from plan.problem.problem import ADVICE, TRAINING, Limits
 from plan.problem.result import certify, find_extrapolation
 from plan.solving.set_up import require_inside, stay_inside
 from tests.plan.worlds import ledger, problem
@@ -85,13 +85,54 @@ def test_a_model_keeps_its_range_and_plans_leave_its_doubt_free(tmp_path: Path) 
     assert whole.torque - kept.torque == pytest.approx(HALF[:3])
     assert kept.reserve == pytest.approx(HALF[:3])
     assert whole.reserve is None
-    inside = limits(inside=True)
+    inside = limits()
     assert inside.speed.max() <= 3.0
     assert inside.acceleration == pytest.approx(np.full(3, 50.0))
+    assert limits(beyond=True).acceleration is None
 
 
 def test_staying_inside_needs_a_range() -> None:
-    """Without a model, or with one that knows no range, the remedy is named."""
-    for model, words in ((None, "give --model"), (fitted(None), "fit it again")):
-        with pytest.raises(InputError, match=words):
+    """Without a model, or with one that knows no range, the remedy is named; leaving it, too, is a contradiction."""
+    for model in (None, fitted(None)):
+        with pytest.raises(InputError, match="give --model"):
             open_task(DATA / "table3.toml", model, TaskOptions(inside=True))
+    with pytest.raises(InputError, match="give one of them"):
+        open_task(DATA / "table3.toml", fitted(known()), TaskOptions(inside=True, beyond=True))
+
+
+def test_what_is_known_bounds_a_plan_unless_it_is_left() -> None:
+    """By default the training range, else the maker's advice; the reason and `--beyond` say what was left."""
+    options = TaskOptions("time")
+    narrow = known(speed=1.2, acceleration=8.0)
+    for model, words, most in (
+        (fitted(narrow), TRAINING, 8.0),
+        (fitted(None), ADVICE, 1.0),
+        (None, ADVICE, 1.0),
+    ):
+        task = open_task(DATA / "table3.toml", model, options)
+        assert task.problem.known == words
+        limit = task.problem.limits.acceleration
+        assert limit is not None
+        assert limit.max() == most
+        left = open_task(DATA / "table3.toml", model, replace(options, beyond=True)).problem
+        assert left.limits.acceleration is None
+        assert left.notes[0].startswith("beyond what is known")
+        assert f"{most:g} rad/s2" in left.notes[0]
+    result = open_task(DATA / "table3.toml", None).solve(SolveOptions(gap=False))
+    assert result.status == "infeasible"
+    assert f"({ADVICE}; --beyond leaves it)" in result.reason
+    plan = open_task(DATA / "table3.toml", fitted(narrow), options)
+    best = plan.solve(SolveOptions("time", gap=False, seconds=3.0))
+    assert best.certificate is not None
+    assert [one.quantity for one in best.certificate.extrapolation or ()] == []
+    assert best.splines.top_acceleration.max() <= 8.0
+
+
+def test_the_task_itself_may_begin_beyond_the_training() -> None:
+    """Start and goal widen the positions that a plan may use, and only as far as they lie; that is told."""
+    task = open_task(DATA / "table3.toml", fitted(known(position=1.0)), TaskOptions("time")).problem
+    assert task.limits.lower == pytest.approx([-1.0, -1.0, np.radians(-120.0)])
+    assert task.limits.upper == pytest.approx([np.radians(80.0), 1.0, 1.0])
+    assert "positions of joint_1, joint_3" in task.notes[-1]
+    with pytest.raises(InputError, match="beyond the model's training"):
+        open_task(DATA / "table3.toml", fitted(known(position=1.0)), TaskOptions("time", inside=True))

@@ -1,0 +1,140 @@
+"""The curve that a controller makes of a written plan is the one that was certified, and keeps the limits."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError
+from ident.robot.arm import ArmModel
+from plan.command_options import SolveOptions
+from plan.planners.sequential import Sequential
+from plan.problem.controllers import Controller, choose_controller, load_controllers
+from plan.problem.execution import write_motion_file
+from plan.problem.problem import PlanningProblem
+from plan.problem.ramps import TimeLaw
+from plan.problem.result import PlanResult
+from plan.solving.solve import solve
+from tests.plan.emulated_controllers import (
+    Moved,
+    by_polynomials,
+    by_servoj,
+    by_speedj,
+    read_tmscript,
+    read_trajectory,
+    read_urscript,
+    through_tm_driver,
+)
+from tests.plan.worlds import MONITOR, problem
+
+CONTROLLERS = {controller.name: controller for controller in load_controllers()}
+WRIST = {"joint_4": 0.1, "joint_5": 0.3, "joint_6": 0.0}
+QUICK = Sequential(starts=2, kept=(1,), levels=2)
+
+
+def task(objective: str) -> PlanningProblem:
+    """A task at its limits of torque, speed and acceleration, beside an obstacle."""
+    start = problem(MONITOR, objective=objective, free="both" if objective == "time" else "vias", duration=0.9)
+    return replace(start, limits=replace(start.limits, acceleration=np.array([25.0, 20.0, 30.0])))
+
+
+def planned(controller: Controller, objective: str) -> tuple[PlanningProblem, PlanResult]:
+    asked = task(objective)
+    result = solve(asked, SolveOptions(gap=False, seconds=20.0), QUICK, controller=controller)
+    assert result.solved, result.reason
+    return asked, replace(result, held=WRIST)
+
+
+def moved(controller: Controller, path: Path, start: np.ndarray) -> Moved:
+    """The written file as its controller executes it."""
+    if controller.name == "tmscript":
+        return by_polynomials(read_tmscript(path, start))
+    if controller.suffix == ".script":
+        return by_servoj(*read_urscript(path))
+    points = read_trajectory(path)
+    if controller.name == "tm_ros2":
+        return by_polynomials(through_tm_driver(points))
+    return by_speedj(points, controller.tick_s) if controller.name == "ur_spline" else by_polynomials(points)
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+@pytest.mark.parametrize("name", list(CONTROLLERS))
+def test_what_is_executed_keeps_all_limits(name: str, objective: str, tmp_path: Path) -> None:
+    """Speed, acceleration, torque, clearance and goal of the emulated execution; its energy is the certificate's."""
+    controller = CONTROLLERS[name]
+    asked, result = planned(controller, objective)
+    path = tmp_path / f"motion{controller.suffix}"
+    write_motion_file(result, path)
+    run = moved(controller, path, np.concatenate([asked.start, list(WRIST.values())]))
+    q, dq, ddq = (np.ascontiguousarray(part[:, :3]) for part in (run.q, run.dq, run.ddq))
+    limits, slack = asked.limits, 1.0 + 1e-6
+    assert limits.acceleration is not None
+    tau = asked.model.torque(q[None], dq[None], ddq[None])[0]
+    assert (np.abs(tau) / limits.torque).max() <= slack
+    assert (np.abs(dq) / limits.speed).max() <= slack
+    assert (np.abs(ddq) / limits.acceleration).max() <= slack
+    apart = [asked.scene.distances(row).min() for row in q[::20]]
+    assert min(apart) >= limits.clearance - 6e-4
+    assert q[0] == pytest.approx(asked.start, abs=1e-6)
+    assert q[-1] == pytest.approx(asked.goal, abs=1e-5)
+    assert np.abs(dq[[0, -1]]).max() < 1e-5
+    assert run.q[:, 3:] == pytest.approx(np.tile(list(WRIST.values()), (len(q), 1)), abs=1e-6)
+    work = np.trapezoid(np.abs(tau * dq).sum(axis=1), run.times)
+    assert result.certificate is not None
+    assert result.certificate.energy["absolute"] == pytest.approx(work, rel=5e-3)
+    if objective == "energy":
+        assert run.times[-1] - run.times[0] == pytest.approx(0.9, abs=2.1 * controller.tick_s)
+
+
+def test_a_curve_between_coarse_points_is_not_the_plans() -> None:
+    """The same plan looked at by itself keeps its limits; on a step of 25 ms what is executed would not."""
+    asked = task("time")
+    asked = replace(asked, limits=replace(asked.limits, acceleration=None))
+    best = solve(asked, SolveOptions(gap=False, seconds=20.0), QUICK)
+    assert best.solved
+    assert best.splines is not None
+    assert best.certificate is not None
+    controller = CONTROLLERS["tmscript"]
+    moved_plan = controller.put_on_step(best.splines, best.certificate.time_law)
+    curve = controller.make_curve(moved_plan)
+    tau = asked.model.torque(*curve.states(np.linspace(0.0, 1.0, 50)))[0]
+    assert (np.abs(tau) / asked.limits.torque).max() > 1.01
+    assert np.diff(np.cumsum(moved_plan.durations[0])).min() >= 0.025 - 1e-12
+
+
+@pytest.mark.parametrize("name", list(CONTROLLERS))
+def test_a_plan_on_the_step_stays_as_it_is(name: str) -> None:
+    """Put on the step a second time a plan does not change, and its points lie on multiples of it."""
+    controller = CONTROLLERS[name]
+    asked = task("energy")
+    start = asked.decode(asked.initial)
+    law = TimeLaw(float(start.total[0]))
+    first = controller.put_on_step(start, law)
+    again = controller.put_on_step(first, TimeLaw(float(first.total[0])))
+    assert again.durations == pytest.approx(first.durations, abs=1e-12)
+    assert again.points == pytest.approx(first.points, abs=1e-12)
+    stamps = np.cumsum(first.durations[0]) / controller.stamp_s
+    assert stamps == pytest.approx(np.round(stamps), abs=1e-6)
+
+
+def test_the_arm_and_the_file_name_the_controller() -> None:
+    """By the file's ending and the robot; what does not fit is refused with what does."""
+    tm, ur, panda = (ArmModel.load(name) for name in ("tm5-900", "ur5", "panda"))
+    assert choose_controller(None, None, tm) is None
+    assert choose_controller(None, Path("m.csv"), tm) is None
+    for out, arm, name in (
+        ("m.yaml", tm, "tm_ros2"), ("m.yml", ur, "ros2_control"), ("m.yaml", panda, "ros2_control"),
+        ("m.tmscript", tm, "tmscript"), ("m.script", ur, "ur_servoj"),
+    ):  # fmt: skip
+        chosen = choose_controller(None, Path(out), arm)
+        assert chosen is not None
+        assert chosen.name == name
+    for asked, out, arm, words in (
+        ("magic", None, tm, "use one of: tmscript, tm_ros2"),
+        ("tmscript", None, ur, "use one of: ros2_control, ur_spline"),
+        ("tmscript", Path("m.yaml"), tm, r"end it in one of: \.tmscript"),
+        (None, Path("m.tmscript"), ur, "the robot is 'ur5'"),
+    ):
+        with pytest.raises(InputError, match=words):
+            choose_controller(asked, out, arm)
