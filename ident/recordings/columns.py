@@ -78,6 +78,8 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
 
 
 TIME = "time"
+# What plotting tools call the time of a row.
+TIME_ALIASES = ("__time",)
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 # Columns under their native names, all of the same length, and what was found when reading them.
 Table = tuple[Mapping[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]
@@ -137,6 +139,8 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
         # A mapping that takes the native name for itself overrides the table's own column of that name.
         if native not in session_file.columns.values():
             chosen[index] = native
+    if TIME not in chosen.values() and session_file.sample_rate_hz is None:
+        chosen.update({index: TIME for index, name in enumerate(names) if name in TIME_ALIASES})
     seen: dict[str, int] = {}
     for index, native in chosen.items():
         if (first := seen.setdefault(native, index)) != index:
