@@ -13,6 +13,7 @@ from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, 
 from ident.checks.arrangement import check_bodies, check_order, mend_mount
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
+    check_clock,
     mend_clock_jumps,
     mend_jitter,
     mend_order,
@@ -26,6 +27,7 @@ from ident.checks.effort_kind import (
     Gains,
     check_absent,
     check_gains,
+    check_placeholders,
     check_rating,
     check_scales,
     judge_effort,
@@ -164,17 +166,17 @@ def inspect_alone(
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
-        # Before the torque is held against the model in any other way.
-        mount,
-        # Before gravity and inertia are held against each other for the time base.
-        lambda found: mend_effort_kind(found, arm),
-        lambda found: mend_time_base(found, arm),
+        mend_time_base,
         mend_jitter,
         drop_stuck,
         drop_stuck_velocity,
         lambda found: split_at_jumps(found, arm),
         split_at_gaps,
         mend_velocity,
+        # From here on the torque is held against the model: of the rows that are left, under the right gravity first.
+        mount,
+        lambda found: mend_effort_kind(found, arm),
+        lambda found: check_clock(found, arm),
     )
     for step in steps:
         session, found = step(session)
@@ -190,7 +192,10 @@ def inspect_alone(
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
         torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
-        torque += check_rating(session, arm) or check_order(session, arm, states)
+        torque += check_placeholders(session, arm)
+        rating = check_rating(session, arm, states)
+        refused = any(issue.severity == "fatal" for issue in rating)
+        torque += rating + ([] if refused else check_order(session, arm, states))
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, arm, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):
