@@ -189,20 +189,20 @@ def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session,
     return scaled, [issue_of("clock_rate", session, reason=reason.format(factor), rate=rate)]
 
 
-def check_clock(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """Time base by the model: inertial torque on heavy joints against gravity's; the speeds against the URDF's limits.
 
     Where speeds exceed their limits, either the clock or the limits are wrong. A measured velocity confirms the clock;
     without one, inertia tells which of both leaves it nearer to the model's.
     """
-    states = None if arm is None else collect_states(session, arm)
-    if states is None or arm is None:
-        return session, []
+    states = collect_states(session, arm)
+    if states is None:
+        return []
     excess = np.percentile(np.abs(states.dq), 99, axis=0) / arm.known_limits.speed
     worst = int(np.argmax(excess))
     beyond = np.flatnonzero(excess > LIMIT.over_limit)
     if compare_velocities(session) is not None:
-        return session, [issue_of("speed_limits", session, beyond, worst, excess=excess)] if len(beyond) else []
+        return [issue_of("speed_limits", session, beyond, worst, excess=excess)] if len(beyond) else []
     loaded = states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm)
     ratios = [ratio for j in np.flatnonzero(loaded) if (ratio := _sure_ratio(states, int(j))) is not None]
     ratio = float(np.median(ratios)) if ratios else 1.0
@@ -211,10 +211,10 @@ def check_clock(session: Session, arm: ArmModel | None) -> tuple[Session, list[T
         slower = ratio * float(excess.max()) ** 2
         confirmed = bool(ratios) and abs(math.log(ratio)) < abs(math.log(slower))
         key = "speed_limits" if confirmed else "clock_by_speed"
-        return session, [issue_of(key, session, beyond, worst, excess=excess)]
+        return [issue_of(key, session, beyond, worst, excess=excess)]
     if not ratios or LIMIT.inertia_low < ratio < LIMIT.inertia_high:
-        return session, []
-    return session, [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
+        return []
+    return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
 
 
 def _sure_ratio(states: States, joint: int) -> float | None:

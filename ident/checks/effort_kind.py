@@ -62,8 +62,15 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
     return GravityFit(float(weights[0]), float(errors[0]), float(weights[1]), float(errors[1]), friction)
 
 
-def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml."""
+def mend_effort_kind(
+    session: Session, arm: ArmModel | None, is_compensated: bool = False
+) -> tuple[Session, list[TelemetryIssue]]:
+    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml.
+
+    Args:
+        session, arm: The recordings and their robot.
+        is_compensated: Whether a search of all conventions found it so.
+    """
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
@@ -80,7 +87,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     if lacks and states is not None:
         rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
         lacks = all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
-    if not forced and not lacks:
+    if not forced and not lacks and not is_compensated:
         return session, []
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"

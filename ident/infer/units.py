@@ -75,9 +75,7 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:
     """Of each joint that slides what its unit is in metres, and why: millimetres where metres lie beyond its limits."""
     far = dict(zip(signals.joints, np.abs(signals.tables["position"]).max(axis=0), strict=True))
-    rows = (
-        [] if arm is None else zip(arm.joint_names, arm.known_limits.reach, arm.sliding_joints, strict=True)
-    )
+    rows = [] if arm is None else zip(arm.joint_names, arm.known_limits.reach, arm.sliding_joints, strict=True)
     reach = {name: most for name, most, slides in rows if slides and name in far}
     scales = {name: 1e-3 if far[name] > 1.1 * most else 1.0 for name, most in reach.items()}
     seen = {name: f"it goes to {far[name]:.4g}; its limit is {most:.3g} m" for name, most in reach.items()}

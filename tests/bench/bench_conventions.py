@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -109,9 +110,7 @@ def logs(folder: Path, rng: np.random.Generator) -> list[Case]:
         log = log_of(load_session(data_path(f"logs/tm5_900/{name}")))
         if log is not None:
             cases.append(Case(f"tm5_{name}", ArmModel.load("tm5-900"), log))
-    for name in SIMULATED:
-        cases.append(simulated(name, rng))
-    return cases
+    return cases + [simulated(name, rng) for name in SIMULATED]
 
 
 def draw(case: Case, kinds: list[str], rng: np.random.Generator) -> Hypothesis:
@@ -198,7 +197,7 @@ def residual(log: Log, model: Model, hypothesis: Hypothesis) -> Array:
     for joint, scale in hypothesis.effort_scale:
         tau[joint] /= scale
     body = 0.0 if hypothesis.body is None else reading.body @ np.array(hypothesis.body)
-    return np.asarray(tau - hypothesis.mass_factor * (reading.rigid + body))
+    return np.asarray(tau - reading.rigid - hypothesis.mass_factor * body)
 
 
 def difference(log: Log, model: Model, one: Hypothesis, other: Hypothesis) -> float:
@@ -228,24 +227,28 @@ def without(truth: Hypothesis, name: str) -> Hypothesis:
 
 
 def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
-    """Whether each change makes a torque differ by more than VISIBLE times what the truth leaves of it."""
-    return all(difference(log, model, without(truth, name), truth) > VISIBLE for name in truth.changes)
+    """Whether each change makes a torque differ by more than VISIBLE times what the truth leaves of it.
+
+    The unit of an effort that is friction and rotor alone shows nowhere: both have any size.
+    """
+    if any(difference(log, model, without(truth, name), truth) <= VISIBLE for name in truth.changes):
+        return False
+    left = np.sqrt((residual(log, model, truth) ** 2).mean(axis=1))
+    rigid = np.sqrt((read_as(log, model, truth).rigid ** 2).mean(axis=1))
+    return all(rigid[joint] > VISIBLE * left[joint] for joint, _ in truth.effort_scale)
 
 
 def is_same(log: Log, model: Model, found: Hypothesis, truth: Hypothesis) -> bool:
     """Whether two hypotheses say the same: the same of the masses, and the same torque of all else."""
     masses = [
-        found.mass_factor == truth.mass_factor == 1.0
-        or 0.75 < found.mass_factor / truth.mass_factor < 1.33
-        and found.mass_factor != 1.0,
+        (found.mass_factor == 1.0) == (truth.mass_factor == 1.0)
+        and 0.75 < found.mass_factor / truth.mass_factor < 1.33,
         [joint for joint, _ in found.effort_scale] == [joint for joint, _ in truth.effort_scale],
         (found.body is None) == (truth.body is None),
     ]
     if found.body is not None and truth.body is not None:
         masses.append(found.body[0] * truth.body[0] > 0.0)
-    alike = replace(
-        found, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body
-    )
+    alike = replace(found, mass_factor=truth.mass_factor, effort_scale=truth.effort_scale, body=truth.body)
     return all(masses) and (alike == truth or difference(log, model, alike, truth) < SAME)
 
 
@@ -299,7 +302,7 @@ def untouched(folder: Path, seed: int) -> None:
     for case in logs(folder, rng):
         model = Model(case.arm)
         edges = np.linspace(0, len(case.log.q), 1 + max(1, len(case.log.q) // LEAST_STATES)).astype(int)
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in pairwise(edges):
             found = search_conventions(Log(*(getattr(case.log, name)[begin:end] for name in STATES)), model)
             changed = is_changed(found)
             counts.update(stretches=1, changed=changed)

@@ -52,7 +52,10 @@ def search_conventions(log: Log, model: Model) -> Conventions:
     plain = Hypothesis.as_it_is(search.n)
     as_it_is = next(one for one in scored if one.hypothesis == plain)
     best = ranked[0]
-    second = next((one for one in ranked[1:] if one.hypothesis.changes != best.hypothesis.changes), None)
+    # What changes more than the best explains the same for more: a rival leaves some of its changes out.
+    own = set(best.hypothesis.changes)
+    rivals = [one for one in ranked[1:] if not own or not own <= set(one.hypothesis.changes)]
+    second = next((one for one in rivals if one.hypothesis.changes != best.hypothesis.changes), None)
     return Conventions(as_it_is, best, second)
 
 

@@ -50,7 +50,7 @@ def read_as(log: Log, model: Model, hypothesis: Hypothesis) -> Reading:
     arm = model.arm.with_gravity(gravity_of(hypothesis, model))
     columns = np.array(hypothesis.effort_order)
     tau = log.tau[:, columns] * np.array(hypothesis.direction) * np.array(hypothesis.effort_sign)
-    rigid = arm.inverse_dynamics(q, dq, ddq)
+    rigid = hypothesis.mass_factor * arm.inverse_dynamics(q, dq, ddq)
     first = 10 * (n - 1)
     table = arm.regressor(q, dq, ddq, range(first, first + BODY_PARAMETERS))
     taus, rigids, bodies = [], [], []
@@ -114,7 +114,10 @@ def common_factor(reading: Reading) -> tuple[float, float]:
 
 
 def end_body(reading: Reading) -> Float[Array, " 4"]:
-    """Mass and first moment at the last link that the torques ask for beside the model's, each joint by what it leaves."""
+    """Mass and first moment at the last link that the torques ask for beside the model's.
+
+    Each joint counts by what it leaves.
+    """
     found = np.zeros(BODY_PARAMETERS)
     costs, _ = cost_at(reading, reading.rigid)
     for _ in range(LIMIT.rounds):
@@ -136,7 +139,7 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[tuple[H
     costs, sizes = cost_at(reading, reading.rigid)
     yield hypothesis, 0.0, sizes
     factor, gain = common_factor(reading)
-    if abs(np.log(factor)) > np.log(LIMIT.usual_factor):
+    if abs(np.log(factor)) > np.log(LIMIT.usual_factor) and hypothesis.mass_factor == 1.0:
         yield replace(hypothesis, mass_factor=factor), LIMIT.factor_cost - gain, sizes
     logs, variance = free_sizes(reading)
     off = (np.abs(logs) > np.log(LIMIT.other_unit)) & (variance < LIMIT.scatter)

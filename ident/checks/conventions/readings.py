@@ -4,9 +4,9 @@ Beside a rigid torque r, each joint's torque holds friction, its rotor and an of
 
     tau_j = s_j r_j + b tanh(dq_j / eps) + c dq_j + d ddq_j + o_j,    b, c, d >= 0,
 
-with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each joint and reading of
-the motion a matrix of inner products is kept, from which friction, rotor and offset are projected out: what is left of
-any column of torque, of either sign, under any gravity, is a quadratic form in it.
+with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each joint and reading
+of the motion a matrix of inner products is kept, from which friction, rotor and offset are projected out: what is left
+of any column of torque, of either sign, under any gravity, is a quadratic form in it.
 
 An offset is held to what a drive can have: a share of its square counts as unexplained. Where a joint stands, friction
 holds it with an unknown part of its level: such rows count less, but they count.
@@ -110,7 +110,7 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
 
 
 def unexplained(
-    sums: Sums, gravity: Float[Array, "k g 3"], size: float = 1.0
+    sums: Sums, gravity: Float[Array, "k g 3"], size: Float[Array, "k g"]
 ) -> tuple[Float[Array, "k n g n 2"], Float[Array, "k n g n 2"]]:
     """What each column of effort costs as each joint's, under each gravity, with either sign; and at which size.
 
@@ -122,6 +122,7 @@ def unexplained(
         gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort [m/s²].
         size: The usual size of the joints' torques, the model's being one.
     """
+    usual = size[:, None, :, None]
     vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)  # of the rigid torque's columns
     rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
     square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)
@@ -132,18 +133,38 @@ def unexplained(
     costs, sizes = [], []
     for sign in (1.0, -1.0):
         best = sign * along / np.maximum(square, 1e-12)[..., None]
-        best = np.clip(best, size / LIMIT.most_size, size * LIMIT.most_size)
-        tried = np.stack([size * (best / size) ** share for share in LIMIT.shares])
+        best = np.clip(best, usual / LIMIT.most_size, usual * LIMIT.most_size)
+        tried = np.stack([usual * (best / usual) ** share for share in LIMIT.shares])
         rest = own - 2.0 * tried * sign * along + tried**2 * square[..., None]
         friction = sign * by_effort - tried[..., None] * by_rigid[..., None, :]
         wrong = np.minimum(friction, 0.0) ** 2 / sums.spread[:, :, None, None, :]
         share_left = (np.maximum(rest, 0.0) + wrong.sum(axis=-1)) / np.maximum(sums.variance, 1e-300)
-        unlikely = LIMIT.size_cost * np.log(tried / size) ** 2
+        unlikely = LIMIT.size_cost * np.log(tried / usual) ** 2
         cost = np.log(share_left + LIMIT.floor) + unlikely
         chosen = np.argmin(cost, axis=0)[None]
         costs.append(np.take_along_axis(cost, chosen, axis=0)[0])
         sizes.append(np.take_along_axis(tried, chosen, axis=0)[0])
     return np.stack(costs, axis=-1), np.stack(sizes, axis=-1)
+
+
+def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> Float[Array, "k g"]:
+    """The size that the joints' torques have together, each by how much of its torque the rigid one explains.
+
+    Args:
+        sums: Of k readings of the motion.
+        gravity: Vectors in the base's frame, by reading [m/s²].
+        columns: Column of effort of each joint, by reading, shape (k, n).
+    """
+    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
+    square = np.einsum("kgi,knij,kgj->kng", vectors, sums.left[:, :, :4, :4], vectors)
+    along = np.einsum("kgi,knit->kngt", vectors, sums.left[:, :, :4, 4:])
+    own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)
+    along = np.take_along_axis(along, columns[:, :, None, None], axis=-1)[..., 0]
+    own = np.take_along_axis(own, columns[:, :, None], axis=-1)
+    size = np.abs(along) / np.maximum(square, 1e-12)
+    weight = along**2 / np.maximum(square * own, 1e-300)
+    logs = np.log(np.clip(size, 1.0 / LIMIT.most_size, LIMIT.most_size))
+    return np.asarray(np.exp((weight * logs).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)))
 
 
 def likeliest_gravity(

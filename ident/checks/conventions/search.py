@@ -14,12 +14,23 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ident.arrays import Float
+from ident.arrays import Array, Float
 from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, Hypothesis
-from ident.checks.conventions.readings import AXES, Log, Model, Sums, likeliest_gravity, read, telling, unexplained
+from ident.checks.conventions.readings import (
+    AXES,
+    Log,
+    Model,
+    Sums,
+    common_size,
+    likeliest_gravity,
+    read,
+    telling,
+    unexplained,
+)
 from ident.records import read_group
 
 LIMIT = read_group(__file__, "search")
+MASSES = read_group(__file__, "masses")
 
 GRAVITY = 9.81
 
@@ -71,9 +82,7 @@ class Search:
         if not fresh:
             return []
         sums = read(self.log, self.model, fresh)
-        return [
-            scored for k, reading in enumerate(fresh) for scored in self._score_torque(_entry(sums, k), reading)
-        ]
+        return [scored for k, reading in enumerate(fresh) for scored in self._score_torque(_entry(sums, k), reading)]
 
     def _score_torque(self, sums: Sums, reading: Hypothesis) -> list[Scored]:
         """The likeliest readings of the torque under each gravity, one that fits best among them."""
@@ -109,8 +118,23 @@ class Search:
         gravities: Sequence[str | tuple[float, float, float]],
         vectors: Float[Array, "g 3"],
     ) -> list[Scored]:
+        """The likeliest readings of the torque under some gravities, with the URDF's masses or all by one factor."""
+        one = np.ones((1, len(vectors)))
+        scored = self._of_size(sums, reading, gravities, vectors, one)
+        size = common_size(sums, vectors[None], np.array(reading.order)[None])
+        size = np.where(np.abs(np.log(size)) > np.log(MASSES.usual_factor), size, 1.0)
+        return scored + (self._of_size(sums, reading, gravities, vectors, size) if np.any(size != 1.0) else [])
+
+    def _of_size(
+        self,
+        sums: Sums,
+        reading: Hypothesis,
+        gravities: Sequence[str | tuple[float, float, float]],
+        vectors: Float[Array, "g 3"],
+        size: Float[Array, "1 g"],
+    ) -> list[Scored]:
         """The torque as it stands, all of it of the other sign, and the likeliest signs and columns: by gravity."""
-        costs, sizes = (values[0] for values in unexplained(sums, vectors[None]))
+        costs, sizes = (values[0] for values in unexplained(sums, vectors[None], size))
         costs = np.where(self.alive[:, None], costs, 0.0)  # joint, gravity, column of effort, sign
         backwards = np.array(reading.direction) < 0
         costs[backwards], sizes[backwards] = costs[backwards, ..., ::-1], sizes[backwards, ..., ::-1]
@@ -130,6 +154,7 @@ class Search:
                     gravity=gravity,
                     effort_order=tuple(int(column) for column in where),
                     effort_sign=tuple(int(value) for value in np.where(sign == 1, -1, 1)),
+                    mass_factor=float(size[0, g]),
                 )
                 own = cost[rows, where, sign]
                 total = float(own.sum()) + limits + self.unlikely(found)
@@ -141,6 +166,7 @@ class Search:
         names = [name.partition(" ")[0] for name in hypothesis.changes]
         cost = LIMIT.change_cost * sum(name in ("direction", "zero", "unit", "gravity") for name in names)
         cost += LIMIT.sign_cost * names.count("effort_sign")
+        cost += MASSES.factor_cost * names.count("mass_factor")
         moved = sum(column != j for j, column in enumerate(hypothesis.order))
         moved += sum(a != b for a, b in zip(hypothesis.order, hypothesis.effort_order, strict=True))
         return float(cost + LIMIT.order_cost * moved)
@@ -187,7 +213,11 @@ def _bare(hypothesis: Hypothesis, count: int) -> Hypothesis:
     """The reading of the motion alone."""
     plain = Hypothesis.as_it_is(count)
     return replace(
-        hypothesis, effort_order=plain.effort_order, effort_sign=plain.effort_sign, gravity=plain.gravity
+        hypothesis,
+        effort_order=plain.effort_order,
+        effort_sign=plain.effort_sign,
+        gravity=plain.gravity,
+        mass_factor=1.0,
     )
 
 
@@ -201,4 +231,5 @@ def _apart(every: Sequence[Scored]) -> list[Scored]:
 
 def _entry(sums: Sums, k: int) -> Sums:
     """The sums of one reading."""
-    return Sums(sums.left[k : k + 1], sums.friction[k : k + 1], sums.spread[k : k + 1], sums.variance, sums.beyond[k : k + 1])
+    only = slice(k, k + 1)
+    return Sums(sums.left[only], sums.friction[only], sums.spread[only], sums.variance, sums.beyond[only])
