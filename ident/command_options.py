@@ -83,6 +83,9 @@ class ReadOptions(Options):
 
     topic: str = option(TOPIC, "Topic of the joint states, for ROS 2 bags.")
     session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.")
+    accept: tuple[str, ...] = option(
+        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +110,6 @@ class DiagnoseOptions(CatalogueOptions, FilterOptions):
 
     model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None)
     seed: int = option(0, "Seed of the sign flips by which the map of the gap is tested.", min=0)
-    accept: tuple[str, ...] = option(
-        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
-    )
     settings: Any = None  # the numbers by which it is decided, an `ident.DiagnosisSettings`; as shipped if None
 
 
@@ -176,9 +176,7 @@ class FitOptions(Options):
     offset: bool = option(False, "Fit a constant torque a joint too.")
     robust: bool = option(False, "Stretches that fit badly lose their pull.")
     seed: int = option(0, "Seed of the net.", min=0)
-    accept: tuple[str, ...] = option(
-        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
-    )
+    accept: tuple[str, ...] = ()  # names of issues whose refusal is overruled; on the command line of `ReadOptions`
     smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.", one_of=("fast", "filterpy"))
 
     @property
@@ -202,6 +200,9 @@ class WatchOptions(Options):
     settle: float = option(10.0, "Leave a session alone that was written to within so many s.", min=0.0)
     workers: int = option(1, "Processes on this machine.", min=1)
     scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
+    accept: tuple[str, ...] = option(
+        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

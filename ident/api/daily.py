@@ -130,14 +130,15 @@ def ranges(sessions: Sources, robot: Robot | None = None, **options: Any) -> Ran
     Args:
         sessions: One for each day, as folders or files of runs.
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.command_options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`.
+        options: Fields of `ident.command_options.RangesOptions`: `model`, `out`, `topic`, `session_file`, `cutoff`,
+            `accept`.
 
     Raises:
         InputError: Recordings, robot or model can't be used.
     """
     chosen = RangesOptions.of("ranges", options)
     loaded = None if chosen.model is None else HybridModel.given(chosen.model)
-    opened = open_sessions(sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff)
+    opened = open_sessions(sessions, robot, chosen.topic, chosen.session_file, chosen.cutoff, accept=chosen.accept)
     reference = opened.arm
     if loaded is not None:
         loaded.require_robot(opened.arm, "--model")

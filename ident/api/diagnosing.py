@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.checks.inspection import inspect_sessions
-from ident.checks.report import MENDED_BY_A_FIT, as_mounted
+from ident.checks.report import MENDED_BY_A_FIT, as_mounted, check_accepted, overrule
 from ident.command_options import ComparisonOptions, DiagnoseOptions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
@@ -147,21 +147,24 @@ def compare(before: Sources, after: Sources, robot: Robot | None = None, **optio
     Args:
         before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
-        options: Fields of `ident.command_options.ComparisonOptions`: `cutoff`, `seed`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.ComparisonOptions`: `cutoff`, `seed`, `topic`,
+            `session_file`, `accept`.
 
     Raises:
-        InputError: Recordings or robot can't be used.
+        InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
     from ident.diagnosis.change.from_reports import compare_reports  # a diagnosis needs nothing of it
 
     chosen = ComparisonOptions.of("compare", options)
     earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
     arm = load_robot(robot, (*earlier, *later))
-    reports = inspect_sessions((*earlier, *later), arm)
+    accept = check_accepted(chosen.accept)
+    reports = [overrule(report, accept) for report in inspect_sessions((*earlier, *later), arm)]
     arm = as_mounted(arm, reports[0].session)
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
     used = None if np.isnan(found.cutoff) else found.cutoff
     settings = {"cutoff_hz": used, "seed": chosen.seed, "robot": arm.name, "sessions_before": len(earlier)}
+    settings["accepted"] = list(accept)
     settings["arm_sha256"] = arm.keeping(found.joints).content
     stamps = stamp_sessions((*earlier, *later))
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

@@ -92,7 +92,15 @@ def patch(
     if chosen.on is not None:
         # Filtered as what was diagnosed, as far as the rate allows it.
         motion = FOR_DIAGNOSIS.but(cutoff_hz=diagnosed.cutoff)
-        opened = open_sessions(chosen.on, arm, chosen.topic, chosen.session_file, learning=False, motion=motion)
+        opened = open_sessions(
+            chosen.on,
+            arm,
+            chosen.topic,
+            chosen.session_file,
+            learning=False,
+            accept=chosen.accept,
+            motion=motion,
+        )
         if opened.arm.joint_names != diagnosed.joints:
             what = f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis "
             session = opened.reports[0].session
@@ -110,7 +118,8 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.ExportOptions`: `formats`, `nearest`, `on`, `topic`, `session_file`,
+            `accept`.
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
@@ -118,7 +127,9 @@ def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> 
     chosen, loaded = ExportOptions.of("export", options), HybridModel.given(model)
     opened = None
     if chosen.on is not None:
-        opened = open_sessions(chosen.on, loaded, chosen.topic, chosen.session_file, learning=False)
+        opened = open_sessions(
+            chosen.on, loaded, chosen.topic, chosen.session_file, learning=False, accept=chosen.accept
+        )
     settings = {"model": loaded.robot.name if loaded is model else str(model), "nearest": chosen.nearest}
     origin = Provenance("ident export", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
@@ -134,14 +145,23 @@ def verify(model: HybridModel | str | Path, sessions: Sources, limits: str | Pat
         model: A fitted model or its folder.
         sessions: The recordings.
         limits: A TOML file of limits.
-        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`,
+            `accept`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
     chosen, loaded = VerifyOptions.of("verify", options), HybridModel.given(model)
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
-    opened = open_sessions(sessions, loaded, chosen.topic, chosen.session_file, chosen.cutoff, learning=False)
+    opened = open_sessions(
+        sessions,
+        loaded,
+        chosen.topic,
+        chosen.session_file,
+        chosen.cutoff,
+        learning=False,
+        accept=chosen.accept,
+    )
     name = loaded.robot.name if loaded is model else Path(str(model)).name
     checks = tuple(
         check for score in evaluate(loaded, opened.groups, name).sessions for check in check_limits(score, wanted)

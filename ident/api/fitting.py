@@ -37,20 +37,21 @@ def fit_hybrid(
         options: What is fitted.
         checkpoint: Folder in which the net's training may stop and go on.
         named: JSON of a diagnosis whose laws of joints are to be part of the model.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
 
     Raises:
         InputError: Recordings, robot or diagnosis can't be used.
     """
     options, read = options or FitOptions(), FilterOptions.of("fit", reading)
+    accept = (*read.accept, *options.accept)
     opened = (
         source
         if isinstance(source, Opened)
-        else open_sessions(source, robot, **vars(read), accept=options.accept, motion=options.motion)
+        else open_sessions(source, robot, **{**vars(read), "accept": accept}, motion=options.motion)
     )
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
     found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
-    accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
+    accepted = [issue.to_dict() for issue in opened.issues if issue.issue in accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)
     settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
@@ -67,7 +68,7 @@ def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None,
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         model: The model, or its folder.
         name: Of the model in reports; that of its folder or robot if None.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
 
     Raises:
         InputError: Recordings or model can't be used.
@@ -125,7 +126,7 @@ def view(
         robot: URDF path, name or arm; that of the model or of session.toml if None.
         model: Model whose rungs are compared, or its folder; measured curves only if None.
         rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it is closed.
-        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`.
+        reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
 
     Raises:
         InputError: Recordings, robot or model can't be used, or there is no screen.

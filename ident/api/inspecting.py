@@ -16,12 +16,12 @@ def inspect(source: Sources, robot: Robot | None = None, **options: Any) -> Insp
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.command_options.ReadOptions`: `topic`, `session_file`.
+        options: Fields of `ident.command_options.ReadOptions`: `topic`, `session_file`, `accept`.
 
     Raises:
         InputError: Recordings or robot can't be read.
     """
     read = ReadOptions.of("inspect", options)
-    found = inspect_sources(Given(source, robot, read.topic, read.session_file))
+    found = inspect_sources(Given(source, robot, read.topic, read.session_file), read.accept)
     origin = Provenance("ident inspect", settings={"robot": found.arm.name}, sessions=found.ledger.stamps)
     return Inspection(tuple(found.reports)).with_provenance(origin)

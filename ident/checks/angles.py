@@ -33,14 +33,16 @@ def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
 def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
     """Finds angles in degrees, or radians read as degrees: the session is converted for other checks, a fit is refused.
 
-    Told by motion that no arm can make; where the robot is known, by how much better its torques explain the
-    measured ones when the numbers are read as degrees. Radians, where no joint goes farther than a turn's number of
-    degrees, by torque that follows gravity as it should if the motion is so much wider.
+    Suspected by motion that the arm's limits forbid, or where they are unknown, that no arm can make; told by how much
+    better the robot's torques explain the measured ones when the numbers are read as degrees, else by the motion.
+    Radians, where no joint goes farther than a turn's number of degrees, by torque that follows gravity as it should if
+    the motion is so much wider.
     """
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
     fast = np.max([speed(run) for run in session.runs], axis=0)
-    suspects = turning & ((far > LIMIT.farthest_rad) | (fast > LIMIT.fastest_rad_s))
+    farthest, fastest = farthest_motion(session, arm)
+    suspects = turning & ((far > farthest) | (fast > fastest))
     if arm is not None and turning.any() and far[turning].max() < math.radians(TURN):
         wider = scale_angles(session, math.degrees(1.0), turning)
         if follows_gravity(wider, arm):
@@ -56,12 +58,26 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     tells = max(as_degrees, as_radians) > LIMIT.model_tells
     if tells and as_degrees > as_radians + 0.1:
         reason = f"the robot's model explains {as_degrees:.0%} of the torque in degrees, {as_radians:.0%} in radians"
-    elif tells or fast.max() < LIMIT.fastest_rad_s:
+    elif tells or not (suspects & (fast > np.maximum(fastest, LIMIT.fastest_rad_s))).any():
         return session, []
     else:
         reason = "no arm moves so fast in radians"
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
     return converted, [issue_of("degrees", session, turning, worst, far=far, fast=fast, reason=reason)]
+
+
+def farthest_motion(session: Session, arm: ArmModel | None) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Position and speed that each joint surely does not exceed: by its URDF's limits, else by all arms' [rad, rad/s].
+
+    Limits are nominal: some room is left.
+    """
+    count = len(session.joints)
+    reach, top = np.full(count, np.inf), np.full(count, np.inf)
+    if arm is not None:
+        limits = arm.known_limits
+        reach, top = limits.reach, CLOCK.over_limit * limits.speed
+    farthest = np.where(np.isfinite(reach), np.maximum(CLOCK.over_limit * reach, TURN), LIMIT.farthest_rad)
+    return farthest, np.where(np.isfinite(top), top, LIMIT.fastest_rad_s)
 
 
 def follows_gravity(session: Session, arm: ArmModel) -> bool:
@@ -131,7 +147,7 @@ def mend_wraps(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         unwrapped, wraps = unwrap(run.position, turning)
         if wraps.any():
             columns = np.flatnonzero(wraps)
-            lower, upper = (-np.inf, np.inf) if arm is None else (arm.lower, arm.upper)
+            lower, upper = (-np.inf, np.inf) if arm is None else arm.known_limits[:2]
             for turn in (-TURN, TURN):  # whole runs move by turns where only so they lie within the limits
                 low, high = unwrapped.min(axis=0), unwrapped.max(axis=0)
                 outside = (low < lower) | (high > upper)
@@ -158,16 +174,17 @@ def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Ar
 
 
 def split_at_jumps(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Parts runs where a position jumps farther than any arm moves: samples are missing, whatever the stamps say.
+    """Parts runs where a position jumps farther than its joint moves: samples are missing, whatever the stamps say.
 
-    A filter smears one over steps in a row, and as far again to either side. A joint that often passes its own limit of
-    speed is held against all arms'. A few jumps part a run; many make its positions none.
+    A jump is far beyond the joint's limit of speed and beyond the speeds that it has in the run, to which motion would
+    have come through those between. A filter smears one over steps in a row, and as far again to either side. A few
+    jumps part a run; many make its positions none.
     """
     parted, broken = Findings(session), Findings(session)
-    own = np.inf if arm is None else CLOCK.over_limit * arm.velocity_limit
+    _, top = farthest_motion(session, arm)
     for run in session.runs:
         moved = np.diff(run.position, axis=0)
-        fastest = np.where(speed(run) < own, np.minimum(own, LIMIT.fastest_rad_s), LIMIT.fastest_rad_s)
+        fastest = np.maximum(top, LIMIT.jump_speeds * speed(run))
         fast = np.abs(moved) > fastest * np.maximum(np.diff(run.time), 0.0)[:, None]
         row = np.cumsum(~fast, axis=0) + len(run) * np.arange(fast.shape[1])
         steps = np.abs(np.bincount(row.ravel(), (moved * fast).ravel())[row]) * fast

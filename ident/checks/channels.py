@@ -9,14 +9,14 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.filtered_run import CHANNELS as LIMIT
 from ident.checks.report import Findings, issue_of
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Recording, Session, TelemetryIssue
 
 # Share of a channel's range by which values that a limit cuts off may differ (chosen: below a converter's step).
 ROUNDING = 1e-4
 
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Drops the samples in which a position or torque is frozen."""
+    """Drops the samples in which a position or torque is frozen; refuses where too little is left to judge anything."""
     found, lost = Findings(session), 0
     coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
     for run in session.runs:
@@ -32,8 +32,10 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             found.note(run, what, np.flatnonzero(frozen.any(axis=0)))
         if not rows.all():
             found.runs.append(run.at(~rows) if rows.any() else run)
-    if lost > LIMIT.most_lost * session.samples:
-        return session, found.issues("stuck_long")
+    usable = [run for run in found.runs if len(run) > 1]
+    blocks = sum(int(len(run) * run.sample_interval / SHORTEST_BLOCK_S) for run in usable)
+    if blocks < FEWEST_BLOCKS and lost > LIMIT.most_lost * session.samples:
+        return session.replace(runs=[run.at(slice(0)) for run in session.runs]), found.issues("stuck_long")
     return found.left(), found.issues("stuck")
 
 

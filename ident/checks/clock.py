@@ -160,7 +160,7 @@ def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     return scaled, [issue_of("whole_ticks", session, unit=name, interval=interval)]
 
 
-def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+def mend_time_base(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Finds time that runs at another rate. The session is corrected for the checks that follow; a fit is refused."""
     interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
     found = compare_velocities(session)
@@ -179,8 +179,6 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
         unit = 1e-3 if interval < 200.0 else 1e-6 if interval < 2e5 else 1e-9
         factor = 1.0 / unit if interval > LIMIT.slowest_interval_s else 1.0
         return _tell_factor(session, factor, f"the median interval is {interval:.4g} s")
-    if found is None and arm is not None:
-        return session, _compare_inertia(session, arm)
     return session, []
 
 
@@ -191,18 +189,29 @@ def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session,
     return scaled, [issue_of("clock_rate", session, reason=reason.format(factor), rate=rate)]
 
 
-def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Time base by the model: inertial torque on heavy joints against gravity's."""
+def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Time base by the model: inertial torque on heavy joints against gravity's; the speeds against the URDF's limits.
+
+    Where speeds exceed their limits, either the clock or the limits are wrong. A measured velocity confirms the clock;
+    without one, inertia tells which of both leaves it nearer to the model's.
+    """
     states = collect_states(session, arm)
     if states is None:
         return []
-    excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
-    if excess.max() > LIMIT.over_limit:
-        worst = int(np.argmax(excess))
-        return [issue_of("clock_by_speed", session, [worst], worst, excess=excess)]
+    excess = np.percentile(np.abs(states.dq), 99, axis=0) / arm.known_limits.speed
+    worst = int(np.argmax(excess))
+    beyond = np.flatnonzero(excess > LIMIT.over_limit)
+    if compare_velocities(session) is not None:
+        return [issue_of("speed_limits", session, beyond, worst, excess=excess)] if len(beyond) else []
     loaded = states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm)
     ratios = [ratio for j in np.flatnonzero(loaded) if (ratio := _sure_ratio(states, int(j))) is not None]
     ratio = float(np.median(ratios)) if ratios else 1.0
+    if len(beyond):
+        # A clock that makes all so much too fast makes the model's inertia too large by the square.
+        slower = ratio * float(excess.max()) ** 2
+        confirmed = bool(ratios) and abs(math.log(ratio)) < abs(math.log(slower))
+        key = "speed_limits" if confirmed else "clock_by_speed"
+        return [issue_of(key, session, beyond, worst, excess=excess)]
     if not ratios or LIMIT.inertia_low < ratio < LIMIT.inertia_high:
         return []
     return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]

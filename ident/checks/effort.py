@@ -171,7 +171,7 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         worst = max(flipped, key=lambda j: wrong[j].explained)
         lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
         shares = (wrong[worst].explained, max(right[worst].explained, 0.0))
-        issues.append(issue_of("sign", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
+        issues.append(issue_of("sign_alone", session, flipped, worst, lines=lines, wrong=shares[0], right=shares[1]))
     upright = right | {j: wrong[j] for j in flipped}
     return issues + _check_scale(session, states, upright, flipped, rows) + _check_origin(session, arm, states)
 

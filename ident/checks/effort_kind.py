@@ -19,11 +19,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import least_squares
+from ident.checks.angles import speed
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
-from ident.checks.report import JointEffort, issue_of
+from ident.checks.report import JointEffort, issue_of, joints_at
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
+from ident.robot.limits import is_placeholder
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,15 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
     return GravityFit(float(weights[0]), float(errors[0]), float(weights[1]), float(errors[1]), friction)
 
 
-def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
-    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml."""
+def mend_effort_kind(
+    session: Session, arm: ArmModel | None, is_compensated: bool = False
+) -> tuple[Session, list[TelemetryIssue]]:
+    """Adds the model's gravity to gravity-compensated effort, found so or said to be so in session.toml.
+
+    Args:
+        session, arm: The recordings and their robot.
+        is_compensated: Whether a search of all conventions found it so.
+    """
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
@@ -78,7 +87,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     if lacks and states is not None:
         rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
         lacks = all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
-    if not forced and not lacks:
+    if not forced and not lacks and not is_compensated:
         return session, []
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
@@ -124,14 +133,49 @@ def judge_effort(session: Session, states: States | None, issues: list[Telemetry
     return tuple(JointEffort(name, *judge(joint, name)) for joint, name in enumerate(session.joints))
 
 
-def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Effort far beyond what a joint can give, or than its load asks for, is in another unit."""
+def check_rating(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
+    """Effort far beyond what a joint can give, or than its load asks for, is in another unit, or the limit is wrong.
+
+    Effort that follows the model at its own size is in its unit.
+    """
     load = arm.gravity(np.concatenate([run.position for run in session.runs]))
     rated = np.maximum(arm.rated_torque, 3.0 * np.abs(load).max(axis=0))
     seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
     factor = seen / np.maximum(rated, 1e-9)
-    beyond, worst = factor > LIMIT.most_rated, int(np.argmax(factor))
-    return [issue_of("rating", session, beyond, worst, seen=seen, factor=factor, rated=rated)] if beyond.any() else []
+    beyond = factor > LIMIT.most_rated
+    in_unit = np.array([has_own_size(states, j) if beyond[j] else False for j in range(arm.n)])
+    issues = []
+    for key, mask in (("rating", beyond & ~in_unit), ("effort_limits", beyond & in_unit)):
+        if mask.any():
+            worst = int(np.argmax(np.where(mask, factor, 0.0)))
+            names = ", ".join(joints_at(session, mask))
+            issues.append(issue_of(key, session, mask, worst, seen=seen, factor=factor, rated=rated, names=names))
+    return issues
+
+
+def has_own_size(states: States, joint: int) -> bool:
+    """Whether a joint's effort follows gravity, or where that is faint inertia, at about the model's size."""
+    held, fit = states.settings, max(fit_signed(states, joint, sign) for sign in (1.0, -1.0))
+    size = fit.gravity if states.heavy[joint] else fit.inertia
+    return bool(states.alive[joint] and fit.explained > held.sign_explains and held.scale_low < size < held.scale_high)
+
+
+def check_placeholders(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Names limits that are an exporter's and that the recordings exceed; a limit of zero plainly says nothing."""
+    effort = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
+    moved = np.max([speed(run) for run in session.runs], axis=0)
+    kinds, factors, joints = [], [], np.zeros(arm.n, dtype=bool)
+    for kind, seen, limit in (("effort", effort, arm.effort_limit), ("velocity", moved, arm.velocity_limit)):
+        exceeded = is_placeholder(limit) & (limit > 0.0) & (seen > limit)
+        if exceeded.any():
+            kinds.append(kind)
+            factors.append(float((seen / np.maximum(limit, 1e-9))[exceeded].max()))
+            joints |= exceeded
+    if not kinds:
+        return []
+    names = ", ".join(joints_at(session, joints))
+    found = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
+    return [issue_of("placeholder_limits", session, joints, **found)]
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:

@@ -11,9 +11,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
-from ident.checks.arrangement import check_bodies, check_order, mend_mount
+from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
+    check_clock,
     mend_clock_jumps,
     mend_jitter,
     mend_order,
@@ -22,11 +23,13 @@ from ident.checks.clock import (
     mend_velocity,
     split_at_gaps,
 )
+from ident.checks.conventions.reread import read_conventions
 from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import (
     Gains,
     check_absent,
     check_gains,
+    check_placeholders,
     check_rating,
     check_scales,
     judge_effort,
@@ -150,29 +153,43 @@ def _inspect_each(
 def inspect_alone(
     session: Session, arm: ArmModel | None, settings: TelemetrySettings = USUAL_TELEMETRY
 ) -> TelemetryReport:
-    """All checks but those that ask for the amount of data."""
+    """All checks but those that ask for the amount of data.
+
+    Rows and columns first: each check sees what the ones before it left standing. Then the conventions of log and URDF
+    are searched together, once, and what is left is held against the model under them.
+    """
     issues, absent = list(session.issues()), list[str]()
     if arm is not None:
         session, matching = match_joints(session, arm.joint_names)
         issues += matching
         absent = [name for name in arm.joint_names if name not in session.joints]
         arm = as_mounted((arm.locked(absent) if absent else arm).with_payload(session.payload), session)
-    whole = [np.isfinite(run.time) for run in session.runs]
-    for run, rows in zip(session.runs, whole, strict=True):
-        for values in run.channels().values():
-            rows &= np.isfinite(values).all(axis=1)
-    runs = [run if rows.all() else run.at(rows) for run, rows in zip(session.runs, whole, strict=True)]
-    session = _without_empty(session.replace(runs=runs))
-    if not session.samples:
+    session, told = check_rows(_whole_rows(session), arm)
+    issues += told
+    if not session.samples or arm is None:
+        issues += [] if not session.samples else check_clipping(session) + check_commands(session)
         return TelemetryReport(session, tuple(issues), arm)
+    reading = read_conventions(session, arm)
+    session, arm, judged = reading.session, reading.arm, reading.judged
+    issues += reading.issues
+    session, told = mend_effort_kind(session, judged, reading.is_compensated)
+    issues += told + check_clock(session, judged) + check_clipping(session) + check_commands(session)
+    states = collect_states(session, judged, settings.effort)
+    issues += check_gains(session)
+    if states is not None:
+        # Each question is asked only where the ones before it left the torque its meaning.
+        torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
+        torque += check_placeholders(session, arm) + check_rating(session, judged, states)
+        sound = not any(issue.severity == "fatal" for issue in torque)
+        issues += torque + (check_effort(session, judged, states) if sound else [])
+        if not any(issue.severity == "fatal" for issue in issues):
+            issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
+    effort = judge_effort(session, states, issues)
+    return TelemetryReport(session, tuple(issues), arm, effort, reading.conventions)
 
-    def mount(found: Session) -> tuple[Session, list[TelemetryIssue]]:
-        nonlocal arm
-        if arm is None:
-            return found, []
-        arm, turned = mend_mount(found, arm)
-        return (found.replace(gravity=tuple(arm.model.gravity.linear.tolist())) if turned else found), turned
 
+def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+    """What is wrong with cells, rows and channels whatever the torque is, in the order in which it is mended."""
     steps: tuple[Mending, ...] = (
         mend_absurd,
         mend_order,
@@ -182,11 +199,7 @@ def inspect_alone(
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
-        # Before the torque is held against the model in any other way.
-        mount,
-        # Before gravity and inertia are held against each other for the time base.
-        lambda found: mend_effort_kind(found, arm),
-        lambda found: mend_time_base(found, arm),
+        mend_time_base,
         mend_jitter,
         drop_stuck,
         drop_stuck_velocity,
@@ -194,26 +207,25 @@ def inspect_alone(
         split_at_gaps,
         mend_velocity,
     )
+    issues: list[TelemetryIssue] = []
     for step in steps:
-        session, found = step(session)
-        session = _without_empty(session)
-        issues += found
         if not session.samples:
-            return TelemetryReport(session, tuple(issues), arm)
-    issues += check_clipping(session) + check_commands(session)
-    if arm is None:
-        return TelemetryReport(session, tuple(issues), arm)
-    states = collect_states(session, arm, settings.effort)
-    issues += check_gains(session)
-    if states is not None:
-        # Each question is asked only where the ones before it left the torque its meaning.
-        torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
-        torque += check_rating(session, arm) or check_order(session, arm, states)
-        sound = not any(issue.severity == "fatal" for issue in torque)
-        issues += torque + (check_effort(session, arm, states) if sound else [])
-        if not any(issue.severity == "fatal" for issue in issues):
-            issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
-    return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
+            break
+        session, told = step(session)
+        session = _without_empty(session)
+        issues += told
+    return session, issues
+
+
+def _whole_rows(session: Session) -> Session:
+    """The rows of which every cell is finite."""
+    runs = []
+    for run in session.runs:
+        rows = np.isfinite(run.time)
+        for values in run.channels().values():
+            rows &= np.isfinite(values).all(axis=1)
+        runs.append(run if rows.all() else run.at(rows))
+    return _without_empty(session.replace(runs=runs))
 
 
 def _without_empty(session: Session) -> Session:

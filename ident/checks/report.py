@@ -48,6 +48,8 @@ class TelemetryReport:
     arm: ArmModel | None = None
     # What each joint's effort is; empty where there is no robot to hold it against.
     effort: tuple[JointEffort, ...] = ()
+    # How log and URDF are best read: what is changed, and the share of torque that it explains, the best two.
+    conventions: tuple[dict[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         ranked = sorted(self.issues, key=lambda issue: ORDER.index(issue.severity))
@@ -104,6 +106,7 @@ class TelemetryReport:
             "common_clock": self.session.common_clock,
             "fit": self.is_fit,
             "effort": [one.to_dict() for one in self.effort],
+            "conventions": list(self.conventions),
             "telemetry": [issue.to_dict() for issue in self.issues],
         }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -79,7 +79,8 @@ def fit(
 
     if options.net != "none":
         import_module("safetensors")  # that a net can't be saved is told before it is fitted
-    opened = open_sessions(sessions, robot, **vars(reading), accept=options.accept, motion=options.motion)
+    options = replace(options, accept=reading.accept)  # the model's provenance holds it
+    opened = open_sessions(sessions, robot, **vars(reading), motion=options.motion)
     print_issues(console, [one.to_dict() for one in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):

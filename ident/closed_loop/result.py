@@ -83,7 +83,8 @@ def compare_models(
 def randomised_middle(arm: ArmModel) -> LawModel:
     """The middle of wide ranges: of all feed-forwards the one with the least mean square error over them."""
     rated = arm.rated_torque
-    speed = np.where((arm.velocity_limit > 0.0) & (arm.velocity_limit < 50.0), arm.velocity_limit, 3.0)
+    limit = arm.known_limits.speed
+    speed = np.where(limit < 50.0, limit, 3.0)
     middle = 0.5 * FRICTION_SHARE * rated
     losses = Losses(
         motor_inertia=ROTOR_157 * (rated / 157.0) ** ROTOR_GROWTH,

@@ -14,6 +14,7 @@ from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.motion.motion import Motion
 from ident.records import read_group
 from ident.robot.arm import ArmModel
+from ident.robot.limits import is_placeholder
 
 # Numbers that decide, an attribute each: `settings.toml` has their units, meanings and sources.
 LIMIT = read_group(__file__, "typical")
@@ -134,7 +135,7 @@ def rated_torque(session: SessionContext, joint: int) -> float:
     motors do not grow towards the tip, and one about a vertical axis carries next to nothing of its size.
     """
     rated = float(session.rated_torque[joint])
-    if np.isfinite(rated) and rated > 0.0:
+    if np.isfinite(rated) and rated > 0.0 and not is_placeholder(session.rated_torque[joint]):
         return rated
     return max(1.5 * max(float(np.abs(run.total[:, joint:]).max(initial=0.0)) for run in session.runs), 1e-3)
 
@@ -271,14 +272,15 @@ def arm_reach(arm: ArmModel) -> float:
     steps = [np.asarray(placement.translation) for placement in list(arm.model.jointPlacements)[2:]]
     last = arm.inertial_parameters[-10:]
     tip = float(np.linalg.norm(last[1:4])) / float(last[0]) if last[0] > 0.0 else 0.0
-    sliding = sum(float(arm.upper[j] - arm.lower[j]) for j in np.flatnonzero(arm.sliding_joints))
+    limits = arm.known_limits
+    sliding = sum(float(limits.upper[j] - limits.lower[j]) for j in np.flatnonzero(arm.sliding_joints))
     return float(sum(np.linalg.norm(step) for step in steps)) + tip + (sliding if np.isfinite(sliding) else 0.0)
 
 
 def joint_range(session: SessionContext, joint: int, seen: tuple[float, float]) -> tuple[float, float]:
     """Where a joint can go [rad]: its limits in the URDF, or where it has none a turn about what was seen."""
-    arm = session.runs[0].arm
-    low, high = float(arm.lower[joint]), float(arm.upper[joint])
+    limits = session.runs[0].arm.known_limits
+    low, high = float(limits.lower[joint]), float(limits.upper[joint])
     if np.isfinite(low) and np.isfinite(high) and high > low and high - low < 8.0 * np.pi:
         return low, high
     return seen[0] - np.pi, seen[1] + np.pi

@@ -39,7 +39,8 @@ class Links:
 
 def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Angles within limits, speeds clear of rest, moderate accelerations, each of shape (STATES, n)."""
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    limits = arm.known_limits
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (STATES, arm.n))
     speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
     return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)

@@ -103,9 +103,8 @@ def write_isaac(identified: IdentifiedArm) -> str:
     keys = ("armature", "friction", "dynamic_friction", "viscous_friction")
     values = (losses.motor_inertia, losses.coulomb, losses.coulomb, losses.viscous)
     actuator = dict(zip(keys, values, strict=True))
-    known = {"effort_limit": np.array(arm.effort_limit), "velocity_limit": np.array(arm.velocity_limit)}
-    # A limit that a URDF does not state is zero or beyond all measure there.
-    limits = {key: values for key, values in known.items() if ((values > 0.0) & (values < 1e6)).all()}
+    known = {"effort_limit": arm.known_limits.effort, "velocity_limit": arm.known_limits.speed}
+    limits = {key: values for key, values in known.items() if np.isfinite(values).all()}
     renamed = {f"actuator_{key}": values for key, values in limits.items()}
     marks = {
         "ROBOT": ascii(arm.name),
@@ -126,7 +125,7 @@ def _tables(names: tuple[str, ...], columns: Mapping[str, Float[Array, " n"]]) -
 def write_limits(identified: IdentifiedArm) -> str:
     """Limits as ros2_control reads them: YAML parameters for any node, `joint_limits` with one table a joint."""
     arm, losses = identified.whole, identified.losses
-    acceleration = allowed_acceleration(arm, losses)
+    acceleration, known = allowed_acceleration(arm, losses), arm.known_limits
     lines = [
         "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's effort limit",
         "# leaves at its worst pose for this joint alone, from rest, after gravity and dry friction.",
@@ -136,17 +135,17 @@ def write_limits(identified: IdentifiedArm) -> str:
         "    joint_limits:",
     ]
     for j, name in enumerate(arm.joint_names):
-        low, high = float(arm.lower[j]), float(arm.upper[j])
+        low, high = float(known.lower[j]), float(known.upper[j])
         limits: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = [
             ("position", ("min_position", "max_position"), (low, high)),
-            ("velocity", ("max_velocity",), (float(arm.velocity_limit[j]),)),
+            ("velocity", ("max_velocity",), (float(known.speed[j]),)),
             ("acceleration", ("max_acceleration",), (float(acceleration[j]),)),
-            ("effort", ("max_effort",), (float(arm.effort_limit[j]),)),
+            ("effort", ("max_effort",), (float(known.effort[j]),)),
         ]
         # A JSON string is a YAML string, whatever a joint is called.
         lines.append(f"      {json.dumps(name)}:")
         for what, keys, values in limits:
-            stated = all(abs(value) < UNLIMITED for value in values) and (what == "position" or values[0] > 0.0)
+            stated = all(abs(value) < UNLIMITED for value in values)
             lines.append(f"        has_{what}_limits: {str(stated).lower()}")
             lines += [f"        {key}: {value!r}" for key, value in zip(keys, values, strict=True) if stated]
     return "\n".join(lines) + "\n"
@@ -155,12 +154,13 @@ def write_limits(identified: IdentifiedArm) -> str:
 def allowed_acceleration(arm: ArmModel, losses: Losses) -> Float[Array, " n"]:
     """Acceleration that every pose allows a joint that starts alone [rad/s²]; infinite without an effort limit."""
     rng = np.random.default_rng(0)
-    q = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (POSES, arm.n))
-    left = np.maximum(arm.effort_limit - np.abs(arm.gravity(q)) - losses.coulomb, 0.0)
+    limits = arm.known_limits
+    q = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (POSES, arm.n))
+    left = np.maximum(limits.effort - np.abs(arm.gravity(q)) - losses.coulomb, 0.0)
     # Of the bodies about each joint's axis, the others held [kg m²].
     inertia = np.diagonal(arm.derivatives(q, 0.0 * q, 0.0 * q)[2], axis1=1, axis2=2)
     most = np.min(left / (inertia + losses.motor_inertia), axis=0)
-    return np.where((arm.effort_limit > 0.0) & (arm.effort_limit < UNLIMITED), most, np.inf)
+    return np.asarray(most)
 
 
 def write_cpp(identified: IdentifiedArm) -> str:

@@ -141,7 +141,8 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
             rows.append(weight * np.stack([moving.direction, moving.dq, speed * moving.dq, speed**2 * moving.dq], -1))
     target, columns = np.concatenate(torque), np.concatenate(rows)
     found = np.stack([losses.coulomb, losses.viscous, *losses.bend.T])
-    top = np.maximum(np.where(identified.nominal.velocity_limit < 50.0, identified.nominal.velocity_limit, 0.0), 1.0)
+    speed = identified.nominal.known_limits.speed
+    top = np.maximum(np.where(speed < 50.0, speed, 0.0), 1.0)
     for j in {law.joint for law in laws}:
         for size in (4, 2) if bends else (2,):
             x, bounds = columns[:, j, :size], ([0.0, 0.0, -np.inf, -np.inf][:size], np.inf)
@@ -155,8 +156,9 @@ def stand_in(identified: IdentifiedArm, laws: Sequence[Change], runs: Sequence[R
 
 def usual_run(arm: ArmModel) -> Run:
     """Waves of all joints within their limits, as fast as joints usually go."""
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    limit = np.where((arm.velocity_limit > 0.0) & (arm.velocity_limit < 50.0), arm.velocity_limit, USUAL_LIMIT)
+    known = arm.known_limits
+    low, high = np.maximum(known.lower, -np.pi), np.minimum(known.upper, np.pi)
+    limit = np.where(known.speed < 50.0, known.speed, USUAL_LIMIT)
     size = np.minimum(0.4 * (high - low), 1.0)
     pulse = USUAL_SHARE * limit / size * (1.0 + 0.1 * np.arange(arm.n) / arm.n)
     angle = pulse * np.arange(0.0, USUAL_TIME, USUAL_STEP)[:, None] + np.arange(arm.n)

@@ -101,6 +101,7 @@ PARTS: dict[str, tuple[str, Callable[[Mapping[str, float]], dict[str, str]]]] = 
 def joint_elements(identified: IdentifiedArm) -> list[Elements]:
     """Elements of every joint: its losses, its limits, and its effects on top."""
     arm, losses = identified.nominal, identified.losses
+    limits = arm.known_limits
     delay = sum(change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay")
     samples = str(ceil(delay / TIMESTEP) + MORE_SAMPLES)
     late = {"delay": repr(delay), "nsample": samples, "interp": "linear"} if delay > 0.0 else {}
@@ -119,7 +120,8 @@ def joint_elements(identified: IdentifiedArm) -> list[Elements]:
         # qpos is the logged angle, qpos − ref the true one.
         if zero := -sum(change.values["offset_rad"] for change in changes if change.part("mjcf") == "zero"):
             joint["ref"] = repr(zero)
-        lower, upper, effort = float(arm.lower[j]) + zero, float(arm.upper[j]) + zero, float(arm.effort_limit[j])
+        lower, upper = float(limits.lower[j]) + zero, float(limits.upper[j]) + zero
+        effort = float(limits.effort[j])
         if max(abs(lower), abs(upper)) < UNLIMITED:
             joint["range"] = f"{lower!r} {upper!r}"
         if 0.0 < effort < UNLIMITED:

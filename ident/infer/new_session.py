@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment
 
+from ident.checks.angles import unwrap
 from ident.checks.report import TelemetryReport
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
@@ -154,9 +155,7 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
 
 def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel | None) -> NewSession:
     """Units, signs and order of the signals, as columns and settings."""
-    whole = np.isfinite(np.column_stack([signals.time, *signals.tables.values()])).all(axis=1)
-    tables = {name: values[whole] for name, values in signals.tables.items()}
-    signals = replace(signals, time=signals.time[whole], tables=tables)
+    signals = _whole_rows(signals)
     (time, second, clock), (angle, radian, turn) = time_unit(signals), angle_unit(signals, arm)
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
@@ -166,7 +165,7 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     slides, sliding = slide_scales(signals, arm)
     scale = np.array([slides.get(name, radian) for name in signals.joints])
     tables = {name: scale * one if name in ANGLES else one for name, one in signals.tables.items()}
-    signals = replace(signals, time=second * signals.time, tables=tables)
+    signals = _without_wraps(replace(signals, time=second * signals.time, tables=tables), arm)
     signals, velocity, refused = check_velocity(signals)
     reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
     nominal = next((name for name in MEASURED if name in signals.tables), "")
@@ -194,6 +193,32 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     unused = [name for name in table.columns if name not in columns]
     left += [f"not used: {listed(unused)}"] if unused else []
     return NewSession(place, columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
+
+
+def _whole_rows(signals: Signals) -> Signals:
+    """The rows that hold a state and a torque; what comes in other rows only, such as commands, is interpolated."""
+    needed = [values for name, values in signals.tables.items() if name in ("position", *MEASURED)]
+    whole = np.isfinite(np.column_stack([signals.time, *needed])).all(axis=1)
+    rows = np.arange(len(whole))
+    tables = {}
+    for name, values in signals.tables.items():
+        filled = np.array(values)
+        for column in filled.T:
+            known = np.isfinite(column)
+            if known.any() and not known[whole].all():
+                column[:] = np.interp(rows, rows[known], column[known])
+        tables[name] = filled[whole]
+    return replace(signals, time=signals.time[whole], tables=tables)
+
+
+def _without_wraps(signals: Signals, arm: ArmModel | None) -> Signals:
+    """Angles without the steps of a turn, across which nothing is a derivative."""
+    position = signals.tables["position"]
+    turning = np.ones(position.shape[1], dtype=bool)
+    if arm is not None:
+        turning = ~arm.sliding_joints[[arm.joint_names.index(name) for name in signals.joints]]
+    unwrapped, _ = unwrap(position, turning)
+    return replace(signals, tables={**signals.tables, "position": unwrapped})
 
 
 def _digest(body: str) -> str:

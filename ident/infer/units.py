@@ -29,7 +29,6 @@ GAINS = "drive_gain_Nm_per_A"
 COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
 # A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
-LARGEST_LIMIT = 1e5  # beyond it a URDF's effort limit stands for none [N m]
 # Its name, its factor to SI, and why.
 Unit = tuple[str | int, float, Reason | None]
 
@@ -53,7 +52,7 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     if arm is not None:
         known = [arm.joint_names.index(joint) for joint in signals.joints]
         turning = ~arm.sliding_joints[known]
-        reach = np.minimum(np.maximum(np.abs(arm.lower), np.abs(arm.upper))[known], FARTHEST_RAD)
+        reach = np.minimum(arm.known_limits.reach[known], FARTHEST_RAD)
     beyond = turning & (far > 1.1 * reach)
     largest = far[turning].max(initial=0.0)
     span = float(np.ptp(signals.tables["position"], axis=0)[turning].max()) if beyond.any() else 0.0
@@ -76,9 +75,7 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
 def slide_scales(signals: Signals, arm: ArmModel | None) -> tuple[dict[str, float], list[Reason]]:
     """Of each joint that slides what its unit is in metres, and why: millimetres where metres lie beyond its limits."""
     far = dict(zip(signals.joints, np.abs(signals.tables["position"]).max(axis=0), strict=True))
-    rows = (
-        [] if arm is None else zip(arm.joint_names, np.maximum(-arm.lower, arm.upper), arm.sliding_joints, strict=True)
-    )
+    rows = [] if arm is None else zip(arm.joint_names, arm.known_limits.reach, arm.sliding_joints, strict=True)
     reach = {name: most for name, most, slides in rows if slides and name in far}
     scales = {name: 1e-3 if far[name] > 1.1 * most else 1.0 for name, most in reach.items()}
     seen = {name: f"it goes to {far[name]:.4g}; its limit is {most:.3g} m" for name, most in reach.items()}
@@ -185,12 +182,12 @@ def torque_settings(
             reasons.append(Reason(f"effort_sign.{joint}", "-1", why))
     gains: dict[str, float] = {}
     among = "the median of the joints where it does" if sizes else "1 stands for a figure that nobody has given"
-    limits = dict(zip(arm.joint_names, arm.effort_limit, strict=True)) if other and other.lower() != "ma" else {}
+    limits = dict(zip(arm.joint_names, arm.known_limits.effort, strict=True)) if other and other.lower() != "ma" else {}
     for joint in fits if channel == "current" else ():
         why = "gravity of the URDF over what the column shows of it"
         why = why if joint in sizes else f"gravity hardly shows here; {among}"
         size = sizes.get(joint, scale)
-        if 0.0 < limits.get(joint, 0.0) < LARGEST_LIMIT:
+        if np.isfinite(limits.get(joint, np.inf)):
             size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"
         gains[joint] = float(f"{1.0 / size:.3g}")
         why += f"; for one {other}, in which its name says that it is" if other else ""

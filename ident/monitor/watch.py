@@ -68,7 +68,7 @@ def _examine(
 ) -> dict[str, list[dict[str, Any]]]:
     """The rows of a session's estimates and effects; fills in its own row, and writes its diagnosis beside them."""
     read = [gains.in_first_unit(one) for one in Given([found.path], session_file=found.settings).parts()]
-    arm, (report,) = inspect_sources(Given(read, options.robot)).whole
+    arm, (report,) = inspect_sources(Given(read, options.robot), options.accept).whole
     report = replace(report, issues=(*report.issues, *gains.issues()))
     session, row["robot"] = report.session, arm.name
     first = session.runs[0].time[:1].tolist() if session.runs else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ from ident.errors import RecordingError
 from ident.recordings.columns import NamedColumns, Table, joint_of, unequal
 from ident.recordings.recording import Severity, TelemetryIssue
 
+# Channels without which a row holds no joint's state.
+NEEDED = ("position", "effort", "current")
 # Channels that a recording may lack.
 OPTIONAL = ("velocity", "acceleration", "position_command", "velocity_command", "effort_command")
 # Cells of a text that hold a number, and words for a value that is missing.
@@ -47,6 +49,9 @@ class Cells:
         Raises:
             RecordingError: No row is left.
         """
+        if (alone := self._without_other_topics()) is not None:
+            columns, issues = alone[0].screen()
+            return columns, (alone[1], *issues)
         finite = np.column_stack([np.isfinite(values) for values in self.columns.values()])
         numbers = np.arange(1, len(finite) + 1) if self.numbers is None else self.numbers
         watched = np.array([not name.endswith("/temperature") for name in self.columns])
@@ -73,6 +78,39 @@ class Cells:
         }
         return kept, tuple(issue for issue in issues if issue is not None)
 
+    def _without_other_topics(self) -> tuple[Cells, TelemetryIssue] | None:
+        """The rows that hold some joint's state, and a note; None where hardly a row holds none.
+
+        Exports of several topics side by side have a row for each message of any. What comes in other rows than the
+        states, such as commands, is interpolated to theirs.
+        """
+        needed = [values for name, values in self.columns.items() if name.rpartition("/")[2] in NEEDED]
+        if not needed:
+            return None
+        has_text = False if self.text is None else self.text.any(axis=1)
+        states = np.isfinite(np.column_stack(needed)).any(axis=1) | has_text
+        if not states.any() or (~states).mean() <= MANY_ROWS:
+            return None
+        rows = np.arange(len(states))
+        columns = {}
+        for name, values in self.columns.items():
+            known = np.isfinite(values)
+            is_apart = name.rpartition("/")[2] in OPTIONAL and known.any() and not (known & states).any()
+            columns[name] = np.interp(rows, rows[known], values[known])[states] if is_apart else values[states]
+        numbers = rows + 1 if self.numbers is None else np.asarray(self.numbers)
+        at = np.flatnonzero(states)
+        text = None if self.text is None else self.text[states]
+        alone = replace(
+            self,
+            columns=columns,
+            numbers=numbers[states],
+            text=text,
+            raw=lambda row, column: self.raw(int(at[row]), column),
+        )
+        count = int((~states).sum())
+        evidence = f"{self.source.name}: {count} of {len(states)} rows hold no joint's state: another topic's, skipped"
+        return alone, TelemetryIssue("other_topics", (), "note", evidence, "none needed")
+
     def _dropped(self, issue: str, rows: Int[Array, " g"], kind: str, read: int) -> TelemetryIssue | None:
         if len(rows) == 0:
             return None
@@ -82,7 +120,10 @@ class Cells:
         count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
         shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
         evidence = f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
-        return TelemetryIssue(issue, (), severity, evidence, "none needed; look at what writes into the log")
+        remedy = "none needed; look at what writes into the log"
+        if severity == "fatal":
+            remedy = "record again, or take these rows out: too many for one continuous motion"
+        return TelemetryIssue(issue, (), severity, evidence, remedy)
 
     def _bad(self, issue: str, cells: Int[Array, "c 2"], numbers: Int[Array, " R"]) -> TelemetryIssue | None:
         if len(cells) == 0:

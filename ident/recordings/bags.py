@@ -118,6 +118,21 @@ class Stream:
                 columns.update({f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)})
         return columns
 
+    def without_empty(self) -> tuple[Stream, int]:
+        """The messages that fill every field that most of them fill, and the number of the others.
+
+        Nodes that know a part of the state speak on the same topic: what they leave empty is no fault of those that
+        know it.
+        """
+        filled = np.array([[len(values) > 0 for values in row] for row in self.rows])
+        usual = filled.mean(axis=0) > 0.5
+        whole = filled[:, usual].all(axis=1)
+        if whole.all() or not whole.any():
+            return self, 0
+        kept = [np.array(values)[whole].tolist() for values in (self.stamps, self.receipts)]
+        rows = [row for row, is_whole in zip(self.rows, whole, strict=True) if is_whole]
+        return Stream(kept[0], kept[1], rows, self.names), int((~whole).sum())
+
 
 def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     """Joints may stand in any order and be spread over messages.
@@ -146,9 +161,15 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     streams.pop((), None)
     if not streams:
         raise RecordingError(path, f"no message on {topic}", "give a bag in which the joint states were recorded")
-    publishers = _publishers({key: one.of_joints(key, path) for key, one in streams.items()})
+    screened = {key: stream.without_empty() for key, stream in streams.items()}
+    tables = {key: stream.of_joints(key, path) for key, (stream, _) in screened.items()}
+    publishers, silent_rows = _publishers(tables)
+    empty = silent_rows + sum(count for _, count in screened.values())
     columns, others = merge(publishers, [any(name.endswith("/effort") for name in one) for one in publishers], path)
     issues = []
+    if empty:
+        evidence = f"{path.name}: {empty} messages on {topic} leave fields empty that the others fill; left out"
+        issues.append(TelemetryIssue("missing_channel", (), "note", evidence, "none needed"))
     for apart in (tuple(dict.fromkeys(map(joint_of, names))) for names in others):
         evidence = f"{path.name}: {', '.join(apart)} come in messages of their own, interpolated"
         issues.append(TelemetryIssue("jitter", apart, "note", evidence, "none needed"))
@@ -164,19 +185,28 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     return held_columns(columns, path, tuple(issues))
 
 
-def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns]:
-    """Messages that name the same joints in another order are one publisher's."""
+def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> tuple[list[Columns], int]:
+    """Messages that name the same joints in another order are one publisher's.
+
+    Of those the ones count that hold as many channels as any: another node's that hold fewer tell nothing more.
+
+    Returns:
+        The publishers, and the number of messages that are left out.
+    """
     groups: dict[frozenset[str], list[Columns]] = defaultdict(list)
     for joints, columns in tables.items():
         groups[frozenset(joints)].append(columns)
-    joined = []
-    for group in groups.values():
+    joined, left_out = [], 0
+    for every in groups.values():
+        most = max(map(len, every))
+        group = [columns for columns in every if len(columns) == most]
+        left_out += sum(len(columns[TIME]) for columns in every if len(columns) < most)
         common = [name for name in group[0] if all(name in columns for columns in group)]
         whole = {name: np.concatenate([columns[name] for columns in group]) for name in common}
         # One publisher's order is kept as it is: time that runs backwards is for the telemetry check to find.
         order = np.argsort(whole[TIME], kind="stable") if len(group) > 1 else slice(None)
         joined.append({name: values[order] for name, values in whole.items()})
-    return joined
+    return joined, left_out
 
 
 def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns]:

@@ -78,6 +78,8 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
 
 
 TIME = "time"
+# What plotting tools call the time of a row.
+TIME_ALIASES = ("__time",)
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 # Columns under their native names, all of the same length, and what was found when reading them.
 Table = tuple[Mapping[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]
@@ -137,6 +139,8 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
         # A mapping that takes the native name for itself overrides the table's own column of that name.
         if native not in session_file.columns.values():
             chosen[index] = native
+    if TIME not in chosen.values() and session_file.sample_rate_hz is None:
+        chosen.update({index: TIME for index, name in enumerate(names) if name in TIME_ALIASES})
     seen: dict[str, int] = {}
     for index, native in chosen.items():
         if (first := seen.setdefault(native, index)) != index:
@@ -189,22 +193,31 @@ def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source
         if column != TIME and (joint := joint_of(column)) not in joints:
             raise RecordingError(source, f"missing column {joint}/position", f"add it, or drop the column {column}")
     named = {"drive_gain_Nm_per_A": session_file.drive_gain, "effort_sign": session_file.effort_sign}
-    for key, given in (named | {"slide_scale": session_file.slides}).items():
+    named |= {"slide_scale": session_file.slides, "direction": session_file.direction}
+    named |= {"zero_rad": session_file.zeros, "unit": session_file.units}
+    for key, given in named.items():
         unknown = next((joint for joint in given if joint not in joints), None)
         if unknown is not None:
             what = f"[{key}] names the joint {unknown!r}, which the recording lacks"
             raise RecordingError(session_file.where, what, f"its joints are: {', '.join(joints)}")
     channels, issues = _channels(found, joints, source)
     turns = np.array([joint not in session_file.slides for joint in joints])
-    factors = np.array([session_file.slides.get(joint, session_file.angle_factor or 1.0) for joint in joints])
+    direction = np.array([session_file.direction.get(joint, 1.0) for joint in joints])
+    zeros = np.array([session_file.zeros.get(joint, 0.0) for joint in joints])
+    usual = session_file.angle_factor or 1.0
+    factors = np.array([session_file.slides.get(joint, session_file.units.get(joint, usual)) for joint in joints])
     for channel in ANGLES:
-        if channel in channels and np.any(factors != 1.0):
-            zero = session_file.angle_zero * turns if channel in ("position", "position_command") else 0.0
-            channels[channel] = factors * (channels[channel] - zero)
+        is_place = channel in ("position", "position_command")
+        if channel in channels and np.any((direction * factors != 1.0) | (zeros != 0.0)):
+            middle = session_file.angle_zero * turns if is_place else 0.0
+            channels[channel] = direction * factors * (channels[channel] - middle) + (zeros if is_place else 0.0)
     if session_file.with_effort:
         channels["effort"] = stack([_effort(found, joint, session_file, source) for joint in joints])
     else:
         channels["effort"] = np.zeros_like(channels["position"])
+    for channel in ("effort", "effort_command", "current"):
+        if channel in channels and np.any(direction != 1.0):
+            channels[channel] = direction * channels[channel]
     if TIME in found:
         time = found[TIME] if session_file.time_factor == 1.0 else session_file.time_factor * found[TIME]
     elif session_file.sample_rate_hz is not None:

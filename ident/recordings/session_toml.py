@@ -20,6 +20,8 @@ GUESSED = "guessed"
 # Units that files may be in, in s and rad.
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.radians(1.0)}
+# Of single joints' positions; "read as degrees" undoes `angle_unit`.
+JOINT_UNITS = {**ANGLE_UNITS, "turns": math.tau}
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 # Keys that go with the session as they are: for people, and for `watch`.
 FREE = ("date", "notes", "origin")
@@ -46,6 +48,12 @@ class SessionFile:
     angle_zero: float = 0.0
     # Joint that slides -> what its positions and their derivatives are multiplied with to be metres, instead.
     slides: Mapping[str, float] = field(default_factory=dict)
+    # Joint -> -1 where its axis turns the other way than the URDF's: of position, its derivatives and torque.
+    direction: Mapping[str, float] = field(default_factory=dict)
+    # Joint -> the URDF's angle where the recorded one, its direction and unit applied, is zero [rad or m].
+    zeros: Mapping[str, float] = field(default_factory=dict)
+    # Joint -> what its positions and their derivatives are multiplied with to be radians, instead.
+    units: Mapping[str, float] = field(default_factory=dict)
     # Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
     effort_kind: str | None = None
     time_factor: float = 1.0  # what recorded times are multiplied with to be seconds
@@ -80,9 +88,11 @@ def load_session_file(path: Path) -> SessionFile:
     if not isinstance(guessed, bool):
         raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
     gains, signs = keys.numbers("drive_gain_Nm_per_A"), keys.numbers("effort_sign")
-    for joint, sign in signs.items():
-        if sign not in (1.0, -1.0):
-            raise RecordingError(path, f"[effort_sign] {joint} = {sign:g}", "a sign is 1 or -1")
+    direction = keys.numbers("direction")
+    for key, given in (("effort_sign", signs), ("direction", direction)):
+        for joint, sign in given.items():
+            if sign not in (1.0, -1.0):
+                raise RecordingError(path, f"[{key}] {joint} = {sign:g}", "a sign is 1 or -1")
     counts = keys.positive("counts_per_turn", "number")
     if counts is not None and "angle_unit" in data:
         raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
@@ -103,6 +113,9 @@ def load_session_file(path: Path) -> SessionFile:
         angle_factor=math.tau / counts if counts else ANGLE_UNITS[angles] if angles else None,
         angle_zero=0.0 if counts is None else counts / 2.0,
         slides=keys.numbers("slide_scale"),
+        direction=direction,
+        zeros=keys.numbers("zero_rad"),
+        units=keys.joint_units(),
         effort_kind=kind,
         time_factor=TIME_UNITS[times or "s"],
         gravity=keys.three(data["gravity_mps2"], "gravity_mps2", "base") if "gravity_mps2" in data else None,
@@ -150,6 +163,16 @@ class _Keys:
             raise RecordingError(self.path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
         x, y, z = (self.number(value, key) for value in values)
         return x, y, z
+
+    def joint_units(self) -> dict[str, float]:
+        """Factors of single joints' positions by their units' names."""
+        factors = {}
+        for joint, name in self.table("unit").items():
+            if not isinstance(name, str) or name not in JOINT_UNITS:
+                known = ", ".join(JOINT_UNITS)
+                raise RecordingError(self.path, f"[unit] {joint} = {name!r}", f"write one of: {known}")
+            factors[joint] = JOINT_UNITS[name]
+        return factors
 
     def one_of(self, key: str, known: Sequence[str], remedy: str) -> str | None:
         value = self.data.get(key)

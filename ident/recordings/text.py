@@ -230,10 +230,13 @@ def open_text(path: Path) -> NamedColumns:
         with path.open("rb") as stream:
             head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
         rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
-        filled, stamps = (
-            [i for i in range(len(layout.names)) if sum(bool(kind(row[i])) for row in rows) > len(rows) / 2]
-            for kind in (is_number, ISO.match)
-        )
+        filled, stamps = ([], [])
+        for i in range(len(layout.names)):
+            cells = [row[i] for row in rows if row[i]]  # another topic's row leaves a cell empty
+            if cells and sum(map(is_number, cells)) > len(cells) / 2:
+                filled.append(i)
+            if cells and sum(bool(ISO.match(cell)) for cell in cells) > len(cells) / 2:
+                stamps.append(i)
         if not filled:
             raise RecordingError(path, "has no column of numbers", "give a table of samples")
         keys = {i: f"column_{i}/position" for i in filled} | dict.fromkeys(stamps[:1], TIME)

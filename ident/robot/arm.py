@@ -16,6 +16,7 @@ from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError, first_line
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
+from ident.robot.limits import KnownLimits, known_limits
 from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, followers, lock_beside, normalise_urdf, parse_urdf, read_reductions
 from ident.safe_read import read_text
@@ -128,9 +129,14 @@ class ArmModel:
         return freeze(self.model.effortLimit)
 
     @property
+    def known_limits(self) -> KnownLimits:
+        """The limits that say something, infinite where the URDF has none or a placeholder."""
+        return known_limits(self.lower, self.upper, self.velocity_limit, self.effort_limit)
+
+    @property
     def rated_torque(self) -> Float[Array, " n"]:
         """The torque limits; where the URDF has none, what a joint needs against gravity gives one [N m or N]."""
-        known = (self.effort_limit > 0.0) & (self.effort_limit < 1e5)
+        known = np.isfinite(self.known_limits.effort)
         if known.all():
             return self.effort_limit
         gravity = np.abs(self.weight_in_poses).max(axis=0)

@@ -97,7 +97,8 @@ def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: Ar
         worst = int(np.argmin(steps) if steps.min() <= 0.0 else np.argmax(steps))
         what, remedy = f"time goes on by {steps[worst]:.4g} s", f"let time rise by at most {LARGEST_STEP_S:g} s"
         raise RecordingError(path, f"line {worst + 3}: {what}", f"{remedy} from row to row")
-    outside = np.argwhere((q < arm.lower) | (q > arm.upper))
+    limits = arm.known_limits
+    outside = np.argwhere((q < limits.lower) | (q > limits.upper))
     if len(outside):
         row, j = outside[0]
         what = f"line {row + 2}: {arm.joint_names[j]} at {q[row, j]:.3f} rad is out of its limits"
@@ -137,7 +138,8 @@ def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     times = np.array([0.0, *map(float, given)]) * float(execution.get("stretch", 1.0))
     if len(times) != len(points) or np.any(np.diff(times) <= 0) or times[-1] > LONGEST_S:
         raise RecordingError(file, "times_s and duration_s do not rise from point to point", again)
-    if np.any(points < arm.lower) or np.any(points > arm.upper):
+    limits = arm.known_limits
+    if np.any(points < limits.lower) or np.any(points > limits.upper):
         raise RecordingError(file, "a point of the plan is out of the arm's limits", "plan it for this robot")
     curve = CubicSpline(times, points, bc_type="clamped")
     ends = GentleEnds(float(times[-1]), min(float(execution.get("ramp_s", 0.0)), RAMP_SHARE * float(times[-1])))

@@ -236,11 +236,11 @@ class MotionLimits:
 
     def __init__(self, arm: ArmModel) -> None:
         self.arm = arm
-        bounded = np.array(arm.upper - arm.lower) < 20.0
-        self.lower = np.where(bounded, arm.lower + POSITION_MARGIN, -np.pi)
-        self.upper = np.where(bounded, arm.upper - POSITION_MARGIN, np.pi)
-        speed = np.array(arm.velocity_limit)
-        self.speed = SPEED_SHARE * np.where((speed > 0.0) & (speed < 50.0), speed, 3.0)
+        limits = arm.known_limits
+        bounded = limits.upper - limits.lower < 20.0
+        self.lower = np.where(bounded, limits.lower + POSITION_MARGIN, -np.pi)
+        self.upper = np.where(bounded, limits.upper - POSITION_MARGIN, np.pi)
+        self.speed = SPEED_SHARE * np.where(limits.speed < 50.0, limits.speed, 3.0)
         self.torque = arm.rated_torque
 
     @cached_property

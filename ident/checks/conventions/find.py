@@ -1,0 +1,76 @@
+"""The search on a session: the readings that explain most, best first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.checks.conventions.hypothesis import Hypothesis
+from ident.checks.conventions.masses import variants
+from ident.checks.conventions.readings import Log, Model
+from ident.checks.conventions.search import LIMIT, Scored, Search
+from ident.checks.filtered_run import filter_run
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """What the search found."""
+
+    as_it_is: Scored  # log and URDF as they say
+    best: Scored
+    second: Scored | None
+
+    @property
+    def gain(self) -> float:
+        """By how much the best explains more than log and URDF as they say, its changes' costs taken off [nats]."""
+        return self.as_it_is.cost - self.best.cost
+
+
+def log_of(session: Session) -> Log | None:
+    """The filtered states of a session, its joints in the robot's order; None where every run is too short."""
+    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    if not motions:
+        return None
+    return Log(*(np.concatenate([getattr(motion, name) for motion in motions]) for name in ("q", "dq", "ddq", "tau")))
+
+
+def find_conventions(session: Session, arm: ArmModel) -> Conventions | None:
+    """Searches a session's conventions; None where it is too short to tell anything."""
+    log = log_of(session)
+    return None if log is None else search_conventions(log, Model(arm))
+
+
+def search_conventions(log: Log, model: Model) -> Conventions:
+    """Searches the conventions of some states."""
+    search = Search(log, model)
+    scored = search.run()
+    ranked = sorted(_refined(search, scored), key=lambda one: one.cost)
+    plain = Hypothesis.as_it_is(search.n)
+    as_it_is = next(one for one in scored if one.hypothesis == plain)
+    best = ranked[0]
+    # What changes more than the best explains the same for more: a rival leaves some of its changes out.
+    own = set(best.hypothesis.changes)
+    rivals = [one for one in ranked[1:] if not own or not own <= set(one.hypothesis.changes)]
+    second = next((one for one in rivals if one.hypothesis.changes != best.hypothesis.changes), None)
+    return Conventions(as_it_is, best, second)
+
+
+def _refined(search: Search, scored: Sequence[Scored]) -> list[Scored]:
+    """The best few readings with what may be said of the masses beside; as it is among them."""
+    plain = Hypothesis.as_it_is(search.n)
+    refined = []
+    few = [one for one in scored if one.hypothesis == plain] + list(scored[: LIMIT.refined])
+    for one in dict.fromkeys(few):
+        for hypothesis, more, sizes in variants(one.hypothesis, search.log, search.model):
+            values = tuple(float(size) for size in sizes)
+            refined.append(replace(one, hypothesis=hypothesis, cost=one.cost + more, sizes=values))
+    return refined
+
+
+def is_changed(found: Conventions) -> bool:
+    """Whether log or URDF is surely to be read otherwise than it says."""
+    return bool(found.best.hypothesis.changes) and found.gain > LIMIT.sure_gain

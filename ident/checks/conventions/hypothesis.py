@@ -1,0 +1,95 @@
+"""A reading of a log and a URDF: order, direction, zero, unit, signs, gravity, masses. All of it is one hypothesis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+
+# A zero that is off is off by quarters of a turn: what lies between is for a diagnosis to find [rad].
+QUARTER = 0.5 * math.pi
+# Factors that make radians of what a log may hold, by the unit's name; radians read as degrees among them.
+UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
+# Gravity is where the URDF's base has it.
+AS_STATED = "stated"
+# No gravity is in the effort.
+COMPENSATED = "compensated"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """How to read a log of n joints.
+
+    The URDF's angle of joint j is
+
+        q_j = direction_j · unit_j · position[order_j] + quarters_j · 90°,
+
+    and its torque direction_j · effort_sign_j · effort[effort_order_j].
+    """
+
+    order: tuple[int, ...]  # column of the log that is each joint's position
+    effort_order: tuple[int, ...]  # column of the log that is each joint's effort
+    direction: tuple[int, ...]  # 1, or -1 where the log's axis turns the other way
+    quarters: tuple[int, ...]  # quarters of a turn between both zeros, 0 to 3
+    unit: tuple[str, ...]  # of each joint's position: empty for what the log states, or a key of `UNITS`
+    effort_sign: tuple[int, ...]  # 1, or -1 where the log's torque alone has the other sign
+    # `stated`, `compensated`, or a vector in the base's frame [m/s²].
+    gravity: str | tuple[float, float, float] = AS_STATED
+    mass_factor: float = 1.0  # what all masses of the URDF are to be multiplied with
+    # Joint -> what its effort is of a torque in N m, where it alone is in another unit.
+    effort_scale: tuple[tuple[int, float], ...] = ()
+    # Mass [kg] and first moment [kg m], in the last link's frame, of a body that the URDF lacks; negative where it has
+    # one that is not on the arm. None for none.
+    body: tuple[float, float, float, float] | None = None
+
+    @classmethod
+    def as_it_is(cls, count: int) -> Hypothesis:
+        """The log and the URDF as they say."""
+        own = tuple(range(count))
+        return cls(own, own, (1,) * count, (0,) * count, ("",) * count, (1,) * count)
+
+    @property
+    def motion(self) -> tuple[Any, ...]:
+        """What of it the motion depends on."""
+        return self.order, self.direction, self.quarters, self.unit
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """What it changes, a name a convention."""
+        own = tuple(range(len(self.order)))
+        names = []
+        names += ["order"] if self.order != own else []
+        names += ["effort_order"] if self.effort_order != self.order else []
+        names += [f"direction {j}" for j, sign in enumerate(self.direction) if sign < 0]
+        names += [f"zero {j}" for j, turns in enumerate(self.quarters) if turns]
+        units = [(j, unit) for j, unit in enumerate(self.unit) if unit]
+        names += ["unit"] if len({unit for _, unit in units}) == 1 and len(units) == len(own) else []
+        names += [f"unit {j}" for j, _ in units] if "unit" not in names else []
+        flipped = [j for j, sign in enumerate(self.effort_sign) if sign < 0]
+        names += ["effort_sign"] if len(flipped) == len(own) else [f"effort_sign {j}" for j in flipped]
+        names += [] if self.gravity == AS_STATED else ["gravity"]
+        names += [] if self.mass_factor == 1.0 else ["mass_factor"]
+        names += [f"effort_scale {j}" for j, _ in self.effort_scale]
+        names += [] if self.body is None else ["body"]
+        return tuple(names)
+
+    def angles(self, position: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
+        """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
+        factor = np.array([UNITS.get(unit, 1.0) for unit in self.unit])
+        factor = np.where(sliding, 1.0, factor) * np.array(self.direction)
+        zero = np.where(sliding, 0.0, QUARTER * np.array(self.quarters))
+        return np.asarray(factor * position[:, list(self.order)] + zero)
+
+    def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:
+        """The same of a derivative of the positions."""
+        return self.angles(values, sliding) - self.angles(np.zeros_like(values[:1]), sliding)
+
+    def with_entry(self, name: str, joint: int, value: Any) -> Hypothesis:
+        """The same with one joint's entry of a field changed."""
+        values = list(getattr(self, name))
+        values[joint] = value
+        return replace(self, **{name: tuple(values)})

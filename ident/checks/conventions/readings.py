@@ -1,0 +1,194 @@
+"""What each reading of the motion makes of the model: sums from which every reading of the torque follows.
+
+Beside a rigid torque r, each joint's torque holds friction, its rotor and an offset,
+
+    tau_j = s_j r_j + b tanh(dq_j / eps) + c dq_j + d ddq_j + o_j,    b, c, d >= 0,
+
+with a size s_j near one for masses and gains that are off. r is linear in gravity's vector. Of each joint and reading
+of the motion a matrix of inner products is kept, from which friction, rotor and offset are projected out: what is left
+of any column of torque, of either sign, under any gravity, is a quadratic form in it.
+
+An offset is held to what a drive can have: a share of its square counts as unexplained. Where a joint stands, friction
+holds it with an unknown part of its level: such rows count less, but they count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.checks.conventions.hypothesis import Hypothesis
+from ident.records import read_group
+from ident.robot.arm import ArmModel
+
+LIMIT = read_group(__file__, "readings")
+
+AXES = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """States of a recording as its file has them, thinned out; columns in the file's order."""
+
+    q: Float[Array, "T n"]  # [as recorded]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+
+    def thinned(self, count: int) -> Log:
+        """So many of the states at most, evenly."""
+        step = max(1, len(self.q) // count)
+        return Log(self.q[::step], self.dq[::step], self.ddq[::step], self.tau[::step])
+
+
+class Sums(NamedTuple):
+    """Of k readings of the motion: inner products, friction, rotor and offset projected out.
+
+    Columns: gravity along the base's axes, the inertial torque, then every column of effort.
+    """
+
+    left: Float[Array, "k n m m"]
+    friction: Float[Array, "k n 3 m"]  # coefficient of Coulomb and viscous friction and of the rotor, by column
+    spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
+    variance: Float[Array, " n"]  # of each column of effort
+    beyond: Float[Array, " k"]  # joints out of their limits
+
+
+class Model:
+    """A robot's torque in the parts that a reading needs."""
+
+    def __init__(self, arm: ArmModel) -> None:
+        self.arm = arm
+        self.stated = np.array(arm.model.gravity.linear)
+        self.sliding = np.asarray(arm.sliding_joints)
+        self._free = arm.with_gravity(np.zeros(3))
+        self._along = [arm.with_gravity(axis) for axis in AXES]
+
+    def parts(self, q: Array, dq: Array, ddq: Array) -> Float[Array, "T n 4"]:
+        """Gravity torque along each axis of the base for 1 m/s², and the inertial torque [N m]."""
+        gravity = [along.gravity(q) for along in self._along]
+        return np.stack([*gravity, self._free.inverse_dynamics(q, dq, ddq)], axis=-1)
+
+    def beyond_limits(self, q: Float[Array, "k T n"]) -> Float[Array, " k"]:
+        """How many joints leave their limits, by reading; half a joint where it does so by half the margin."""
+        limits = self.arm.known_limits
+        low, high = q.min(axis=1), q.max(axis=1)
+        excess = np.maximum(np.maximum(limits.lower - low, high - limits.upper), 0.0)
+        return np.asarray(np.minimum(excess / LIMIT.limit_margin, 1.0).sum(axis=-1))
+
+
+def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
+    """The sums of some readings of the motion, one after the other in one pass."""
+    sliding, count, n = model.sliding, len(readings), log.q.shape[1]
+    q = np.stack([reading.angles(log.q, sliding) for reading in readings])
+    dq, ddq = (np.stack([reading.rates(values, sliding) for reading in readings]) for values in (log.dq, log.ddq))
+    flat = [values.reshape(-1, n) for values in (q, dq, ddq)]
+    rigid = model.parts(*flat).reshape(count, -1, n, 4)
+    samples = rigid.shape[1]
+    friction = np.stack([np.tanh(dq / LIMIT.transition), dq, ddq, np.ones_like(dq)], axis=-1)
+    effort = np.broadcast_to(log.tau[None, :, None, :], (count, samples, n, n))
+    table = np.concatenate([friction, rigid, effort], axis=-1)
+    weight = np.where(np.abs(dq) > LIMIT.standing, 1.0, LIMIT.rest_weight)
+    weight = weight / np.sqrt((weight**2).mean(axis=1, keepdims=True))
+    table = (table * weight[..., None]).transpose(0, 2, 1, 3)
+    gram = table.transpose(0, 1, 3, 2) @ table / samples
+    beside, cross, rest = gram[..., :4, :4], gram[..., :4, 4:], gram[..., 4:, 4:]
+    scale = np.sqrt(np.maximum(np.diagonal(beside, axis1=-2, axis2=-1), 1e-12))
+    ridge = np.zeros(4)
+    ridge[3] = LIMIT.offset_cost
+    inverse = np.linalg.inv(
+        beside / (scale[..., :, None] * scale[..., None, :]) + np.diag(ridge) + 1e-9 * np.eye(4)
+    ) / (scale[..., :, None] * scale[..., None, :])
+    coefficients = inverse @ cross
+    left = rest - cross.transpose(0, 1, 3, 2) @ coefficients
+    spread = np.diagonal(inverse, axis1=-2, axis2=-1)[..., :3]
+    return Sums(left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q))
+
+
+def unexplained(
+    sums: Sums, gravity: Float[Array, "k g 3"], size: Float[Array, "k g"]
+) -> tuple[Float[Array, "k n g n 2"], Float[Array, "k n g n 2"]]:
+    """What each column of effort costs as each joint's, under each gravity, with either sign; and at which size.
+
+    The cost is the logarithm of the share of its variance that is left, and what a size other than the usual one is
+    unlikely; friction that drives instead of braking is left in.
+
+    Args:
+        sums: Of k readings of the motion.
+        gravity: Vectors in the base's frame, by reading; zero where gravity is not in the effort [m/s²].
+        size: The usual size of the joints' torques, the model's being one.
+    """
+    usual = size[:, None, :, None]
+    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)  # of the rigid torque's columns
+    rigid, mixed = sums.left[:, :, :4, :4], sums.left[:, :, :4, 4:]
+    square = np.einsum("kgi,knij,kgj->kng", vectors, rigid, vectors)
+    along = np.einsum("kgi,knit->kngt", vectors, mixed)
+    own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)[:, :, None, :]
+    by_rigid = np.einsum("kgi,knci->kngc", vectors, sums.friction[..., :4])
+    by_effort = sums.friction[..., 4:].transpose(0, 1, 3, 2)[:, :, None]  # k n 1 t 3
+    costs, sizes = [], []
+    for sign in (1.0, -1.0):
+        best = sign * along / np.maximum(square, 1e-12)[..., None]
+        best = np.clip(best, usual / LIMIT.most_size, usual * LIMIT.most_size)
+        tried = np.stack([usual * (best / usual) ** share for share in LIMIT.shares])
+        rest = own - 2.0 * tried * sign * along + tried**2 * square[..., None]
+        friction = sign * by_effort - tried[..., None] * by_rigid[..., None, :]
+        wrong = np.minimum(friction, 0.0) ** 2 / sums.spread[:, :, None, None, :]
+        share_left = (np.maximum(rest, 0.0) + wrong.sum(axis=-1)) / np.maximum(sums.variance, 1e-300)
+        unlikely = LIMIT.size_cost * np.log(tried / usual) ** 2
+        cost = np.log(share_left + LIMIT.floor) + unlikely
+        chosen = np.argmin(cost, axis=0)[None]
+        costs.append(np.take_along_axis(cost, chosen, axis=0)[0])
+        sizes.append(np.take_along_axis(tried, chosen, axis=0)[0])
+    return np.stack(costs, axis=-1), np.stack(sizes, axis=-1)
+
+
+def common_size(sums: Sums, gravity: Float[Array, "k g 3"], columns: Array) -> Float[Array, "k g"]:
+    """The size that the joints' torques have together, each by how much of its torque the rigid one explains.
+
+    Args:
+        sums: Of k readings of the motion.
+        gravity: Vectors in the base's frame, by reading [m/s²].
+        columns: Column of effort of each joint, by reading, shape (k, n).
+    """
+    vectors = np.concatenate([gravity, np.ones_like(gravity[..., :1])], axis=-1)
+    square = np.einsum("kgi,knij,kgj->kng", vectors, sums.left[:, :, :4, :4], vectors)
+    along = np.einsum("kgi,knit->kngt", vectors, sums.left[:, :, :4, 4:])
+    own = np.diagonal(sums.left[:, :, 4:, 4:], axis1=2, axis2=3)
+    along = np.take_along_axis(along, columns[:, :, None, None], axis=-1)[..., 0]
+    own = np.take_along_axis(own, columns[:, :, None], axis=-1)
+    size = np.abs(along) / np.maximum(square, 1e-12)
+    weight = along**2 / np.maximum(square * own, 1e-300)
+    logs = np.log(np.clip(size, 1.0 / LIMIT.most_size, LIMIT.most_size))
+    return np.asarray(np.exp((weight * logs).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)))
+
+
+def likeliest_gravity(
+    sums: Sums, columns: Array, signs: Array, sizes: Float[Array, " n"], left: Float[Array, " n"]
+) -> Float[Array, " 3"]:
+    """The gravity that one reading's torques follow best, each weighed by what it leaves [m/s²].
+
+    Args:
+        sums: Of one reading of the motion.
+        columns, signs, sizes: Column of effort of each joint, its sign, and its size over the model's.
+        left: Variance of each joint's torque that is left [(N m)²].
+    """
+    rows = np.arange(len(columns))
+    table, effort = sums.left[0], 4 + columns
+    weight = (sizes / left)[:, None]
+    target = (weight * (signs[:, None] * table[rows, :3, effort] - sizes[:, None] * table[:, :3, 3])).sum(axis=0)
+    normal = ((weight * sizes[:, None])[..., None] * table[:, :3, :3]).sum(axis=0)
+    # Directions that no torque tells stay as far out as they were: zero.
+    values, axes = np.linalg.eigh(normal)
+    told = values > LIMIT.told_share * max(float(values[-1]), 1e-300)
+    return np.asarray(axes[:, told] @ ((axes[:, told].T @ target) / values[told]))
+
+
+def telling(log: Log) -> Bool[Array, " n"]:
+    """Columns of effort that change at all."""
+    spread = log.tau.std(axis=0)
+    return np.asarray(spread > 1e-6 * max(float(np.abs(log.tau).max()), 1e-300))

@@ -1,0 +1,219 @@
+"""A session as a hypothesis reads it, and what the user is told to write."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
+from ident.checks.conventions.find import Conventions, find_conventions, is_changed
+from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, QUARTER, UNITS, Hypothesis
+from ident.checks.conventions.search import Scored
+from ident.checks.effort import collect_states
+from ident.checks.filtered_run import compare_velocities
+from ident.checks.report import WORDS, issue_of
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.safe_read import toml_key
+
+# How far gravity's direction, followed to where it is likeliest, may lie from where the search found it [degrees].
+FOLLOWED_DEG = 25.0
+PLACES = ("position", "position_command")
+RATES = ("velocity", "acceleration", "velocity_command")
+TORQUES = ("effort", "effort_command", "current")
+
+
+def reread(session: Session, hypothesis: Hypothesis) -> Session:
+    """The session in the URDF's order, directions, zeros and units, its torques with the URDF's signs."""
+    order, efforts = list(hypothesis.order), list(hypothesis.effort_order)
+    direction = np.array(hypothesis.direction, dtype=float)
+    unit = np.array([UNITS.get(name, 1.0) for name in hypothesis.unit])
+    rate = unit if _velocities_alike(session) else np.ones_like(unit)
+    zero = QUARTER * np.array(hypothesis.quarters)
+    sign = direction * np.array(hypothesis.effort_sign)
+
+    def changed(run: Recording) -> Recording:
+        channels = run.channels()
+        found = {name: values[:, order] for name, values in channels.items() if name not in TORQUES}
+        found.update({name: direction * unit * found[name] + zero for name in PLACES if name in found})
+        found.update({name: direction * rate * found[name] for name in RATES if name in found})
+        found.update({name: sign * channels[name][:, efforts] for name in TORQUES if name in channels})
+        return run.replace(**found)
+
+    return session.replace(runs=[changed(run) for run in session.runs])
+
+
+def _velocities_alike(session: Session) -> bool:
+    """Whether velocities are in the positions' unit, or none are measured."""
+    found = compare_velocities(session)
+    return found is None or not found[0].any() or float(np.median(found[1][found[0]])) > 0.1
+
+
+def corrected_arm(arm: ArmModel, hypothesis: Hypothesis) -> ArmModel:
+    """The arm with the masses that a hypothesis asks for."""
+    parameters = np.array(arm.inertial_parameters) * hypothesis.mass_factor
+    if hypothesis.body is not None:
+        parameters[-10:-6] += np.array(hypothesis.body)
+    unchanged = hypothesis.mass_factor == 1.0 and hypothesis.body is None
+    return arm if unchanged else arm.with_inertial_parameters(parameters)
+
+
+def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
+    """A hypothesis for JSON: what it changes alone."""
+    own = tuple(range(len(joints)))
+    found: dict[str, Any] = {}
+    if hypothesis.order != own:
+        found["order"] = {joints[j]: joints[k] for j, k in enumerate(hypothesis.order) if j != k}
+    moved = [(j, k) for j, k in enumerate(hypothesis.effort_order) if k != hypothesis.order[j]]
+    if moved:
+        found["effort_order"] = {joints[j]: joints[k] for j, k in moved}
+    found["direction"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.direction) if sign < 0}
+    found["zero_rad"] = {joints[j]: round(_zero(k), 4) for j, k in enumerate(hypothesis.quarters) if k}
+    found["unit"] = {joints[j]: unit for j, unit in enumerate(hypothesis.unit) if unit}
+    found["effort_sign"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0}
+    if hypothesis.gravity == COMPENSATED:
+        found["effort_kind"] = "gravity_compensated"
+    elif hypothesis.gravity != AS_STATED:
+        found["gravity_mps2"] = [round(float(value), 2) for value in hypothesis.gravity]
+    if hypothesis.mass_factor != 1.0:
+        found["mass_factor"] = float(f"{hypothesis.mass_factor:.3g}")
+    if hypothesis.effort_scale:
+        found["effort_scale"] = {joints[j]: float(f"{scale:.3g}") for j, scale in hypothesis.effort_scale}
+    if hypothesis.body is not None:
+        mass, *moment = hypothesis.body
+        found["body"] = {"mass_kg": round(mass, 3), "moment_kgm": [round(value, 4) for value in moment]}
+    return {name: value for name, value in found.items() if value != {}}
+
+
+def _zero(quarters: int) -> float:
+    """The angle of some quarters of a turn, the shorter way round [rad]."""
+    return QUARTER * (quarters if quarters <= 2 else quarters - 4)
+
+
+def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
+    """A hypothesis in a few words, with what it explains."""
+    found = describe(scored.hypothesis, joints)
+    parts = [f"{name} {json.dumps(value)}" for name, value in found.items()] or ["as log and URDF say"]
+    return f"{', '.join(parts)} ({scored.explains:.1%} of the torque)"
+
+
+def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """One issue a kind of change, each with what the best two readings explain and the line to write."""
+    best, joints = found.best.hypothesis, session.joints
+    others = [found.as_it_is] if found.second is None else [found.second, found.as_it_is]
+    compared = "; ".join(dict.fromkeys(in_words(other, joints) for other in others))
+    seen = {"explains": f"{found.best.explains:.1%}", "others": compared}
+    known = describe(best, joints)
+    issues = []
+    for kind, key in (("direction", "axis"), ("zero_rad", "zero"), ("unit", "joint_unit"), ("effort_sign", "sign")):
+        if kind in known:
+            names = ", ".join(known[kind])
+            lines = ", ".join(f"{toml_key(name)} = {json.dumps(value)}" for name, value in known[kind].items())
+            issues.append(issue_of(key, session, known[kind], names=names, lines=lines, **seen))
+    moved = {**known.get("order", {}), **known.get("effort_order", {})}
+    if moved:
+        parts = _columns_in_words(known)
+        lines = ", ".join(_column_lines(known))
+        issues.append(issue_of("swapped", session, moved, parts=parts, lines=lines, **seen))
+    if "gravity_mps2" in known:
+        issues.append(_mount(known["gravity_mps2"], session, arm, seen))
+    if "mass_factor" in known:
+        factor = best.mass_factor
+        low, high = WORDS["usual_mass_factor"]
+        severity: Severity = "warning" if low < factor < high else "fatal"
+        weight = float(arm.inertial_parameters[::10].sum())
+        figures = {"factor": factor, "weight": weight, "right": factor * weight}
+        issues.append(issue_of("mass_factor", session, joints, severity=severity, **figures, **seen))
+    if "body" in known:
+        key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
+        mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
+        centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
+        issues.append(issue_of(key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen))
+    return issues
+
+
+def _columns_in_words(known: dict[str, Any]) -> str:
+    """Which columns stand under another joint's name."""
+    parts = [f"{joint} stands under {place}" for joint, place in known.get("order", {}).items()]
+    parts += [f"the effort of {joint} stands under {place}" for joint, place in known.get("effort_order", {}).items()]
+    return "; ".join(parts)
+
+
+def _column_lines(known: dict[str, Any]) -> list[str]:
+    """The lines of [columns] that give columns the joints' names."""
+    lines = []
+    for joint, place in known.get("order", {}).items():
+        names = [(f"{place}/{channel}", f"{joint}/{channel}") for channel in ("position", "velocity", "effort")]
+        lines += [f"{json.dumps(foreign)} = {json.dumps(native)}" for foreign, native in names]
+    for joint, place in known.get("effort_order", {}).items():
+        lines.append(f"{json.dumps(f'{place}/effort')} = {json.dumps(f'{joint}/effort')}")
+    return lines
+
+
+def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, str]) -> TelemetryIssue:
+    """That the base is mounted otherwise: by which turn, and gravity's line."""
+    now = np.array(arm.model.gravity.linear)
+    best = np.array(gravity) / np.linalg.norm(gravity)
+    now = now / np.linalg.norm(now)
+    angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
+    axis = np.cross(best, now)
+    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.eye(3)[0]
+    named = [name for name, part in zip(("x", "y", "z", "-x", "-y", "-z"), (*axis, *-axis), strict=True) if part > 0.99]
+    words = named[0] if named else f"({', '.join(f'{part:.2f}' for part in axis)})"
+    line = f"gravity_mps2 = [{', '.join(f'{value:.2f}' for value in gravity)}]"
+    key = "mounted" if session.gravity is None else "mounted_otherwise"
+    return issue_of(key, session, turn=angle, axis=words, line=line, **seen)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A session as its conventions are found to be."""
+
+    session: Session
+    arm: ArmModel  # the URDF's, as it is mounted
+    judged: ArmModel  # the same with the masses that the torques ask for: what later checks hold them against
+    issues: list[TelemetryIssue]
+    is_compensated: bool  # whether gravity is not in the effort
+    conventions: tuple[dict[str, Any], ...]  # for JSON, the best two
+
+
+def read_conventions(session: Session, arm: ArmModel) -> Reading:
+    """Searches a session's conventions, tells what they are, and reads it so.
+
+    Gravity that session.toml states stands; so does what it says of the effort.
+    """
+    stated_kind = session.effort_kind is not None
+    found = find_conventions(session, arm) if session.effort_kind != "gravity_compensated" else None
+    if found is None:
+        return Reading(session, arm, arm, [], False, ())
+    kept = tuple(each for each in (found.best, found.second) if each is not None)
+    record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
+    if not is_changed(found):
+        return Reading(session, arm, arm, [], False, record)
+    hypothesis = found.best.hypothesis
+    reread_session = reread(session, hypothesis)
+    turned = arm
+    if not isinstance(hypothesis.gravity, str) and session.gravity is None:
+        gravity = followed_gravity(reread_session, arm, np.array(hypothesis.gravity))
+        x, y, z = (float(value) for value in gravity)
+        turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
+        best = replace(found.best, hypothesis=replace(hypothesis, gravity=(x, y, z)))
+        found = replace(found, best=best)
+    issues = tell(found, session, arm)
+    compensated = hypothesis.gravity == COMPENSATED and not stated_kind
+    return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+
+
+def followed_gravity(session: Session, arm: ArmModel, found: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """Gravity's direction followed from where the search found it to where all joints' torque is likeliest [m/s²]."""
+    states = collect_states(session, arm)
+    pulls = {} if states is None else pulls_of(states, arm)
+    if not pulls:
+        return found
+    best = find_direction(list(pulls.values()))
+    near = best @ found > np.cos(np.radians(FOLLOWED_DEG)) * np.linalg.norm(found)
+    return np.asarray(GRAVITY * best if near else found)
