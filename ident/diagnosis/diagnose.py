@@ -20,6 +20,7 @@ from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
+from ident.diagnosis.identified import Solved, identify
 from ident.diagnosis.named_links import name_wrong_links
 from ident.diagnosis.remaining import Models, Remaining, find_places, joint_gaps, measure_remaining
 from ident.diagnosis.reservations import joints_of, link_reservations, replay_reservation
@@ -46,7 +47,7 @@ from ident.regression.design import Group, build_layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
-from ident.regression.least_squares import Prior
+from ident.regression.least_squares import Prior, project
 from ident.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
@@ -137,6 +138,26 @@ def diagnose(
     far = replay_reservation(
         remaining.improvement.forward, remaining.series, arm.joint_names, new, remaining.floors, settings
     )
+    tuned_joints = (
+        tuned_beside(baseline, selected.fine, selected.estimates)
+        if selected.fine
+        else tuned_alone(baseline, models.evidence, models.after)
+    )
+    identified = identify(
+        Solved(
+            baseline=baseline,
+            session=session,
+            evidence=models.evidence,
+            prior=selected.search.prior,
+            tuned=models.after,
+            fixed=project(models.evidence.gram(), models.evidence, models.given.prior, models.groups),
+            joints=tuned_joints,
+            links=remaining.links,
+            estimates=estimates,
+            series=remaining.series,
+            inflation=models.inflation,
+        )
+    )
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -162,14 +183,13 @@ def diagnose(
             detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],
-            baseline=tuned_beside(baseline, selected.fine, selected.estimates)
-            if selected.fine
-            else tuned_alone(baseline, models.evidence, models.after),
+            baseline=tuned_joints,
             baseline_alone=tuned_alone(baseline, models.evidence, models.before),
             baseline_urdf=tuned_alone(baseline, models.evidence, models.fixed),
             outside_score=score_outside(verdict, estimates, shrink, remaining.excess.leftover),
             leftover=remaining.excess.leftover,
             tuned_links=remaining.links,
+            identified=identified,
         ),
         catalogue=tuple(catalogue),
         settings=settings,
