@@ -178,7 +178,7 @@ def patch(
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: given.PatchOptions,
 ) -> Result:
-    """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
+    """What was found for simulators, a cause named or not: URDF, MJCF, parameters, Python; into your own file too."""
     from ident.api.exporting import patch as write
 
     return write(diagnosis, robot, out, **vars(options))

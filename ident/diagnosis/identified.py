@@ -42,7 +42,7 @@ ARMATURE, VISCOUS, COULOMB = "armature_kgm2", "viscous_Nms_rad", "coulomb_Nm"
 OFFSET, GAIN = "offset_Nm", "torque_gain"
 # Keys of a joint's losses, in the order of the baseline's columns.
 LOSS_FIGURES = dict(zip(LOSS_KEYS, (ARMATURE, VISCOUS, COULOMB), strict=True))
-# The effect whose parameter a figure is, that parameter, what is added to it, and the figure of a joint that reads true.
+# The effect whose parameter a figure is, that parameter, and the figure of a joint that reads true.
 READINGS = {
     OFFSET: ("torque_offset", "offset_Nm", 0.0),
     GAIN: ("torque_gain_error", "gain", 1.0),

@@ -60,8 +60,8 @@ def test_what_is_true_of_the_urdf_lies_within_its_interval(record: dict[str, Any
         truths = {"armature_kgm2": arm.ROTORS[j], "torque_gain": 1.0, "offset_Nm": 0.0}
         for key, truth in truths.items():
             pairs.append((figures[key], truth))
-    for link in record["identified"]["links"].values():
-        pairs.append((link["mass_kg"], link["mass_kg"]["nominal"]))
+    masses = [link["mass_kg"] for link in record["identified"]["links"].values()]
+    pairs += [(mass, mass["nominal"]) for mass in masses]
     seen = [(figure, truth) for figure, truth in pairs if figure["value"] is not None]
     assert len(seen) > 15
     inside = [one["low_with_urdf"] <= truth <= one["high_with_urdf"] for one, truth in seen]
