@@ -132,10 +132,14 @@ def diagnose(
         float | None,
         typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
     ] = None,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print all: parameters, doubts, what these recordings can't show.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be determined."""
+    """What is wrong with the model and what to do: where the gap lies, its cause, your URDF's numbers and the arm's."""
     from ident.api.diagnosing import examine, examine_until
+    from ident.show.diagnosis_lines import print_diagnosis
 
     with progress_line(console, "diagnose"):
         if until is None:
@@ -167,8 +171,11 @@ def diagnose(
             issues, marks, curves = diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
             write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
 
+    def tell() -> None:
+        print_diagnosis(console, diagnosis.to_dict(), details)
+
     places = {"page": html, "timeline": None if analysis is None else rrd}
-    hand_over(diagnosis, json_file, write_page, write_rrd, places=places)
+    hand_over(diagnosis, json_file, write_page, write_rrd, places=places, tell=tell)
 
 
 @command

@@ -180,6 +180,12 @@ class Details:
 class Exportable(Result):
     """A result whose effects can be exported to simulators."""
 
+    def summary(self, details: bool = False) -> str:
+        """The result in plain lines, as the command prints it; with `details` all of it."""
+        shown = import_module("ident.show.results")
+        lines = import_module("ident.show.diagnosis_lines")
+        return str(shown.as_text(lambda console: lines.print_diagnosis(console, self.to_dict(), details)))
+
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
         return import_module("ident.api.exporting").patch(self.to_dict(), robot, out, **options)
