@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -229,7 +229,24 @@ def _torque_of_a_unit(series: Sequence[RunResidual]) -> Float[Array, "3 n"]:
 
 
 def _reading_figure(solved: Solved, joint: int, key: str) -> Figure:
-    """Gain or offset of a joint's torque reading: that of a named effect, else what is found of it alone."""
+    """Gain or offset of a joint's torque reading, and the torque that its difference from a true one makes."""
+    figure = _find_reading(solved, joint, key)
+    if figure.value is None:
+        return figure
+    size = 1.0 if key == OFFSET else _torque_rms(solved.series, joint)
+    change = abs(figure.value - READINGS[key][2]) * size
+    return replace(figure, change_rms=change)
+
+
+def _torque_rms(series: Sequence[RunResidual], joint: int) -> float:
+    """Root mean square of a joint's recorded torque while it moves [N m]."""
+    torque = [item.run.motion.tau_filtered[item.valid[:, joint], joint] for item in series]
+    values = np.concatenate(torque)
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _find_reading(solved: Solved, joint: int, key: str) -> Figure:
+    """That of a named effect, else what is found of it alone."""
     effect, parameter, true = READINGS[key]
     named = _named(solved.estimates, effect, joint)
     if named is not None:

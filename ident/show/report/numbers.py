@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ident.show.report.words import DASH, fixed, join_words, significant
+from ident.show.report.words import DASH, fixed, join_words, sentence, significant
 
 # Keys of a joint's figures with the words and units for them.
 LOSSES = {
@@ -19,6 +19,8 @@ LOSSES = {
     "coulomb_Nm": ("dry friction", "N m"),
     "armature_kgm2": ("rotor", "kg m²"),
 }
+# What a simulator takes as zero where the URDF says nothing.
+STATED = ("viscous_Nms_rad", "coulomb_Nm")
 READINGS = {"offset_Nm": ("torque offset", "N m"), "torque_gain": ("torque gain", "")}
 UNITS_OF_SLIDES = {"N m s/rad": "N s/m", "N m": "N", "kg m²": "kg"}
 # An interval this many times as wide with the URDF's tolerance is shown beside the other.
@@ -75,16 +77,22 @@ def numbers_of(record: Mapping[str, Any]) -> list[Number]:
             if figure is None:
                 continue
             shown = UNITS_OF_SLIDES.get(unit, unit) if "unit" in gap else unit
-            differs = lies_outside(figure)
+            differs = lies_outside(figure, 0.0 if key in STATED else None)
             change = figure.get("change_rms_Nm", 0.0)
             matters = differs and change > gap.get("noise_floor_Nm", math.inf)
             found.append(Number(joint, key, name, shown, figure, differs, matters))
     return found
 
 
-def lies_outside(figure: Mapping[str, Any]) -> bool:
-    """Whether the URDF's number lies outside of the interval with its tolerance."""
+def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bool:
+    """Whether the URDF's number lies outside of the interval with its tolerance.
+
+    Args:
+        figure: The number's record.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+    """
     nominal, low, high = (figure[key] for key in ("nominal", "low_with_urdf", "high_with_urdf"))
+    nominal = unstated if nominal is None else nominal
     if nominal is None or low is None or high is None:
         return False
     return not low <= nominal <= high
@@ -132,10 +140,10 @@ def plain(value: float | None) -> str:
 
 def describe_numbers(record: Mapping[str, Any]) -> str:
     """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters."""
-    wrong = [number for number in numbers_of(record) if number.key in LOSSES and number.matters]
+    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
     if not wrong:
         return ""
-    stated = [number for number in wrong if number.figure["nominal"] > 0.0]
+    stated = [number for number in wrong if number.figure["nominal"]]
     worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
     there = [number for number in wrong if number.joint == worst.joint]
     if not stated:
@@ -154,15 +162,15 @@ def describe_numbers(record: Mapping[str, Any]) -> str:
 
 def states_friction(record: Mapping[str, Any]) -> bool:
     """Whether the URDF states friction, and not as the arm has it."""
-    wrong = [number for number in numbers_of(record) if number.key in LOSSES and number.matters]
-    return any(number.figure["nominal"] > 0.0 for number in wrong)
+    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
+    return any(number.figure["nominal"] for number in wrong)
 
 
 def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
     """The factor by which all of a URDF's friction is off, if it is the same everywhere to the digits shown."""
     joints = {number.joint for number in wrong}
-    friction = [number for number in numbers_of(record) if number.joint in joints and number.key != "armature_kgm2"]
-    friction = [number for number in friction if number.key in LOSSES and number.figure["nominal"]]
+    friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
+    friction = [number for number in friction if number.figure["nominal"]]
     ratios = {
         significant(number.figure["value"] / number.figure["nominal"])
         for number in friction
@@ -181,12 +189,13 @@ def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
 
 
 def describe_readings(record: Mapping[str, Any]) -> list[str]:
-    """Offsets and gains that are not those of a true reading, a line each; and which could not be told."""
+    """Offsets and gains that are not those of a true reading and make more torque than noise, a line each kind."""
     lines = []
-    for number in numbers_of(record):
-        if number.key in READINGS and number.differs:
-            true = "0" if number.key == "offset_Nm" else "1"
-            lines.append(f"{number.joint}: {number.name} {number.value} {number.unit}".rstrip() + f", not {true}")
+    for key, (name, _) in READINGS.items():
+        wrong = [number for number in numbers_of(record) if number.key == key and number.matters]
+        if wrong:
+            sizes = ", ".join(f"{number.joint} {number.value} {number.unit}".rstrip() for number in wrong)
+            lines.append(f"{sentence(name)}, each as if it alone were wrong: {sizes}")
     return lines
 
 
