@@ -153,6 +153,7 @@ def diagnose(
         from ident.show.report.diagnosis_pages import write_diagnosis_report
         from ident.show.report.evaluation import ReportInput
         from ident.show.report.laws import draw_laws
+        from ident.show.report.traces import gather_traces
 
         evaluation = None
         if loaded is not None and analysis is not None:
@@ -161,7 +162,8 @@ def diagnose(
             reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
-        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures)
+        traces = None if analysis is None else gather_traces(analysis)
+        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures, traces)
 
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:

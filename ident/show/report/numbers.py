@@ -150,11 +150,12 @@ def describe_numbers(record: Mapping[str, Any]) -> str:
         sizes = join_words([f"{number.name} of {number.value} {number.unit}" for number in there])
         return f"Your URDF states no friction, and the arm has it: at {worst.joint} {sizes}."
     parts = [f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there]
-    example = f"{worst.joint} has {join_words(parts)}"
     factor = common_factor(record, wrong)
     if factor:
         where = _where(record, sorted({number.joint for number in wrong}))
+        example = f"{worst.joint} has {parts[there.index(worst)]}"
         return f"Friction is {factor} times what your URDF says {where}: {example}."
+    example = f"{worst.joint} has {join_words(parts)}"
     others = len(wrong) - len(there)
     more = f" So {'is one more number' if others == 1 else f'are {others} more numbers'}." if others else ""
     return f"Your URDF's friction is off: {example}.{more}"

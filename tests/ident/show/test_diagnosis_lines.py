@@ -66,7 +66,7 @@ def test_friction_that_is_half_as_large_again_is_the_first_line() -> None:
     record = healthy(1.5)
     line = diagnosis_headline(record)
     assert line.startswith("Friction is 1.5 times what your URDF says at every joint: ")
-    assert "dry friction 12.00 ± 0.03 N m (URDF: 8)" in line
+    assert "has damping 24.00 ± 0.04 N m s/rad (URDF: 16)." in line
     assert first_action(record).startswith("Write these numbers into your model: `ident patch ")
     lines = told(record).splitlines()
     assert " ".join(lines[1:4]).startswith("Friction is 1.5 times")
