@@ -131,7 +131,14 @@ class WriteOptions(ReadOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class PatchOptions(WriteOptions, CatalogueOptions):
-    """How what a diagnosis named is written."""
+    """How what a diagnosis found is written."""
+
+    into: Path | None = option(
+        None,
+        "Your own URDF or MJCF: friction, rotors and links are changed in it, and nothing else. "
+        "The folder keeps it as it was.",
+        place=READ,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,6 +69,14 @@ def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:
     return [f"{rule}: {'; '.join(nodes)}" for rule, nodes in json.loads(html.unescape(seen[1]))]
 
 
+def after_script(page: Path, folder: Path, script: str) -> str:
+    """The page's text once its own scripts and then another one have run; skips where there is no browser."""
+    text = page.read_text(encoding="utf-8")
+    acted = folder / f"acted_{page.name}"
+    acted.write_text(text.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
+    return _shown(acted, folder, [])
+
+
 def _shown(page: Path, folder: Path, wishes: list[str]) -> str:
     """A page's text as it is once its scripts have run."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)

@@ -67,16 +67,17 @@ class Verification(Result):
 def patch(
     diagnosis: Diagnosis | Mapping[str, Any] | str | Path, robot: Robot, out: str | Path, **options: Any
 ) -> Written:
-    """The named effects as URDF, MJCF, parameter file and Python module, each loaded back.
+    """What a diagnosis found as URDF, MJCF, parameter file and Python module, each loaded back.
 
     Args:
         diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`.
         robot: The robot that was diagnosed.
         out: Folder of the patch.
-        options: Fields of `ident.command_options.PatchOptions`: `on`, `catalogue`, `topic`, `session_file`.
+        options: Fields of `ident.command_options.PatchOptions`: `on`, `into`, `catalogue`, `topic`,
+            `session_file`.
 
     Raises:
-        InputError: The diagnosis names nothing or is of another robot, or the folder holds something else.
+        InputError: Nothing was identified, the diagnosis is of another robot, or the folder holds something else.
     """
     chosen = PatchOptions.of("patch", options)
     effects, arm = gather_effects(chosen.catalogue), load_robot(robot, ())
@@ -109,7 +110,7 @@ def patch(
     settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
     origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
-    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin), provenance=origin)
+    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin, chosen.into), provenance=origin)
 
 
 def export(model: HybridModel | str | Path, out: str | Path, **options: Any) -> Written:

@@ -133,10 +133,14 @@ def diagnose(
         float | None,
         typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
     ] = None,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print all: parameters, doubts, what these recordings can't show.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be determined."""
+    """What is wrong with the model and what to do: where the gap lies, its cause, your URDF's numbers and the arm's."""
     from ident.api.diagnosing import examine, examine_until
+    from ident.show.diagnosis_lines import print_diagnosis
 
     with progress_line(console, "diagnose"):
         if until is None:
@@ -150,6 +154,7 @@ def diagnose(
         from ident.show.report.diagnosis_pages import write_diagnosis_report
         from ident.show.report.evaluation import ReportInput
         from ident.show.report.laws import draw_laws
+        from ident.show.report.traces import gather_traces
 
         evaluation = None
         if loaded is not None and analysis is not None:
@@ -158,7 +163,8 @@ def diagnose(
             reading = {one.name: getattr(options, one.name) for one in fields(given.FilterOptions)}
             evaluation = ReportInput((loaded,), (score(sessions, loaded, **reading),), ())
         pictures = () if analysis is None else draw_laws(analysis)
-        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures)
+        traces = None if analysis is None else gather_traces(analysis)
+        write_diagnosis_report(html, diagnosis.to_dict(), evaluation, pictures, traces)
 
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:
@@ -168,8 +174,11 @@ def diagnose(
             issues, marks, curves = diagnosis.telemetry, gap_marks(analysis), gap_curves(analysis)
             write_timeline(rrd, analysis.baseline.nominal, motions, loaded, issues, marks, curves)
 
+    def tell() -> None:
+        print_diagnosis(console, diagnosis.to_dict(), details)
+
     places = {"page": html, "timeline": None if analysis is None else rrd}
-    hand_over(diagnosis, json_file, write_page, write_rrd, places=places)
+    hand_over(diagnosis, json_file, write_page, write_rrd, places=places, tell=tell)
 
 
 @command
@@ -179,7 +188,7 @@ def patch(
     out: Annotated[Path, typer.Option(help="Folder of the patch."), Writes("patch")],
     options: given.PatchOptions,
 ) -> Result:
-    """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
+    """What was found for simulators, a cause named or not: URDF, MJCF, parameters, Python; into your own file too."""
     from ident.api.exporting import patch as write
 
     return write(diagnosis, robot, out, **vars(options))

@@ -19,9 +19,9 @@ from ident.results import Provenance
 from ident.robot.names import data_path
 from ident.sessions import Opened, open_sessions
 from ident.show.console import ladder_table, print_issues, progress_line
+from ident.show.diagnosis_lines import print_diagnosis
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.evaluation import write_evaluation_report
-from ident.show.terminal import print_diagnosis
 from ident.show.timeline.writing import write_timeline
 
 TRAINING = ("T1", "T2")

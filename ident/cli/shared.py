@@ -175,12 +175,27 @@ Html = Annotated[Path | None, typer.Option(help="Write the page to this file."),
 
 
 def hand_over(
-    found: Result, json_file: Path | None, *writes: Callable[[], object], places: dict[str, Path | None] | None = None
+    found: Result,
+    json_file: Path | None,
+    *writes: Callable[[], object],
+    places: dict[str, Path | None] | None = None,
+    tell: Callable[[], object] | None = None,
 ) -> None:
-    """Writes a result's record and all else that is to be written, then shows it and where the rest lies."""
+    """Writes a result's record and all else that is to be written, then shows it and where the rest lies.
+
+    Args:
+        found: The result.
+        json_file: Where its record goes.
+        writes: What writes the rest.
+        places: Where that lies, by what it is.
+        tell: Shows the result; as results of its kind are shown if None.
+    """
 
     def show() -> None:
-        import_module(found.SHOWN_BY).write(console, found)
+        if tell is None:
+            import_module(found.SHOWN_BY).write(console, found)
+        else:
+            tell()
         for what, path in (places or {}).items():
             if path is not None and path.exists():
                 console.print(f"{what} written to {path}", soft_wrap=True)

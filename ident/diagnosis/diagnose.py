@@ -10,19 +10,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnosis.baseline_record import tuned_alone, tuned_beside
+from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import SizeLimit, find_limits
 from ident.diagnosis.gap.gap_map import Place, View, map_gap
 from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.remaining import Models, Remaining, find_places, joint_gaps, measure_remaining
+from ident.diagnosis.identified import Identified, Solved, identify
+from ident.diagnosis.remaining import (
+    FIXED_URDF_FACTOR,
+    Models,
+    Remaining,
+    find_places,
+    joint_gaps,
+    measure_remaining,
+)
 from ident.diagnosis.reservations import link_reservations, replay_reservation, unlikely_reservations
 from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import decide, score_outside
 from ident.effects.base import Effect, SessionContext
 from ident.inference.conclusion import Conclusion, Named, conclude
+from ident.inference.features import evidence_of
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded
@@ -33,6 +42,8 @@ from ident.regression.design import NotTestable, build_layout
 from ident.regression.discrepancy import KINDS, unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
+from ident.regression.least_squares import project
+from ident.regression.run_spread import measure_inflation
 from ident.regression.runs import build_session, leftover_torque
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
@@ -93,6 +104,8 @@ def diagnose(
     far = replay_reservation(
         remaining.improvement.forward, remaining.series, arm.joint_names, new, remaining.floors, settings
     )
+    tuned_joints = _tuned_joints(conclusion, baseline, models)
+    identified = _identify(conclusion, baseline, session, remaining, tuned_joints)
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -110,7 +123,19 @@ def diagnose(
             *link_reservations(remaining.links),
             *far,
         ),
-        details=_details(conclusion, baseline, models, remaining, limits, maps, verdict, shrink),
+        details=Details(
+            nearest=None,
+            detectable=limits,
+            maps=maps["before"],
+            maps_fixed=maps["fixed"],
+            baseline=tuned_joints,
+            baseline_alone=tuned_alone(baseline, models.evidence, models.before),
+            baseline_urdf=tuned_alone(baseline, models.evidence, models.fixed),
+            outside_score=score_outside(remaining.gap_probability),
+            leftover=remaining.gap_probability,
+            tuned_links=remaining.links,
+            identified=identified,
+        ),
         catalogue=tuple(catalogue),
         settings=settings,
     )
@@ -168,33 +193,45 @@ def _hidden(limits: Sequence[SizeLimit], arm: ArmModel) -> tuple[NotTestable, ..
     return tuple(limit.untestable(arm.joint_names) for limit in hidden)
 
 
-def _details(
+def _tuned_joints(
+    conclusion: Conclusion, baseline: Baseline, models: Models
+) -> dict[str, TunedJoint]:
+    """The baseline's parameters beside the names."""
+    estimates = [name.estimate for name in conclusion.names]
+    if not estimates:
+        return tuned_alone(baseline, models.evidence, models.before)
+    return tuned_beside(baseline, models.evidence, conclusion.prior, estimates)
+
+
+def _identify(
     conclusion: Conclusion,
     baseline: Baseline,
-    models: Models,
+    session: SessionContext,
     remaining: Remaining,
-    limits: Sequence[SizeLimit],
-    maps: dict[View, list[Place]],
-    verdict: str,
-    shrink: float,
-) -> Details:
-    """Further results for pages and patches."""
-    estimates = [name.estimate for name in conclusion.names]
-    alone = tuned_alone(baseline, models.evidence, models.before)
-    beside = alone
-    if estimates:
-        beside = tuned_beside(baseline, models.evidence, conclusion.prior, estimates)
-    return Details(
-        nearest=None,
-        detectable=limits,
-        maps=maps["before"],
-        maps_fixed=maps["fixed"],
-        baseline=beside,
-        baseline_alone=alone,
-        baseline_urdf=tuned_alone(baseline, models.evidence, models.fixed),
-        outside_score=score_outside(verdict, estimates, shrink, remaining.gap_probability),
-        leftover=remaining.gap_probability,
-        tuned_links=remaining.links,
+    joints: dict[str, TunedJoint],
+) -> Identified:
+    """What the URDF says beside what the recordings say, from the sums of all candidates."""
+    best = conclusion.inference.best
+    evidence, prior = evidence_of(best.model), best.model.prior()
+    named = {name.described.coarse for name in conclusion.names}
+    groups = [group for group in best.chosen if group in named]
+    gram = evidence.gram()
+    tuned = project(gram, evidence, prior, groups)
+    given = prior.tightened(FIXED_URDF_FACTOR * prior.error.scale)
+    return identify(
+        Solved(
+            baseline=baseline,
+            session=session,
+            evidence=evidence,
+            prior=prior,
+            tuned=tuned,
+            fixed=project(gram, evidence, given, groups),
+            joints=joints,
+            links=remaining.links,
+            estimates=[name.estimate for name in conclusion.names],
+            series=remaining.series,
+            inflation=measure_inflation(evidence, tuned),
+        )
     )
 
 

@@ -16,6 +16,7 @@ from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Improvement, spreads
 from ident.diagnosis.heldout_gain import ReportedEffect
+from ident.diagnosis.identified import Identified
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -141,6 +142,7 @@ class Details:
         outside_score: Score from 0 to 1 of a cause outside the catalogue.
         leftover: For each joint the probability that a cause without a name is left there.
         tuned_links: Change of each link from the URDF by tuning, by link name.
+        identified: The URDF's numbers beside those that the recordings say.
     """
 
     nearest: Mapping[str, Any] | None
@@ -153,6 +155,7 @@ class Details:
     outside_score: float
     leftover: Float[np.ndarray, " n"]
     tuned_links: Mapping[str, TunedLink]
+    identified: Identified
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, with joint names."""
@@ -171,11 +174,18 @@ class Details:
             "outside_score": self.outside_score,
             "leftover": dict(zip(names, map(float, self.leftover), strict=True)),
             "tuned_links": {link: one.to_dict() for link, one in self.tuned_links.items()},
+            "identified": self.identified.to_dict(),
         }
 
 
 class Exportable(Result):
     """A result whose effects can be exported to simulators."""
+
+    def summary(self, details: bool = False) -> str:
+        """The result in plain lines, as the command prints it; with `details` all of it."""
+        shown = import_module("ident.show.results")
+        lines = import_module("ident.show.diagnosis_lines")
+        return str(shown.as_text(lambda console: lines.print_diagnosis(console, self.to_dict(), details)))
 
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
@@ -259,14 +269,24 @@ class Diagnosis(Exportable):
             "session": dict(self.session),
             "telemetry": [issue.to_dict() for issue in self.telemetry],
             "verdict": self.verdict,
-            "gap": {name: one.to_dict() for name, one in self.gap.items()},
+            "gap": {name: self._gap_record(name, gap) for name, gap in self.gap.items()},
             "where": [place.to_dict() for place in self.where],
             "findings": findings,
             "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
             "not_testable": untestable,
             "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": advice,
-            **({} if self.details is None else self.details.to_dict(self.joints)),
+            **({"identified": {}} if self.details is None else self.details.to_dict(self.joints)),
             "provenance": self.provenance.to_dict(),
             **({} if self.until is None else {"until": self.until.to_dict()}),
         }
+
+    def _gap_record(self, joint: str, gap: JointGap) -> dict[str, Any]:
+        """A joint's gap, with the errors of the URDF as it is loaded and of its rigid body alone [N m]."""
+        record = gap.to_dict()
+        if self.details is None:
+            return record
+        identified = self.details.identified
+        record["urdf_rms_Nm"] = identified.urdf_rms[joint]
+        record["rigid_body_rms_Nm"] = identified.rigid_rms[joint]
+        return record

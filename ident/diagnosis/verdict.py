@@ -10,7 +10,6 @@ import numpy as np
 from ident.arrays import Float
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 from ident.inference.conclusion import EVEN_ODDS, Named
-from ident.inference.estimate import Estimate
 
 
 def decide(names: Sequence[Named], gap_probability: Float[np.ndarray, " n"]) -> str:
@@ -26,17 +25,10 @@ def decide(names: Sequence[Named], gap_probability: Float[np.ndarray, " n"]) -> 
     return "none_of_catalogue" if unexplained else "no_gap"
 
 
-def score_outside(
-    verdict: str,
-    estimates: Sequence[Estimate],
-    closed: float,
-    gap_probability: Float[np.ndarray, " n"],
-) -> float:
+def score_outside(gap_probability: Float[np.ndarray, " n"]) -> float:
     """Score from 0 to 1 of a cause outside the catalogue, for ranking sessions.
 
     Args:
-        verdict, estimates: The verdict, and the names.
-        closed: Share of the gap that they close.
         gap_probability: For each joint the probability that a cause without a name is left there.
     """
     return float(gap_probability.max(initial=0.0))

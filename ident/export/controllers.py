@@ -35,6 +35,7 @@ _HEAD = """\
 # round over the displacement `sliding_range_rad`, as a spring in series with a slider does; where that is zero, over
 # the speed `transition_rad_s`. `law` has what the law of an effect needs beside its reported parameters. Where
 # robot.urdf has other losses, as the best of its candidates, `losses_of_urdf` has its rotor inertia and widths too.
+# `identified` has the URDF's number (`nominal`, missing where it says nothing) beside the one that was found.
 
 """
 
@@ -44,8 +45,12 @@ def write_parameters(
     alone: Losses | None = None,
     estimates: Sequence[LossFigure] = (),
     urdf: Losses | None = None,
+    figures: Mapping[str, Any] | None = None,
 ) -> str:
-    """TOML text; also of losses that fit best without the arm's effects, or go with the URDF, and of estimates."""
+    """TOML text; also of losses that fit best without the arm's effects, or go with the URDF, and of estimates.
+
+    `figures` are the URDF's numbers beside those that were found (`identified` of a diagnosis).
+    """
     joints = identified.nominal.joint_names
     numbers = identified.whole.inertial_parameters.reshape(-1, 10)
     record: dict[str, Any] = {
@@ -70,7 +75,20 @@ def write_parameters(
     for one in estimates:
         estimate = {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
         record.setdefault("estimates", {}).setdefault(one.joint, {})[one.name] = estimate
+    if figures:
+        record["identified"] = _without_nothing(figures)
     return _HEAD + tomli_w.dumps(record)
+
+
+def _without_nothing(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record without its nulls, for which TOML has no word."""
+    found = {}
+    for key, value in record.items():
+        if isinstance(value, Mapping):
+            found[key] = _without_nothing(value)
+        elif value is not None:
+            found[key] = value
+    return found
 
 
 def _losses(joints: Sequence[str], losses: Losses) -> dict[str, dict[str, float]]:

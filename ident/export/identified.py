@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -214,13 +214,15 @@ class Diagnosed:
     gravity: tuple[float, ...] | None = None  # as it was found, or given, in the arm's base [m/s²]; the URDF's if None
     content: str = ""  # digest of the arm that it was made with (`ArmModel.content`); "" where the file does not say
     runs: frozenset[str] = frozenset()  # first digits of the hashes of the files that it was made from
+    # The URDF's numbers beside those that were found, as its record has them.
+    identified: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
         """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes, of effects of a catalogue.
 
         Raises:
-            InputError: No such file, not a diagnosis, or one without an effect.
+            InputError: No such file, not a diagnosis, or one of which nothing was identified.
         """
         record = read_record(path, (SCHEMA, COMPARISON), "give the JSON of `ident diagnose` or `ident compare`")
         return cls.of_record(record, catalogue, path)
@@ -235,19 +237,20 @@ class Diagnosed:
     ) -> Diagnosed:
         """Takes the record of a diagnosis that was never a file, or was read already.
 
-        `path` is where it comes from, for messages; where no effect is `needed`, tuning alone will do.
+        `path` is where it comes from, for messages. Where something to write is `needed`, an effect or a tuned baseline
+        has to be there.
 
         Raises:
-            InputError: It is damaged, or holds no effect where one is needed.
+            InputError: It is damaged, or holds nothing to write.
         """
         try:
             found = cls._of(path, record, {effect.id: effect for effect in catalogue})
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
-        if needed and not found.changes:
-            what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
-            raise InputError(path, what, "give a diagnosis with findings")
+        if needed and not found.changes and not found.has_baseline:
+            what = f"nothing to write: its verdict is {record['verdict']!r} and nothing was identified"
+            raise InputError(path, what, "give a diagnosis of recordings that are fit for one")
         return found
 
     @classmethod
@@ -282,6 +285,7 @@ class Diagnosed:
             None if pull is None else tuple(float(pull[k]) for k in range(3)),
             str(settings.get("arm_sha256", "")),
             files_of(origin),
+            record.get("identified", {}),
         )
 
     def fit_to(self, arm: ArmModel) -> ArmModel:

@@ -11,8 +11,10 @@ from rich.table import Table
 
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
-from ident.show.console import styled
+from ident.show.console import say, styled
+from ident.show.diagnosis_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
+from ident.show.report.words import join_words
 
 WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
 # By state of the file: greys before, then ever nearer to what is written.
@@ -29,8 +31,11 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
             found = effect["formats"][form]
             if found["expressed"] != "yes":
                 console.print(f"    {form}: {found['how']}", soft_wrap=True, highlight=False)
+    if record.get("identified"):
+        told = {key: record[key] for key in ("identified", "joints")}
+        print_numbers(console, told)
     for line in record["told"]:
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
+        say(console, line, "  ", "    ")
     for form, found in record["structure"].items():
         left = found["torque_difference_Nm"]
         said = "its torque is not compared state by state" if left is None else f"within {left:.1g} N m of its laws"
@@ -38,6 +43,23 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
     console.print(f"patch written to {out}")
+    if "into" in record:
+        print_into(console, record["into"])
+
+
+def print_into(console: Console, into: dict[str, Any]) -> None:
+    """What was written into the user's own file, and what was not."""
+    rotor = "" if into["format"] == "urdf" else " and rotor inertia"
+    links = f"; inertia of {join_words(into['links'])}" if into["links"] else ""
+    number = plural(len(into["joints"]), "joint")
+    say(
+        console,
+        f"{into['file']}: damping, dry friction{rotor} of {number}{links} written, all else as it was",
+        "",
+        "  ",
+    )
+    for line in into["left"]:
+        say(console, f"not written: {line}", "  ", "    ")
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:

@@ -18,6 +18,7 @@ from ident.export.choose import MOST_WINDOWS, SAID, WINDOW, Chosen, choose, meas
 from ident.export.controllers import InFile, write_cpp, write_isaac, write_limits, write_module, write_parameters
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.into import is_mjcf, save_into, write_into
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
@@ -61,6 +62,7 @@ def write_patch(
     out: Path,
     motions: Sequence[Motion] = (),
     provenance: Provenance | None = None,
+    into: Path | None = None,
 ) -> dict[str, Any]:
     """Writes the patch of a diagnosis.
 
@@ -70,6 +72,7 @@ def write_patch(
         out: Folder of the patch; an earlier patch there is replaced.
         motions: Recordings to measure it on; none for the structural check alone.
         provenance: Where it comes from.
+        into: The user's own URDF or MJCF, into which it is written as well; the folder keeps the file as it was.
 
     Returns:
         What `patch.json` holds.
@@ -83,7 +86,8 @@ def write_patch(
         arm = _Files(options, motions, folder, Path(scratch))
         arm.write_loaded(LOADED)
         alone = options["tuned"].losses
-        arm.write("parameters.toml", write_parameters(options["after"], alone, urdf=arm.losses_of_urdf()))
+        parameters = write_parameters(options["after"], alone, urdf=arm.losses_of_urdf(), figures=diagnosed.identified)
+        arm.write("parameters.toml", parameters)
         arm.write(module, arm.module())
         record: dict[str, Any] = {
             "schema": PATCH,
@@ -94,12 +98,19 @@ def write_patch(
             "baseline": "tuned" if diagnosed.has_baseline else NOT_TUNED,
             "files": list(PATCH_FILES),
             "effects": arm.effects(),
+            "identified": dict(diagnosed.identified),
             "told": (notes := _notes(options["after"], module)),
             "structure": arm.structure(module),
         }
         record |= arm.measured(module, bool(diagnosed.runs & runs_of(origin.sessions)), notes)
         record["provenance"] = origin.to_dict()
+        if into is not None:
+            text, written = write_into(into, arm.stated("mjcf" if is_mjcf(into) else "urdf"))
+            record["into"] = written.to_dict()
+            arm.write(f"before_{into.name}", into.read_text(encoding="utf-8"))
         arm.write("patch.json", as_json(record) + "\n")
+    if into is not None:
+        save_into(into, text, written)
     return record
 
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ident.effects.base import SessionContext, impossible
-
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred
 from ident.inference.search import SetSearch, rest_of

@@ -35,6 +35,10 @@ UNITS = ("rad", "rad/s", "rad/s2")
 KEYS = tuple(f"{name}_{unit.replace('/', '_')}" for name, unit in zip(QUANTITIES, UNITS, strict=True))
 
 
+# Least width of a speed's sign, where a model's friction turns round at once [rad/s].
+SHARPEST = 1e-6
+
+
 @dataclass(frozen=True, eq=False)
 class TrainingRange:
     """The box of states that the training runs of n joints went through."""
@@ -116,10 +120,17 @@ class HybridModel:
 
     @property
     def rungs(self) -> tuple[str, ...]:
-        """Names of the ladder's rungs, from the URDF up."""
+        """Names of the ladder's rungs, from the URDF's rigid body up; `urdf` where its `<dynamics>` state friction."""
+        urdf = ("urdf",) if self.states_friction else ()
         inertia = ("inertia",) if self.inertia != "nominal" else ()
         named = ("named",) if self.named else ()
-        return ("analytic", *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
+        return ("analytic", *urdf, *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
+
+    @property
+    def states_friction(self) -> bool:
+        """Whether the URDF's `<dynamics>` state any damping or friction."""
+        model = self.nominal.model
+        return bool(np.any(model.damping) or np.any(model.friction))
 
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
@@ -142,9 +153,17 @@ class HybridModel:
     def ladder(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
     ) -> dict[str, Float[Array, "T n"]]:
-        """Torque by rungs, each with all that is below it: analytic (URDF), inertia, loss, named, net [N m]."""
+        """Torque by rungs: analytic (the URDF's rigid body), urdf, inertia, loss, named, net [N m].
+
+        Each has all that is below it, but for `urdf`: the URDF as a simulator loads it, with the friction that its
+        `<dynamics>` state, which the loss takes the place of.
+        """
         terms = self.torque_terms(q, dq, ddq, payload)
         rungs = {"analytic": self.nominal.with_payload(payload).inverse_dynamics(q, dq, ddq)}
+        if self.states_friction:
+            model, width = self.nominal.model, np.maximum(self.loss.transition_speed, SHARPEST)
+            stated = model.damping * dq + model.friction * np.tanh(dq / width)
+            rungs["urdf"] = rungs["analytic"] + stated
         total = terms["analytic"]
         if self.inertia != "nominal":
             rungs["inertia"] = total

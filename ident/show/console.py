@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -105,3 +107,42 @@ def progress_words(job: str, stage: str, share: float, left: float | None) -> st
     """Such as: `diagnose: 40 %, searching, 12 s left`."""
     ends = "" if left is None else f", {left:.0f} s left" if left < LONG else f", {left / 60.0:.0f} min left"
     return f"{job}: {100.0 * share:.0f} %{', ' if stage else ''}{stage}{ends}"
+
+
+# Sentences are not longer than this, however wide a terminal is: longer lines are hard to read [columns].
+TEXT_WIDTH = 80
+# What is not broken over lines: commands in backquotes, and a number with its unit.
+UNBROKEN = re.compile(r"`[^`]*`|(?<=\d) (?=N m|kg|rad|J|s\b|%|Hz|±)|(?<=±) (?=\d)|(?<=N) (?=m\b|s/)|(?<=m) (?=s/rad)")
+GLUE = "\x00"
+
+
+def wrap(text: str, width: int, indent: str = "", hanging: str | None = None) -> str:
+    """A text over lines of a width, commands and numbers with their units whole.
+
+    Args:
+        text: One paragraph.
+        width: Columns; a command that is longer stands on a line of its own.
+        indent: What stands before the first line.
+        hanging: What stands before the others; as `indent` if None.
+    """
+    glued = UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), text)
+    lines = textwrap.fill(
+        glued,
+        width,
+        initial_indent=indent,
+        subsequent_indent=indent if hanging is None else hanging,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return lines.replace(GLUE, " ")
+
+
+def text_width(console: Console) -> int:
+    """Columns of a sentence: the terminal's, `TEXT_WIDTH` at most."""
+    return min(console.width, TEXT_WIDTH)
+
+
+def say(console: Console, text: str, indent: str = "", hanging: str | None = None, style: str = "") -> None:
+    """Prints a paragraph, wrapped."""
+    lines = wrap(visible(text), text_width(console), indent, hanging)
+    console.print(Text(lines, style=style), soft_wrap=True, highlight=False)

@@ -10,12 +10,27 @@ MEASURED = "#111111"
 # them, noise.
 UNTUNED, TUNED, NAMED, FLEXIBLE, NOISE = "#cc79a7", "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 SKY, ORANGE = "#56b4e9", "#e69f00"
-RUNG_COLOURS = {"analytic": TUNED, "inertia": UNTUNED, "loss": FLEXIBLE, "named": SKY, "net": NAMED}
+RUNG_COLOURS = {
+    "analytic": TUNED,
+    "urdf": ORANGE,
+    "inertia": UNTUNED,
+    "loss": FLEXIBLE,
+    "named": SKY,
+    "net": NAMED,
+}
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")
-RUNG_NAMES = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "named": "+ named", "net": "+ net"}
+RUNG_NAMES = {
+    "analytic": "analytic",
+    "urdf": "URDF",
+    "inertia": "+ inertia",
+    "loss": "+ loss",
+    "named": "+ named",
+    "net": "+ net",
+}
 RUNG_MEANINGS = {
-    "analytic": "rigid arm as its URDF says",
+    "analytic": "rigid body of the URDF",
+    "urdf": "URDF as a simulator loads it, with the friction of its <dynamics>",
     "inertia": "link inertias from the recordings",
     "loss": "friction and rotor inertia",
     "named": "laws of joints that a diagnosis named",

@@ -206,7 +206,7 @@ def draw_bars(
 # Both kinds of diagnosis, the new one and that from a file, can be exported: by that name they are known here.
 WORDS: dict[str, Callable[[Console, Any], None]] = {
     "ArmComparison": _of_record("ident.show.terminal:print_comparison"),
-    "Exportable": _of_record("ident.show.terminal:print_diagnosis"),
+    "Exportable": _of_record("ident.show.diagnosis_lines:print_diagnosis"),
     "Evaluation": print_evaluation,
     "Evaluations": print_evaluation,
     "FitResults": print_fit,

@@ -1,9 +1,8 @@
-"""A diagnosis and a comparison in plain lines for the terminal."""
+"""A comparison in plain lines for the terminal, and what it shares with a diagnosis."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -14,12 +13,6 @@ from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_verdict import (
     MOST_TIED,
     OF_THE_ARM,
-    describe_reservations,
-    describe_unnamed,
-    diagnosis_headline,
-    energy_pair,
-    first_action,
-    in_order_of_joints,
     in_units_of,
     is_likely,
     order_of,
@@ -94,65 +87,6 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
         limit = in_units_of(one["joints"], record, limit, one["effect"])
         rows.append({"effect": effect_name(one["effect"]), "joints": joints, "limit": limit, "bound": bound})
     return rows
-
-
-def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
-    """Verdict, findings, and what could not be judged."""
-    facts, verdict, runs = record["session"], record["verdict"], int(record["session"]["runs"])
-    console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
-    print_issues(console, record["telemetry"], "warning")
-    console.print(styled((verdict, "bold"), f": {diagnosis_headline(record)}"), soft_wrap=True)
-    say = partial(console.print, soft_wrap=True, highlight=False, markup=False)  # "[open]" is no markup
-    if action := first_action(record):
-        say(f"  first: {action}")
-    for one in in_order_of_joints(record):
-        say(in_units_of(one["joints"], record, describe(one, runs), one["effect"]))
-        say(f"    do: {order_of(one, record)}")
-    after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
-    gaps = [describe_gap(joint, one, after.get(joint)) for joint, one in record["gap"].items()]
-    lines = [*describe_reservations(record), describe_unnamed(record), *gaps]
-    lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]
-    for line in filter(None, lines):
-        say(f"  {line}")
-    if until := record.get("until"):
-        say(describe_looks(until))
-        if not until["enough"] and record["next_experiment"] is not None:
-            say(f"  record next: {record['next_experiment']['motion']}")
-
-
-def describe_gap(joint: str, one: Mapping[str, Any], after: float | None) -> str:
-    """A joint's gap in one line, and what is left of it with the names."""
-    unit, named = one.get("unit", "N m"), "" if after is None else f", {after:.3f} with the names,"
-    follows = TABLES["follows"][one["unexplained"]] if one["unexplained"] else ""
-    ceiling, least = f"{one['ceiling_rms_Nm']:.3f}", f"{one['rms_Nm'] if after is None else after:.3f}"
-    left = f"; but for what follows {follows} it were {ceiling}" if follows and ceiling != least else ""
-    return f"{joint}: {one['rms_Nm']:.3f} {unit}{named} against {one['noise_floor_Nm']:.3f} of noise{left}"
-
-
-def describe_looks(until: Mapping[str, Any]) -> str:
-    """Whether the runs of repeated looks were enough, or what is missing, in one line."""
-    amount = f"{plural(until['runs'], 'run')} ({until['minutes']:.1f} min)"
-    if until["enough"]:
-        return f"sure after {amount}, looked at {len(until['looks'])} times: that much is enough"
-    return f"not sure after {amount}: {'; '.join(until['missing'])}"
-
-
-def describe(finding: Mapping[str, Any], runs: int) -> str:
-    """One finding's record in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
-    heldout, others = finding["heldout"], list(finding["class_shares"].items())[1:]
-    names = ", ".join(f"{one} {share:.0%}" for one, share in others)
-    sure = f"{finding['class_probability']:.0%}"
-    rivals = (
-        f"; one of its class {sure}: {names}"
-        if others
-        else f"; at one of these {sure}" * bool(finding.get("elsewhere"))
-    )
-    before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
-    return (
-        f"  {with_others(finding)}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
-        f"{parameters_in_words(finding['parameters'])}; explains {significant(heldout['gain_rms_Nm'])} N m (rms) on "
-        f"unseen parts, {heldout['shrink']:.0%} of what can be closed; energy error {before} → {after} J"
-    )
 
 
 def headline(record: Mapping[str, Any]) -> tuple[str, str]:

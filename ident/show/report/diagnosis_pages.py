@@ -12,6 +12,7 @@ from ident.diagnosis.gap.gap_map import says_where
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.errors import plural
 from ident.show.report import diagnosis_verdict as verdict
+from ident.show.report import numbers
 from ident.show.report.evaluation import ReportInput, evaluation_sections
 from ident.show.report.page import (
     EPOCH_FROM,
@@ -50,6 +51,7 @@ from ident.show.terminal import (
 
 if TYPE_CHECKING:
     from ident.show.report.laws import LawPicture
+    from ident.show.report.traces import Traces
 
 MOST_SENTENCES = 5
 # A cell this many times as dense as the mean has the strongest colour.
@@ -61,21 +63,34 @@ def write_diagnosis_report(
     record: Mapping[str, Any],
     evaluation: ReportInput | None = None,
     pictures: Sequence[LawPicture | None] = (),
+    traces: Traces | None = None,
 ) -> Path:
     """Writes the page of a diagnosis, whole or not at all; arguments as for `render_diagnosis_report`.
 
     Raises:
         InputError: The folder can't be written to.
     """
-    return save_page(path, render_diagnosis_report(record, evaluation, pictures))
+    return save_page(path, render_diagnosis_report(record, evaluation, pictures, traces))
 
 
 def render_diagnosis_report(
-    record: Mapping[str, Any], evaluation: ReportInput | None = None, pictures: Sequence[LawPicture | None] = ()
+    record: Mapping[str, Any],
+    evaluation: ReportInput | None = None,
+    pictures: Sequence[LawPicture | None] = (),
+    traces: Traces | None = None,
 ) -> str:
-    """The page of a diagnosis as text, the verdict first."""
+    """The page of a diagnosis as text, the verdict first.
+
+    Args:
+        record: The diagnosis.
+        evaluation: What the user's own model is worth on the same recordings, if there is one.
+        pictures: A picture of each finding, in their order.
+        traces: Torque over time, if the recordings are at hand.
+    """
     sections = [
         verdict_section(record),
+        numbers_section(record),
+        traces_section(traces),
         findings_section(record, pictures),
         where_section(record),
         outlook_section(record),
@@ -103,11 +118,39 @@ def verdict_section(record: Mapping[str, Any]) -> Section:
         "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
         f"{fixed(session.get('duration_s', 0.0), 0)} s",
         "gaps": gap_rows(record),
+        "named": bool(record.get("findings")),
         "units": verdict.units_of(record),
         # The model untuned is the user's own where one was given.
         "untuned": "the model that was given" if own else "inertias of the URDF, friction tuned",
     }
     return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
+
+
+def numbers_section(record: Mapping[str, Any]) -> Section | None:
+    """What the URDF says beside what was found, joint by joint."""
+    rows = numbers.table_of(record)
+    if not rows:
+        return None
+    names = {**numbers.LOSSES, **numbers.READINGS}
+    columns = [(key, name, numbers.units_in(record, key)) for key, (name, _) in names.items()]
+    told = record["verdict"] != "no_gap" and numbers.states_friction(record)
+    values = {
+        "words": numbers.describe_numbers(record) if told else "",
+        "rows": rows,
+        "columns": columns,
+        "links": numbers.describe_links(record),
+    }
+    return Section("numbers", "Your URDF and your arm", "numbers.html", values)
+
+
+def traces_section(traces: Traces | None) -> Section | None:
+    """Measured against modelled torque over time."""
+    if traces is None:
+        return None
+    from ident.show.report.traces import legend_of
+
+    values = {"data": traces.to_json(), "static": traces.static(), "legend": legend_of(traces.curves)}
+    return Section("traces", "Measured against model", "traces.html", values)
 
 
 def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -119,7 +162,11 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
-        shown = {"rms": gap["rms_Nm"], "after": after.get(joint), "noise": gap["noise_floor_Nm"]}
+        shown = {
+            "rms": gap["rms_Nm"],
+            "after": after.get(joint),
+            "noise": gap["noise_floor_Nm"],
+        }
         shown["flexible"] = heldout.get("without_names_rms_Nm", {}).get(joint)
         untuned = gap.get("model_rms_Nm", gap.get("fixed_rms_Nm"))
         places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
@@ -130,6 +177,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
             {
                 "joint": joint,
                 "places": places,
+                "urdf": gap.get("urdf_rms_Nm"),
                 "model": untuned,
                 "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
                 "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,

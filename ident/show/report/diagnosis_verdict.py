@@ -21,6 +21,7 @@ from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import setup_for
+from ident.show.report.numbers import describe_numbers
 from ident.show.report.words import (
     TABLES,
     effect_name,
@@ -64,6 +65,8 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     words = str(TABLES["headlines"].get(key, key.replace("_", " ")))
     size = "" if misread or not joint else f": {joint} is off by {size}"
     words = words.format(has=has, named=named, size=size, rest=_largest_rest(record))
+    if key == "no_gap" and (wrong := describe_numbers(record)):
+        words = f"{wrong} {RIGHTED}"
     if scale and misread and scale["bodily"]:
         words = f"A body may be why. {words}"
     elif misread and (other or not shown):
@@ -191,6 +194,8 @@ def first_action(record: Mapping[str, Any]) -> str:
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
     if hidden:
         return f"{beyond} at {joint} may be a load or wrong inertias. " * (joint in hidden) + OWN_INERTIAS
+    if record["verdict"] == "no_gap" and describe_numbers(record):
+        return WRITE_NUMBERS
     motion = "" if record["verdict"] in ("no_gap", "refused") else _next_motion(record)
     unnamed = f"{beyond} at {joint} are unexplained. " if record.get("findings") and not named else ""
     return f"{unnamed}Record this next: {motion}." if motion else ""
@@ -263,6 +268,14 @@ NO_MOTION = "Motion alone hardly tells these apart. "
 OWN_INERTIAS = (
     "Give what the flange carries as [payload] of session.toml; if it carries nothing, fit the arm's own inertias "
     "(`ident fit`) and give them with `--model`."
+)
+
+
+# Where nothing but numbers of the URDF is wrong: what is left once they are right, and how they get there.
+RIGHTED = "With that put right, the model is as good as these recordings can tell."
+WRITE_NUMBERS = (
+    "Write these numbers into your model: `ident patch why.json --robot … --out patched --into MINE.urdf`, or MINE.xml "
+    "(why.json is what `--json why.json` writes here)."
 )
 
 

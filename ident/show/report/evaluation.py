@@ -152,9 +152,14 @@ def describe_facts(source: ReportInput, score: SessionScore) -> Iterator[tuple[s
             return
 
 
+def urdf_rung(score: SessionScore) -> int:
+    """Row of the URDF as a simulator loads it: its rigid body where it states no friction."""
+    return score.rungs.index("urdf") if "urdf" in score.rungs else 0
+
+
 def headline(score: SessionScore) -> str:
     """Whether the last rung follows the arm, in one sentence with numbers."""
-    first, last = score.rmse_mean[0, -1], score.rmse_mean[-1, -1]
+    first, last = score.rmse_mean[urdf_rung(score), -1], score.rmse_mean[-1, -1]
     share = last / first if first > 0 else 1.0
     place = places_for([first, last])
     numbers = f"torque error {fixed(last, place)} N m; the URDF alone {fixed(first, place)} N m"
@@ -173,12 +178,13 @@ def headline(score: SessionScore) -> str:
 def describe_steps(score: SessionScore) -> str:
     """What each rung that matters does to the energy error of a run and to the torque error."""
     energy, torque = score.energy_mean[:, -1], score.rmse_mean[:, -1]
-    shown = [0]
-    for k in range(1, len(score.rungs)):
+    urdf = urdf_rung(score)
+    shown = [urdf]
+    for k in range(urdf + 1, len(score.rungs)):
         if torque[k] <= UNTOLD * torque[shown[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[shown[-1]]):
             shown.append(k)
     joule = [fixed(value, table_places([value])) for value in energy]
-    start = joule[0]
+    start = joule[urdf]
     if len(shown) == 1:
         return f"The energy error of a run is {start} J, and no rung changes that much."
     first = SUBJECTS.get(score.rungs[shown[1]], score.rungs[shown[1]])

@@ -19,7 +19,7 @@ from ident.effects.effect_info import describe_motion
 from ident.errors import InputError
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from ident.show.terminal import describe_looks
+from ident.show.diagnosis_lines import describe_looks
 from tests.ident.diagnosis.planted import record, spring_on_3
 
 
@@ -52,7 +52,7 @@ def test_it_stops_when_it_is_sure() -> None:
     assert found.looks[1].family_error < found.looks[0].family_error < 0.05
     assert found.enough
     assert found.to_dict()["runs"] == 8
-    assert describe_looks(found.to_dict()).startswith("sure after 8 runs (1.3 min)")
+    assert describe_looks(found.to_dict()).startswith("Sure after 8 runs (1.3 min)")
 
 
 def test_what_is_missing_is_told_at_the_end() -> None:

@@ -240,7 +240,10 @@ def test_friction_that_bends_is_a_polynomial(tmp_path: Path, arm: ArmModel) -> N
     [
         ("{", "not JSON"),
         ("[]", "holds no JSON object"),
-        ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [], "verdict": "no_gap"}', "no effect is named"),
+        (
+            '{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [], "verdict": "no_gap"}',
+            "nothing was identified",
+        ),
         ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [{}]}', "it is damaged"),
         (
             '{"schema": "ident.diagnosis/1", "joints": ["a"],'

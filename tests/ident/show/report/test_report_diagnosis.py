@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from ident.regression.discrepancy import BLOCKS
+from ident.show.diagnosis_lines import describe_gap, print_diagnosis
 from ident.show.report.diagnosis_pages import gap_rows, map_table, write_diagnosis_report
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
@@ -17,7 +18,6 @@ from ident.show.report.diagnosis_verdict import (
 )
 from ident.show.report.evaluation import ReportInput
 from ident.show.report.words import parameter_rows, with_units
-from ident.show.terminal import describe_gap, print_diagnosis
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -180,11 +180,12 @@ def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
 def test_a_terminal_shows_brackets_and_what_a_gap_follows(capsys: pytest.CaptureFixture[str]) -> None:
     doubt = {"effect": "", "joints": [], "reason": "knee 0.6 rad/s [open]"}
     gap = {kind: {**RECORD["gap"]["joint_2"], "unexplained": kind} for kind in BLOCKS}
-    print_diagnosis(Console(width=80), {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]})
+    record = {**RECORD, "findings": [], "gap": gap, "reservations": [doubt]}
+    print_diagnosis(Console(width=80), record, details=True)
     told = capsys.readouterr().out
-    assert ("[open]" in told, told.count("of noise; but for what follows ")) == (True, len(BLOCKS))
+    assert ("[open]" in told, told.count("what is left depends on")) == (True, len(BLOCKS))
     same = {**RECORD["gap"]["joint_2"], "unexplained": "state", "ceiling_rms_Nm": 0.5}
-    assert "but for" not in describe_gap("joint_2", same, 0.5)  # nothing is left to follow anything
+    assert "depends on" not in describe_gap("joint_2", same, 0.5)  # nothing is left to follow anything
 
 
 def test_doubts_tell_figures_by_words_and_units() -> None:

@@ -1,0 +1,224 @@
+"""A diagnosis on a terminal: what explains most, what to do, the arm's numbers; the rest where it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+
+from ident.errors import plural
+from ident.show.console import print_issues, say, text_width
+from ident.show.report.diagnosis_verdict import (
+    describe_findings,
+    describe_reservations,
+    describe_unnamed,
+    diagnosis_headline,
+    energy_pair,
+    first_action,
+    in_order_of_joints,
+    in_units_of,
+    order_of,
+    units_of,
+)
+from ident.show.report.numbers import (
+    LOSSES,
+    describe_links,
+    describe_numbers,
+    describe_readings,
+    states_friction,
+    table_of,
+    units_in,
+)
+from ident.show.report.words import (
+    DASH,
+    TABLES,
+    effect_name,
+    parameters_in_words,
+    percent,
+    sentence,
+    significant,
+)
+from ident.show.terminal import describe_limits, group_silent, with_others
+
+# Where the rest is, of a diagnosis whose first screen leaves something out.
+REST = "More: `--details` prints {}; `--html PAGE` has it with pictures."
+
+
+def print_diagnosis(console: Console, record: Mapping[str, Any], details: bool = False) -> None:
+    """The verdict and what to do about it, the arm's numbers and errors; all else where `details` are asked for."""
+    runs = int(record["session"]["runs"])
+    amount = f"{plural(runs, 'run')}, {record['session']['samples']} samples"
+    say(console, f"{record['robot']}: {amount}, {record['session']['duration_s']:.0f} s", style="dim")
+    print_issues(console, record["telemetry"], "warning")
+    say(console, diagnosis_headline(record), style="bold")
+    if action := first_action(record):
+        say(console, f"Do: {action}", hanging="    ")
+    _print_findings(console, record, details)
+    _print_numbers(console, record)
+    _print_errors(console, record)
+    if details:
+        _print_details(console, record)
+    elif left := describe_rest(record):
+        say(console, REST.format(left))
+    if until := record.get("until"):
+        say(console, describe_looks(until))
+        if not until["enough"] and record["next_experiment"] is not None:
+            say(console, f"Record next: {record['next_experiment']['motion']}", hanging="    ")
+
+
+def _print_findings(console: Console, record: Mapping[str, Any], details: bool) -> None:
+    """Each name with how sure it is and what it closes; what to do about those after the first."""
+    runs, first = int(record["session"]["runs"]), first_action(record).removesuffix(".")
+    for number, finding in enumerate(in_order_of_joints(record), start=1):
+        lead = f"{number}. "
+        text = in_units_of(finding["joints"], record, describe_short(finding), finding["effect"])
+        say(console, text, lead, " " * len(lead))
+        if details:
+            text = in_units_of(finding["joints"], record, describe_long(finding, runs), finding["effect"])
+            say(console, text, "   ")
+        action = sentence(order_of(finding, record))
+        if action and action != first:
+            say(console, f"Do: {action}.", "   ", "       ")
+
+
+def describe_short(finding: Mapping[str, Any]) -> str:
+    """A name in one sentence: where, how sure, what it closes."""
+    joints = list(finding["heldout"]["rms_before_Nm"])
+    before, after = (finding["heldout"][f"rms_{when}_Nm"] for when in ("before", "after"))
+    worst = max(joints, key=lambda joint: before[joint] ** 2 - after[joint] ** 2)
+    closes = f"{significant(before[worst])} → {significant(after[worst])} N m at {worst}"
+    tied = [effect_name(name) for name in finding.get("class", ())[1:]]
+    others = f"; can't be told from {' or '.join(tied)} by these recordings" if tied else ""
+    sure = percent(finding["probability"])
+    where = with_others(finding)
+    name = sentence(effect_name(finding["effect"]))
+    return f"{name} in {where}: {sure} sure; torque error on unseen runs {closes}{others}"
+
+
+def describe_long(finding: Mapping[str, Any], runs: int) -> str:
+    """Its parameters with intervals, and its energy error; of one run, energy has no spread."""
+    heldout = finding["heldout"]
+    before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
+    shares = [f"{effect_name(name)} {percent(share)}" for name, share in finding["class_shares"].items()]
+    tied = f"; of its class {', '.join(shares)}" if len(shares) > 1 else ""
+    return (
+        f"{parameters_in_words(finding['parameters'])}; {percent(heldout['shrink'])} of what can be closed at its "
+        f"joints; energy error {before} → {after} J{tied}"
+    )
+
+
+def _print_numbers(console: Console, record: Mapping[str, Any]) -> None:
+    """The table of what the URDF says and what was found, then readings and links that are not as they should be."""
+    print_numbers(console, record)
+    if record["verdict"] != "no_gap" and states_friction(record):
+        say(console, describe_numbers(record))
+    for line in (*describe_readings(record), *describe_links(record)):
+        say(console, f"{line}.", "  ", "    ")
+
+
+def print_numbers(console: Console, record: Mapping[str, Any]) -> None:
+    """The table of what the URDF says of each joint and what was found."""
+    rows = table_of(record)
+    if rows:
+        lines = _number_lines(record, rows, tolerant=True)
+        if max(map(len, lines)) > text_width(console):
+            lines = _number_lines(record, rows, tolerant=False)
+        console.print("\n".join(lines), soft_wrap=True, highlight=False)
+
+
+def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], tolerant: bool) -> list[str]:
+    """Of each joint damping, dry friction and rotor: what the URDF says → what was found."""
+    table = [["", *(f"{name} [{units_in(record, key)}]" for key, (name, _) in LOSSES.items())]]
+    wider = False
+    for row in rows:
+        cells = [row["joint"]]
+        for key in LOSSES:
+            number = row["cells"].get(key)
+            if number is None or number.figure["value"] is None:
+                cells.append(DASH)
+                continue
+            more = f" ({number.tolerant})" if tolerant and number.tolerant else ""
+            wider = wider or bool(more)
+            cells.append(f"{number.nominal} → {number.value}{more}")
+        table.append(cells)
+    title = ["", "Your URDF → your arm, ± 95 % if the URDF's other numbers are right"]
+    title += ["(in brackets: if they are as far off as URDFs are)"] * wider
+    return [*title, *columns(table, "l" * len(table[0]))]
+
+
+def columns(table: Sequence[Sequence[str]], sides: str) -> list[str]:
+    """Lines of a table whose columns are as wide as their longest cell; `l` or `r` for the side each stands at."""
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = []
+    for row in table:
+        cells = zip(row, widths, sides, strict=True)
+        padded = [cell.rjust(width) if side == "r" else cell.ljust(width) for cell, width, side in cells]
+        lines.append(("  " + "   ".join(padded)).rstrip())
+    return lines
+
+
+def _print_errors(console: Console, record: Mapping[str, Any]) -> None:
+    """Torque error of each joint: of the URDF as a simulator loads it, tuned, with the names; and noise."""
+    if not record["gap"]:
+        return
+    keys = {"URDF": "urdf_rms_Nm", "tuned": "rms_Nm", "named": "", "noise": "noise_floor_Nm"}
+    after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
+    known = [name for name, key in keys.items() if any(key in gap for gap in record["gap"].values())]
+    if after:
+        known.insert(len(known) - 1, "named")
+    table = [["", *known]]
+    for joint, gap in record["gap"].items():
+        sizes = [after.get(joint) if name == "named" else gap.get(keys[name]) for name in known]
+        table.append([joint, *(DASH if size is None else f"{size:.3f}" for size in sizes)])
+    named = ", and the names" if after else ""
+    title = f"Torque error, rms [{units_of(record)}]; tuned: with your arm's numbers{named}"
+    lines = columns(table, "l" + "r" * len(known))
+    console.print("\n".join(["", title, *lines, ""]), soft_wrap=True, highlight=False)
+
+
+def describe_rest(record: Mapping[str, Any]) -> str:
+    """What a first screen leaves out."""
+    parts = []
+    if record["findings"]:
+        parts.append("the parameters of each name")
+    doubts = len(record.get("reservations", ()))
+    if doubts or describe_unnamed(record):
+        parts.append("what was weighed and not believed" if doubts else "what speaks for a gap")
+    if record["not_testable"]:
+        parts.append("what these recordings can't show")
+    if record["verdict"] == "no_gap" and describe_limits(record):
+        parts.append("what would have been seen")
+    return ", ".join(parts)
+
+
+def _print_details(console: Console, record: Mapping[str, Any]) -> None:
+    """All that a first screen leaves out, a paragraph each."""
+    after = record["heldout"].get("rms_after_Nm", {}) if record["findings"] else {}
+    gaps = [describe_gap(joint, gap, after.get(joint)) for joint, gap in record["gap"].items()]
+    limits = describe_limits(record) if record["verdict"] == "no_gap" else ""
+    lines = [describe_findings(record), *describe_reservations(record), describe_unnamed(record)]
+    lines += [*gaps, limits, *group_silent(record["not_testable"])]
+    for line in filter(None, lines):
+        say(console, line, "  ", "    ")
+
+
+def describe_gap(joint: str, gap: Mapping[str, Any], after: float | None) -> str:
+    """A joint's gap in one line, what is left of it with the names, and what that depends on."""
+    unit = gap.get("unit", "N m")
+    named = "" if after is None else f", {after:.3f} with the names"
+    text = f"{joint}: {gap['rms_Nm']:.3f} {unit} tuned{named}; noise {gap['noise_floor_Nm']:.3f}"
+    left = f"{gap['rms_Nm'] if after is None else after:.3f}"
+    ceiling = f"{gap['ceiling_rms_Nm']:.3f}"
+    if gap["unexplained"] and ceiling != left:
+        follows = TABLES["follows"][gap["unexplained"]]
+        text += f"; what is left depends on {follows}: a model of that would leave {ceiling}"
+    return text
+
+
+def describe_looks(until: Mapping[str, Any]) -> str:
+    """Whether the runs of repeated looks were enough, or what is missing, in one line."""
+    amount = f"{plural(until['runs'], 'run')} ({until['minutes']:.1f} min)"
+    if until["enough"]:
+        return f"Sure after {amount}, looked at {len(until['looks'])} times: that much is enough."
+    return f"Not sure after {amount}: {'; '.join(until['missing'])}."

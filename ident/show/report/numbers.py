@@ -1,0 +1,226 @@
+"""What the URDF says beside what the recordings say, in words and as a table: `identified` of a diagnosis's record.
+
+A number is said to differ where the URDF's lies outside of its interval with the URDF's tolerance. It is worth a
+sentence where, besides, the difference makes more torque than the joint's noise floor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ident.show.report.words import DASH, fixed, join_words, sentence, significant
+
+# Keys of a joint's figures with the words and units for them.
+LOSSES = {
+    "viscous_Nms_rad": ("damping", "N m s/rad"),
+    "coulomb_Nm": ("dry friction", "N m"),
+    "armature_kgm2": ("rotor", "kg m²"),
+}
+# What a simulator takes as zero where the URDF says nothing.
+STATED = ("viscous_Nms_rad", "coulomb_Nm")
+READINGS = {"offset_Nm": ("torque offset", "N m"), "torque_gain": ("torque gain", "")}
+UNITS_OF_SLIDES = {"N m s/rad": "N s/m", "N m": "N", "kg m²": "kg"}
+# An interval this many times as wide with the URDF's tolerance is shown beside the other.
+MUCH_WIDER = 1.5
+# Joints that a sentence names; of more it says how many.
+MOST_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the arm as it is shown."""
+
+    joint: str
+    key: str  # as in the record
+    name: str  # in words
+    unit: str
+    figure: Mapping[str, Any]  # its record
+    differs: bool  # whether the URDF says otherwise
+    matters: bool  # whether that makes more torque than noise
+
+    @property
+    def value(self) -> str:
+        """The value that was found, to the digits that its interval leaves."""
+        return with_error(self.figure)
+
+    @property
+    def short(self) -> str:
+        """The value alone, to the same digits."""
+        return self.value.partition(" ")[0]
+
+    @property
+    def nominal(self) -> str:
+        """What the URDF says; a dash where it says nothing."""
+        return plain(self.figure["nominal"])
+
+    @property
+    def tolerant(self) -> str:
+        """Half the interval with the URDF's tolerance, where that is much wider; else empty."""
+        given, tolerant = (half_width(self.figure, end) for end in ("", "_with_urdf"))
+        if given is None or tolerant is None or tolerant <= MUCH_WIDER * given:
+            return ""
+        return f"± {one_digit(tolerant)}"
+
+
+def numbers_of(record: Mapping[str, Any]) -> list[Number]:
+    """All numbers of a diagnosis's joints, in the order of the joints."""
+    identified = record.get("identified", {})
+    gaps = record.get("gap", {})
+    found = []
+    for joint in record.get("joints", ()):
+        gap = gaps.get(joint, {})
+        for key, (name, unit) in {**LOSSES, **READINGS}.items():
+            figure = identified.get(joint, {}).get(key)
+            if figure is None:
+                continue
+            shown = UNITS_OF_SLIDES.get(unit, unit) if "unit" in gap else unit
+            differs = lies_outside(figure, 0.0 if key in STATED else None)
+            change = figure.get("change_rms_Nm", 0.0)
+            matters = differs and change > gap.get("noise_floor_Nm", math.inf)
+            found.append(Number(joint, key, name, shown, figure, differs, matters))
+    return found
+
+
+def lies_outside(figure: Mapping[str, Any], unstated: float | None = None) -> bool:
+    """Whether the URDF's number lies outside of the interval with its tolerance.
+
+    Args:
+        figure: The number's record.
+        unstated: What a simulator takes where the URDF says nothing; None where no simulator can know.
+    """
+    nominal, low, high = (figure[key] for key in ("nominal", "low_with_urdf", "high_with_urdf"))
+    nominal = unstated if nominal is None else nominal
+    if nominal is None or low is None or high is None:
+        return False
+    return not low <= nominal <= high
+
+
+def half_width(figure: Mapping[str, Any], end: str = "") -> float | None:
+    """How far an interval reaches from its value, to its farther end."""
+    value, low, high = figure["value"], figure[f"low{end}"], figure[f"high{end}"]
+    if value is None or low is None or high is None:
+        return None
+    return float(max(value - low, high - value))
+
+
+def one_digit(size: float) -> str:
+    """An error to one digit, to two where the first is a 1."""
+    return fixed(size, _places(size)) if math.isfinite(size) else "∞"
+
+
+def with_error(figure: Mapping[str, Any]) -> str:
+    """A value with its interval, given the URDF's other numbers: `12.00 ± 0.03`; a dash without number."""
+    value, half = figure["value"], half_width(figure)
+    if value is None:
+        return DASH
+    if half is None or not math.isfinite(half):
+        return plain(value)
+    return f"{fixed(value, _places(half))} ± {one_digit(half)}"
+
+
+def _places(error: float) -> int:
+    """Decimals of a value with such an error."""
+    if error <= 0.0:
+        return 3
+    exponent = math.floor(math.log10(error))
+    first = error / 10.0**exponent
+    return max(0, -exponent + (1 if first < 2.0 else 0))
+
+
+def plain(value: float | None) -> str:
+    """A number of a URDF, without zeros behind it; a dash where it says nothing."""
+    if value is None:
+        return DASH
+    text = significant(value, 4)
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def describe_numbers(record: Mapping[str, Any]) -> str:
+    """What is wrong with the URDF's friction, in a sentence; empty where nothing is that matters."""
+    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
+    if not wrong:
+        return ""
+    stated = [number for number in wrong if number.figure["nominal"]]
+    worst = max(wrong, key=lambda number: number.figure["change_rms_Nm"])
+    there = [number for number in wrong if number.joint == worst.joint]
+    if not stated:
+        sizes = join_words([f"{number.name} of {number.value} {number.unit}" for number in there])
+        return f"Your URDF states no friction, and the arm has it: at {worst.joint} {sizes}."
+    parts = [f"{number.name} {number.value} {number.unit} (URDF: {number.nominal})" for number in there]
+    factor = common_factor(record, wrong)
+    if factor:
+        where = _where(record, sorted({number.joint for number in wrong}))
+        example = f"{worst.joint} has {parts[there.index(worst)]}"
+        return f"Friction is {factor} times what your URDF says {where}: {example}."
+    example = f"{worst.joint} has {join_words(parts)}"
+    others = len(wrong) - len(there)
+    more = f" So {'is one more number' if others == 1 else f'are {others} more numbers'}." if others else ""
+    return f"Your URDF's friction is off: {example}.{more}"
+
+
+def states_friction(record: Mapping[str, Any]) -> bool:
+    """Whether the URDF states friction, and not as the arm has it."""
+    wrong = [number for number in numbers_of(record) if number.key in STATED and number.matters]
+    return any(number.figure["nominal"] for number in wrong)
+
+
+def common_factor(record: Mapping[str, Any], wrong: Sequence[Number]) -> str:
+    """The factor by which all of a URDF's friction is off, if it is the same everywhere to the digits shown."""
+    joints = {number.joint for number in wrong}
+    friction = [number for number in numbers_of(record) if number.joint in joints and number.key in STATED]
+    friction = [number for number in friction if number.figure["nominal"]]
+    ratios = {
+        significant(number.figure["value"] / number.figure["nominal"])
+        for number in friction
+        if number.figure["value"] is not None
+    }
+    return ratios.pop() if len(ratios) == 1 and len(friction) > 1 else ""
+
+
+def _where(record: Mapping[str, Any], joints: Sequence[str]) -> str:
+    moved = [joint for joint in record["joints"] if joint in record.get("gap", {})]
+    if len(joints) == len(moved) > 1:
+        return "at every joint"
+    if len(joints) <= MOST_NAMED:
+        return f"at {join_words(list(joints))}"
+    return f"at {len(joints)} of {len(moved)} joints"
+
+
+def describe_readings(record: Mapping[str, Any]) -> list[str]:
+    """Offsets and gains that are not those of a true reading and make more torque than noise, a line each kind."""
+    lines = []
+    for key, (name, _) in READINGS.items():
+        wrong = [number for number in numbers_of(record) if number.key == key and number.matters]
+        if wrong:
+            sizes = ", ".join(f"{number.joint} {number.value} {number.unit}".rstrip() for number in wrong)
+            lines.append(f"{sentence(name)}, each as if it alone were wrong: {sizes}")
+    return lines
+
+
+def describe_links(record: Mapping[str, Any]) -> list[str]:
+    """Links whose mass is known and differs from the URDF's by more than its tolerance, a line each."""
+    lines = []
+    for name, link in record.get("identified", {}).get("links", {}).items():
+        mass = link["mass_kg"]
+        if link["beyond_tolerance"] and mass["value"] is not None and lies_outside(mass):
+            lines.append(f"{name}: {with_error(mass)} kg, not {plain(mass['nominal'])}")
+    return lines
+
+
+def table_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row for each joint of which anything is known: its numbers by their keys."""
+    rows: dict[str, dict[str, Any]] = {}
+    for number in numbers_of(record):
+        row = rows.setdefault(number.joint, {"joint": number.joint, "cells": {}, "known": False})
+        row["cells"][number.key] = number
+        row["known"] = row["known"] or number.figure["value"] is not None
+    return [row for row in rows.values() if row["known"]]
+
+
+def units_in(record: Mapping[str, Any], key: str) -> str:
+    """The unit of a column, of joints that turn and of joints that slide."""
+    units = [number.unit for number in numbers_of(record) if number.key == key]
+    return "; ".join(dict.fromkeys(units))

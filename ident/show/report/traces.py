@@ -1,0 +1,171 @@
+"""Measured against modelled torque over time, at the worst joint and at each named one: numbers that a page draws.
+
+Three models stand beside the measurement: the URDF as a simulator loads it, the arm as tuned, and the arm with the
+named effects. The last two were fitted without the part of the recording that they are shown on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ident.arrays import Array, Float
+from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.identified import COULOMB, VISCOUS, stated_friction
+from ident.diagnosis.next_experiment import joints_shown
+from ident.robot.arm import ArmModel
+from ident.show.palette import FLEXIBLE, MEASURED, NAMED, TUNED
+from ident.show.report.figures import WIDE, make_panel, thin, to_svg
+
+# As much as a page holds: joints, runs, and samples of a run.
+MOST_JOINTS, MOST_RUNS, MOST_SAMPLES = 6, 12, 1500
+# Steps that a curve's range is divided into: a screen has no more.
+STEPS = 4000
+# Curves in the order in which they are drawn, with their colours.
+COLOURS = {"measured": MEASURED, "URDF": FLEXIBLE, "tuned": TUNED, "named": NAMED}
+
+
+@dataclass(frozen=True, eq=False)
+class RunTraces:
+    """Curves of one run."""
+
+    name: str
+    time: Float[Array, " t"]  # from its start [s]
+    # By curve [N m]; a model's is no number where the joint rests or turns round, for there it is not judged.
+    torque: dict[str, Float[Array, "t n"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Curves of the runs that are shown, the worst run and joint first."""
+
+    joints: tuple[str, ...]  # all joints of the arm
+    shown: tuple[int, ...]  # which of them are shown
+    units: tuple[str, ...]  # of each joint
+    runs: tuple[RunTraces, ...]
+
+    @property
+    def curves(self) -> tuple[str, ...]:
+        return tuple(self.runs[0].torque)
+
+    def to_json(self) -> Markup:
+        """All numbers for a script within a page."""
+        record = {
+            "joints": [{"name": self.joints[j], "unit": self.units[j]} for j in self.shown],
+            "curves": [{"name": name, "label": label(name)} for name in self.curves],
+            "runs": [self._run_record(run) for run in self.runs],
+        }
+        text = json.dumps(record, separators=(",", ":"))
+        return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))
+
+    def _run_record(self, run: RunTraces) -> dict[str, Any]:
+        stride = max(1, -(-len(run.time) // MOST_SAMPLES))
+        rows = slice(None, None, stride)
+        joints = []
+        for j in self.shown:
+            values = np.stack([run.torque[name][rows, j] for name in self.curves])
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            step = max(high - low, 1e-9) / STEPS
+            steps = np.rint(np.nan_to_num((values - low) / step, nan=-1.0)).astype(int)
+            known = np.isfinite(values)
+            cells = [
+                [int(value) if there else None for value, there in zip(*row, strict=True)]
+                for row in zip(steps, known, strict=True)
+            ]
+            joints.append({"low": round(low, 6), "step": float(f"{step:.6g}"), "values": cells})
+        time = np.round(run.time[rows], 4)
+        return {"name": run.name, "time": time.tolist(), "joints": joints}
+
+    def static(self) -> list[Markup]:
+        """Torque and error of the worst run at the worst joint, for who prints the page or runs no scripts."""
+        run, j = self.runs[0], self.shown[0]
+        pictures = []
+        measured = run.torque["measured"][:, j]
+        for what in ("torque", "error"):
+            figure, axes = make_panel(f"time in {run.name} [s]", f"{what} [{self.units[j]}]", WIDE, left=0.65)
+            for name in self.curves:
+                values = run.torque[name][:, j]
+                values = values if what == "torque" else measured - values
+                if what == "error" and name == "measured":
+                    continue
+                axes.plot(*thin(run.time, values), color=COLOURS[name], linewidth=0.9)
+            pictures.append(to_svg(figure, f"{what} of {self.joints[j]} in {run.name}, measured and modelled"))
+        return pictures
+
+
+def label(curve: str) -> str:
+    """What a curve is, in words."""
+    words = {
+        "measured": "measured",
+        "URDF": "your URDF, as a simulator loads it",
+        "tuned": "with your arm's numbers",
+        "named": "with the named effects, too",
+    }
+    return words[curve]
+
+
+def gather_traces(analysis: Analysis) -> Traces | None:
+    """The curves of a diagnosis; None where nothing was fitted or no joint moves."""
+    diagnosis, arm = analysis.diagnosis, analysis.baseline.nominal
+    if not analysis.series or not diagnosis.gap:
+        return None
+    shown = _shown_joints(analysis)
+    order = sorted(analysis.series, key=lambda item: -_error(item, shown[0]))[:MOST_RUNS]
+    units = tuple("N" if sliding else "N m" for sliding in arm.sliding_joints)
+    named = bool(diagnosis.findings)
+    runs = tuple(_traces_of(item, arm, named) for item in order)
+    return Traces(diagnosis.joints, tuple(shown), units, runs)
+
+
+def _shown_joints(analysis: Analysis) -> list[int]:
+    """The worst joint, then those of the names."""
+    diagnosis = analysis.diagnosis
+    beyond = {}
+    for joint, gap in diagnosis.gap.items():
+        beyond[joint] = gap.rms**2 - gap.noise_floor**2
+    worst = max(beyond, key=lambda joint: beyond[joint])
+    if diagnosis.verdict == "no_gap" and diagnosis.details is not None:
+        errors = diagnosis.details.identified.urdf_rms
+        worst = max(errors, key=lambda joint: errors[joint])
+    names = [diagnosis.where[0].joint if diagnosis.where else worst]
+    for finding in diagnosis.findings:
+        names += joints_shown(finding.to_dict())
+    names += sorted(beyond, key=lambda joint: -beyond[joint])
+    return [diagnosis.joints.index(name) for name in dict.fromkeys(names)][:MOST_JOINTS]
+
+
+def _error(item: RunResidual, joint: int) -> float:
+    """What the tuned model leaves of a run at a joint, root mean square [N m]."""
+    left = item.unseen_before[item.valid[:, joint], joint]
+    return float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+
+
+def _traces_of(item: RunResidual, arm: ArmModel, named: bool) -> RunTraces:
+    motion = item.run.motion
+    measured = np.asarray(motion.tau_filtered)
+    torque = {"measured": measured, "URDF": urdf_torque(item, arm), "tuned": measured - item.unseen_before}
+    if named:
+        torque["named"] = measured - item.unseen_after
+    judged = {name: np.where(item.valid, values, np.nan) for name, values in torque.items()}
+    return RunTraces(motion.name, np.asarray(item.time - item.time[0]), {**judged, "measured": measured})
+
+
+def urdf_torque(item: RunResidual, arm: ArmModel) -> Float[Array, "t n"]:
+    """Torque of a run by the URDF as a simulator loads it, through the run's filter [N m]."""
+    motion, stated = item.run.motion, stated_friction(arm)
+    damping = np.array([stated[joint].get(VISCOUS, 0.0) for joint in arm.joint_names])
+    friction = np.array([stated[joint].get(COULOMB, 0.0) for joint in arm.joint_names])
+    rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    loaded = rigid + damping * motion.dq + friction * item.run.direction
+    return np.asarray(motion.filtered(loaded))
+
+
+def legend_of(curves: Sequence[str]) -> list[tuple[str, str]]:
+    """Words and colour of each curve."""
+    return [(label(name), COLOURS[name]) for name in curves]

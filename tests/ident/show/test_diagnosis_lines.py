@@ -1,0 +1,173 @@
+"""A diagnosis on a terminal: one thing first, whole, wrapped; no keys; numbers beside the URDF's."""
+
+from __future__ import annotations
+
+import copy
+import re
+from io import StringIO
+from typing import Any
+
+import pytest
+
+from ident.show.console import PlainConsole, wrap
+from ident.show.diagnosis_lines import print_diagnosis
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
+from ident.show.report.numbers import describe_numbers, numbers_of, table_of, with_error
+from tests.ident.show.report.test_report_diagnosis import RECORD
+
+JOINTS = ("shoulder", "elbow")
+WIDTH = 80
+# What no sentence ends with, where it was cut.
+CUT = re.compile(r"…$", re.MULTILINE)
+# Keys of the contract: words joined by underscores that are no name of this record's own.
+KEY = re.compile(r"\b(?!why_|tm5_|joint_)[a-z]+(?:_[A-Za-z0-9]+)+\b")
+
+
+def figure(nominal: float | None, value: float, half: float, tolerant: float = 0.0) -> dict[str, Any]:
+    """A number of the record with the torque that the difference makes."""
+    wide = max(half, tolerant)
+    return {
+        "nominal": nominal,
+        "value": value,
+        "low": value - half,
+        "high": value + half,
+        "low_with_urdf": value - wide,
+        "high_with_urdf": value + wide,
+        "change_rms_Nm": abs(value - (nominal or 0.0)),
+    }
+
+
+def healthy(factor: float = 1.0, stated: float | None = 8.0) -> dict[str, Any]:
+    """The record of an arm without a gap, whose friction is so many times the URDF's."""
+    record = copy.deepcopy(RECORD)
+    record |= {"verdict": "no_gap", "joints": list(JOINTS), "findings": [], "where": [], "heldout": {}}
+    record |= {"next_experiment": None, "not_testable": []}
+    gap = record["gap"]["joint_1"]
+    record["gap"] = {joint: {**gap, "urdf_rms_Nm": 3.0, "unexplained": None} for joint in JOINTS}
+    losses = {
+        "viscous_Nms_rad": figure(None if stated is None else 2.0 * stated, 16.0 * factor, 0.04),
+        "coulomb_Nm": figure(stated, 8.0 * factor, 0.03),
+        "armature_kgm2": figure(None, 0.6, 0.002, 0.06),
+        "offset_Nm": figure(0.0, 0.001, 0.02),
+        "torque_gain": figure(1.0, 1.0, 0.01),
+    }
+    record["identified"] = {joint: copy.deepcopy(losses) for joint in JOINTS} | {"links": {}}
+    return record
+
+
+def told(record: dict[str, Any], details: bool = False, width: int = WIDTH) -> str:
+    stream = StringIO()
+    print_diagnosis(PlainConsole(file=stream, width=width, markup=False), record, details)
+    return stream.getvalue()
+
+
+def test_friction_that_is_half_as_large_again_is_the_first_line() -> None:
+    """Law: the first sentence holds the factor and one example, found within three per cent, and what to do."""
+    record = healthy(1.5)
+    line = diagnosis_headline(record)
+    assert line.startswith("Friction is 1.5 times what your URDF says at every joint: ")
+    assert "has damping 24.00 ± 0.04 N m s/rad (URDF: 16)." in line
+    assert first_action(record).startswith("Write these numbers into your model: `ident patch ")
+    lines = told(record).splitlines()
+    assert " ".join(lines[1:4]).startswith("Friction is 1.5 times")
+    assert any("16 → 24.00 ± 0.04" in row and "8 → 12.00 ± 0.03" in row for row in lines)
+
+
+def test_numbers_that_hold_are_no_news() -> None:
+    assert describe_numbers(healthy(1.0)) == ""
+    assert diagnosis_headline(healthy(1.0)).startswith("No gap")
+    assert first_action(healthy(1.0)) == ""
+
+
+def test_a_difference_below_noise_is_no_news_and_stands_in_the_table() -> None:
+    """Law: what makes less torque than noise has no sentence, however sure it is."""
+    record = healthy(1.02)
+    noise = record["gap"]["elbow"]["noise_floor_Nm"]
+    assert all(one.figure["change_rms_Nm"] < noise for one in numbers_of(record) if one.differs)
+    assert describe_numbers(record) == ""
+    assert "8 → 8.16 ± 0.03" in told(record)
+
+
+@pytest.mark.parametrize("stated", [0.0, None])
+def test_a_urdf_without_friction(stated: float | None) -> None:
+    """Law: a simulator takes nothing as zero, so that both are said; the table keeps them apart."""
+    line = diagnosis_headline(healthy(1.0, stated))
+    assert line.startswith("Your URDF states no friction")
+    assert ("0 → 8.00 ± 0.03" if stated == 0.0 else "– → 8.00 ± 0.03") in told(healthy(1.0, stated))
+
+
+def test_one_joint_that_is_off_is_said_alone() -> None:
+    record = healthy(1.0)
+    record["identified"]["elbow"]["coulomb_Nm"] = figure(8.0, 10.0, 0.03)
+    assert diagnosis_headline(record).startswith(
+        "Your URDF's friction is off: elbow has dry friction 10.00 ± 0.03 N m (URDF: 8). With that put right"
+    )
+
+
+def test_a_gain_and_an_offset_that_are_off_stand_below_the_table() -> None:
+    record = healthy(1.0)
+    record["identified"]["elbow"]["torque_gain"] = figure(1.0, 1.1, 0.01)
+    record["identified"]["elbow"]["torque_gain"]["change_rms_Nm"] = 2.0
+    record["identified"]["shoulder"]["offset_Nm"] = figure(0.0, -0.5, 0.02)
+    text = told(record)
+    assert "Torque gain, each as if it alone were wrong: elbow 1.100 ± 0.010." in text
+    assert "Torque offset, each as if it alone were wrong: shoulder −0.50 ± 0.02 N m." in text
+    record["identified"]["shoulder"]["offset_Nm"] = figure(0.0, -0.1, 0.02)
+    assert "offset" not in told(record)  # it is below the noise
+
+
+def test_a_wider_interval_stands_in_brackets() -> None:
+    """Law: what the URDF's tolerance adds is told apart, and only where it adds much."""
+    (row, _) = table_of(healthy())
+    assert row["cells"]["armature_kgm2"].value == "0.600 ± 0.002"
+    assert row["cells"]["armature_kgm2"].tolerant == "± 0.06"
+    assert row["cells"]["coulomb_Nm"].tolerant == ""
+
+
+@pytest.mark.parametrize("details", [False, True])
+@pytest.mark.parametrize("verdict", ["named", "no_gap", "partial", "none_of_catalogue", "not_testable"])
+def test_every_line_is_whole_and_within_the_terminal(verdict: str, details: bool) -> None:
+    """Law: at 80 columns nothing is wider but a command that can't be broken, nothing is cut, no key is shown."""
+    record = copy.deepcopy(RECORD) if verdict != "no_gap" else healthy(1.5)
+    record["verdict"] = verdict
+    for finding in record["findings"]:
+        finding["class_shares"] = dict.fromkeys(finding["class"], 0.4)
+        finding["action"] = "let the friction of joint_2 fall over speed, " * 5 + "as grease that has aged does it"
+    for gap in record["gap"].values():
+        gap["unexplained"] = "memory"
+    record["reservations"] = [
+        {"effect": "torque_delay", "joints": [], "reason": "the 95 % interval of lag_s holds zero", "parameters": {}}
+    ]
+    text = told(record, details)
+    wide = [line for line in text.splitlines() if len(line) > WIDTH and "`" not in line]
+    assert wide == []
+    assert not CUT.search(text)
+    assert KEY.findall(re.sub(r"`[^`]*`|joint_\d|tm5_900", "", text)) == []
+
+
+def test_the_rest_is_folded_and_said_to_be_there() -> None:
+    record = healthy(1.0)
+    record["not_testable"] = [{"effect": "thermal_friction", "joints": ["elbow"], "reason": "too short"}]
+    assert "too little" not in told(record)
+    assert "`--details` prints what these recordings can't show" in told(record).replace("\n", " ")
+    assert "thermal friction (elbow)" in told(record, details=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "shown"),
+    [
+        (12.0003, 0.0307, "12.00 ± 0.03"),
+        (0.60682, 0.00174, "0.6068 ± 0.0017"),
+        (149.6, 12.0, "150 ± 12"),
+        (-0.0001, 0.02, "0.00 ± 0.02"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_error_leaves(value: float, half: float, shown: str) -> None:
+    assert with_error(figure(None, value, half)) == shown
+
+
+def test_a_command_is_not_broken_over_lines() -> None:
+    command = "`plan excite --robot my_arm.urdf --separate spring_torque,payload --joint elbow`"
+    lines = wrap(f"record this to tell them apart: {command}, then 4.45 N m more", 40).splitlines()
+    assert any(command in line for line in lines)
+    assert "4.45 N m" in wrap("aaaa bbbb cccc dddd eeee ffff gggg 4.45 N m more", 38).replace("\n", "|")
