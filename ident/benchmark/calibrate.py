@@ -48,6 +48,11 @@ BINS = 5
 # The probabilities of untouched recordings decide what is no news there, and depend on it: so often
 # at most in turn.
 MOST_ROUNDS = 4
+ROWS = "rows"
+SESSIONS = "sessions"
+GROUPS = "groups"
+SCHEMES = (ROWS, SESSIONS, GROUPS)
+"""What counts alike in a fit; see `row_weights`."""
 FEWEST_ROWS = 10  # right and wrong rows, below which nothing can be fitted
 
 
@@ -91,20 +96,33 @@ class Fitted:
     labels: Array  # of each row of the table
 
 
-def row_weights(table: Table, counted: Bool[Array, " N"]) -> Float[Array, " N"]:
-    """Weights by which each group counts alike, and in it each session; 1 on average."""
-    cases = table.cases
-    groups = table.groups
-    rows_of_case = Counter(cases[counted])
-    group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
-    cases_of_group = Counter(group_of_case.values())
-    weights = np.zeros(len(cases))
-    for k in np.flatnonzero(counted):
-        weights[k] = 1.0 / (cases_of_group[groups[k]] * rows_of_case[cases[k]])
+def row_weights(table: Table, counted: Bool[Array, " N"], scheme: str) -> Float[Array, " N"]:
+    """How much each row counts, 1 on average over the counted ones; none counts of the others.
+
+    Of `rows` each counts alike: only then is what is said of a name as often right as it says, for
+    a session with few candidates would else lend them its weight. Of `sessions` each session counts
+    alike, of `groups` each group, and in it each session.
+
+    Raises:
+        InputError: An unknown scheme.
+    """
+    if scheme not in SCHEMES:
+        raise InputError("--weights", f"unknown scheme {scheme!r}", f"one of: {', '.join(SCHEMES)}")
+    weights = counted.astype(float)
+    if scheme != ROWS:
+        cases = table.cases
+        rows_of_case = Counter(cases[counted])
+        groups = table.groups if scheme == GROUPS else np.full(len(cases), "all", dtype=object)
+        group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
+        cases_of_group = Counter(group_of_case.values())
+        for k in np.flatnonzero(counted):
+            weights[k] = 1.0 / (cases_of_group[groups[k]] * rows_of_case[cases[k]])
     return weights * counted.sum() / max(weights.sum(), 1e-300)
 
 
-def fit_calibration(table: Table, names: Sequence[str], signs: Mapping[str, int]) -> Fitted:
+def fit_calibration(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], scheme: str = ROWS
+) -> Fitted:
     """Fits and judges a calibration; what is no news on a real arm follows from its own
     probabilities.
 
@@ -115,7 +133,7 @@ def fit_calibration(table: Table, names: Sequence[str], signs: Mapping[str, int]
     previous: Array | None = None
     for _ in range(MOST_ROUNDS):
         labels = table.labels(known)
-        fitted = _fit_labelled(table, names, signs, labels)
+        fitted = _fit_labelled(table, names, signs, labels, scheme)
         if previous is not None and np.array_equal(labels, previous):
             break
         previous = labels
@@ -124,7 +142,7 @@ def fit_calibration(table: Table, names: Sequence[str], signs: Mapping[str, int]
 
 
 def _fit_labelled(
-    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
 ) -> Fitted:
     counted = labels != UNKNOWN
     right = labels == RIGHT
@@ -133,8 +151,10 @@ def _fit_labelled(
             f"holds {int(right.sum())} right and {int((counted & ~right).sum())} wrong candidates"
         )
         raise InputError("the table", what, "diagnose more of the corpus")
+    if len(np.unique(table.units[counted])) < 2:
+        raise InputError("the table", "is of one arm or world", "leaving one out takes two or more")
     features = table.matrix(names)
-    weights = row_weights(table, counted)
+    weights = row_weights(table, counted, scheme)
     units = table.units
     problem = Problem(
         features[counted], tuple(names), right[counted], weights[counted], units[counted], signs
@@ -176,7 +196,6 @@ def judged(
     counted = rows & (labels != UNKNOWN)
     right = labels[counted] == RIGHT
     p = probability[counted]
-    weights = row_weights(table, counted)[counted]
     named = p >= NAMED_FROM
     bins = [
         {"said": round(said, 4), "right": round(hit.value or 0.0, 4), "count": hit.count}
@@ -186,7 +205,7 @@ def judged(
     return {
         "rows": int(counted.sum()),
         "right_rows": int(right.sum()),
-        "log_score": round(log_score(p, right, weights), 5) if len(p) else None,
+        "log_score": round(log_score(p, right, np.ones(len(p))), 5) if len(p) else None,
         "auc": None if area.value is None else round(area.value, 4),
         "names_right": int((named & right).sum()),
         "names_wrong": int((named & ~right).sum()),
@@ -258,6 +277,19 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_without_none(item) for item in value]
     return value
+
+
+def write_fit(
+    table: Table, fitted: Fitted, out: Path, folder: Path, origin: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Writes a calibration, and beside its table what it says of units that it has not seen."""
+    width = fit_width(table, np.asarray(fitted.held_out >= NAMED_FROM))
+    record = calibration_record(table, fitted, width, origin)
+    write_calibration(out, record)
+    labels = [str(label) for label in fitted.labels]
+    with atomic_write(folder / HELD_OUT_FILE) as temporary:
+        pq.write_table(pa.table({"probability": fitted.held_out, "label": labels}), temporary)
+    return record
 
 
 def read_calibration(path: Path) -> Logistic:
@@ -350,6 +382,7 @@ def main() -> None:
     fitting.add_argument("--out", type=Path, required=True)
     fitting.add_argument("--features", default="")
     fitting.add_argument("--signs", type=Path)
+    fitting.add_argument("--weights", default=ROWS, help=f"what counts alike: {', '.join(SCHEMES)}")
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
     fitting.add_argument(
         "--commit", default="", help="of the engine whose rows these are; the current one"
@@ -361,21 +394,14 @@ def main() -> None:
         return
     table = load_table(given.table, CANDIDATE)
     names = chosen_features(table, given.features)
-    fitted = fit_calibration(table, names, read_signs(given.signs))
+    fitted = fit_calibration(table, names, read_signs(given.signs), given.weights)
     origin = {
         "seed": given.seed,
         "commit": given.commit or current_commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "weights": given.weights,
     }
-    record = calibration_record(
-        table, fitted, fit_width(table, fitted.held_out >= NAMED_FROM), origin
-    )
-    write_calibration(given.out, record)
-    held_out = pa.table(
-        {"probability": fitted.held_out, "label": [str(label) for label in fitted.labels]}
-    )
-    with atomic_write(given.table / HELD_OUT_FILE) as temporary:
-        pq.write_table(held_out, temporary)
+    record = write_fit(table, fitted, given.out, given.table, origin)
     sys.stdout.write("\n".join(summary_lines(record)) + "\n")
 
 
