@@ -19,7 +19,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,15 @@ from ident.arrays import Array, Bool, Float
 from ident.benchmark.corpus_table import CANDIDATE, Table, load_table, use_index
 from ident.benchmark.interval_widths import WidthFactor, fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
-from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
+from ident.benchmark.leave_out import (
+    Problem,
+    best_ridge,
+    judge_left_out,
+    left_out,
+    score_ridges,
+    select_features,
+)
+from ident.benchmark.logistic import Logistic, Scaling, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
 from ident.errors import InputError
@@ -42,8 +50,6 @@ from ident.safe_read import read_toml
 
 SCHEMA = "ident.calibration/1"
 HELD_OUT_FILE = "held_out.parquet"
-RIDGES = np.geomspace(1e-5, 1.0, 11)
-"""Candidates for the ridge; the best of them is chosen on units left out."""
 BINS = 5
 # The probabilities of untouched recordings decide what is no news there, and depend on it: so often
 # at most in turn.
@@ -54,33 +60,6 @@ GROUPS = "groups"
 SCHEMES = (ROWS, SESSIONS, GROUPS)
 """What counts alike in a fit; see `row_weights`."""
 FEWEST_ROWS = 10  # right and wrong rows, below which nothing can be fitted
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is fitted: rows that are right or wrong."""
-
-    features: Float[Array, "N k"]
-    names: tuple[str, ...]
-    right: Bool[Array, " N"]
-    weights: Float[Array, " N"]
-    units: Array  # of each row
-    signs: Mapping[str, int]
-
-    def fit(
-        self, ridge: float, rows: Bool[Array, " N"] | None = None, start: Logistic | None = None
-    ) -> Logistic:
-        """The regression on some rows, all if none are given."""
-        chosen = np.ones(len(self.right), dtype=bool) if rows is None else rows
-        return fit_logistic(
-            self.features[chosen],
-            self.right[chosen],
-            self.weights[chosen],
-            self.names,
-            ridge,
-            self.signs,
-            start,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +100,25 @@ def row_weights(table: Table, counted: Bool[Array, " N"], scheme: str) -> Float[
 
 
 def fit_calibration(
-    table: Table, names: Sequence[str], signs: Mapping[str, int], scheme: str = ROWS
+    table: Table,
+    names: Sequence[str],
+    signs: Mapping[str, int],
+    scheme: str = ROWS,
+    select: bool = False,
+    nested: bool = False,
 ) -> Fitted:
-    """Fits and judges a calibration; what is no news on a real arm follows from its own
-    probabilities.
+    """Fits and judges a calibration; what is no news on a real arm follows from its probabilities.
+
+    Args:
+        table: Of candidates.
+        names: Features that may be used.
+        signs: +1 or -1 by feature, where its meaning says which way it speaks.
+        scheme: What counts alike, see `row_weights`.
+        select: Whether to leave features out by which units left out are foretold no better.
+        nested: Whether they are chosen anew without each unit before it is judged; takes minutes.
 
     Raises:
-        InputError: Too few rows that are right or wrong.
+        InputError: Too few rows that are right or wrong, or all of one unit.
     """
     known = table.named
     previous: Array | None = None
@@ -138,52 +129,60 @@ def fit_calibration(
             break
         previous = labels
         known = fitted.held_out >= KNOWN_FROM
+    if select:
+        problem = problem_of(table, names, signs, fitted.labels, scheme)
+        chosen = select_features(problem)
+        fitted = _fit_problem(chosen, table, fitted.labels)
+        if nested:
+            fitted = replace(fitted, held_out=_said_by(judge_left_out(problem), table))
     return fitted
+
+
+def problem_of(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
+) -> Problem:
+    """The rows of a table that are right or wrong.
+
+    Raises:
+        InputError: Too few of them, or all of one unit.
+    """
+    counted = labels != UNKNOWN
+    right = labels == RIGHT
+    count_right = int(right.sum())
+    count_wrong = int((counted & ~right).sum())
+    if min(count_right, count_wrong) < FEWEST_ROWS:
+        what = f"holds {count_right} right and {count_wrong} wrong candidates"
+        raise InputError("the table", what, "diagnose more of the corpus")
+    units = table.units[counted]
+    if len(np.unique(units)) < 2:
+        raise InputError("the table", "is of one arm or world", "leaving one out takes two or more")
+    weights = row_weights(table, counted, scheme)[counted]
+    features = table.matrix(names)[counted]
+    return Problem(features, tuple(names), right[counted], weights, units, signs)
 
 
 def _fit_labelled(
     table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
 ) -> Fitted:
-    counted = labels != UNKNOWN
-    right = labels == RIGHT
-    if min(int(right.sum()), int((counted & ~right).sum())) < FEWEST_ROWS:
-        what = (
-            f"holds {int(right.sum())} right and {int((counted & ~right).sum())} wrong candidates"
-        )
-        raise InputError("the table", what, "diagnose more of the corpus")
-    if len(np.unique(table.units[counted])) < 2:
-        raise InputError("the table", "is of one arm or world", "leaving one out takes two or more")
-    features = table.matrix(names)
-    weights = row_weights(table, counted, scheme)
-    units = table.units
-    problem = Problem(
-        features[counted], tuple(names), right[counted], weights[counted], units[counted], signs
-    )
-    scores: dict[float, float] = {}
+    return _fit_problem(problem_of(table, names, signs, labels, scheme), table, labels)
+
+
+def _fit_problem(problem: Problem, table: Table, labels: Array) -> Fitted:
+    scores = score_ridges(problem)
+    ridge = best_ridge(scores)
     starts: dict[str, Logistic] = {}
-    # From the stiffest to the loosest, each fit starting at the one before.
-    for ridge in RIDGES[::-1]:
-        probability = left_out(problem, float(ridge), starts)
-        scores[float(ridge)] = log_score(probability, problem.right, problem.weights)
-    best = max(scores, key=lambda ridge: scores[ridge])
-    model = problem.fit(best)
-    held_out = model.probability(features)
-    for unit in np.unique(units):
-        without = problem.fit(best, problem.units != unit, model)
+    left_out(problem, ridge, starts)
+    return Fitted(problem.fit(ridge), ridge, scores, _said_by(starts, table), labels)
+
+
+def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]:
+    """What the fits say, each of the unit that it has not seen; 0 of a unit without one."""
+    probability = np.full(len(table.rows), np.nan)
+    units = table.units
+    for unit, model in models.items():
         rows = units == unit
-        held_out[rows] = without.probability(features[rows])
-    return Fitted(model, best, scores, held_out, labels)
-
-
-def left_out(problem: Problem, ridge: float, starts: dict[str, Logistic]) -> Float[Array, " N"]:
-    """Probability of each row from a fit without its unit; `starts` are fits to begin at."""
-    probability = np.full(len(problem.right), np.nan)
-    for unit in np.unique(problem.units):
-        inside = problem.units == unit
-        model = problem.fit(ridge, ~inside, starts.get(str(unit)))
-        starts[str(unit)] = model
-        probability[inside] = model.probability(problem.features[inside])
-    return probability
+        probability[rows] = model.probability(table.matrix(model.names)[rows])
+    return np.nan_to_num(probability)
 
 
 # What is said of a fit
@@ -383,6 +382,8 @@ def main() -> None:
     fitting.add_argument("--features", default="")
     fitting.add_argument("--signs", type=Path)
     fitting.add_argument("--weights", default=ROWS, help=f"what counts alike: {', '.join(SCHEMES)}")
+    fitting.add_argument("--select", action="store_true", help="leave needless features out")
+    fitting.add_argument("--nested", action="store_true", help="choose them anew without each unit")
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
     fitting.add_argument(
         "--commit", default="", help="of the engine whose rows these are; the current one"
@@ -394,7 +395,8 @@ def main() -> None:
         return
     table = load_table(given.table, CANDIDATE)
     names = chosen_features(table, given.features)
-    fitted = fit_calibration(table, names, read_signs(given.signs), given.weights)
+    signs = read_signs(given.signs)
+    fitted = fit_calibration(table, names, signs, given.weights, given.select, given.nested)
     origin = {
         "seed": given.seed,
         "commit": given.commit or current_commit(),

@@ -12,11 +12,9 @@ from ident.benchmark.calibrate import (
     GROUPS,
     ROWS,
     SESSIONS,
-    Problem,
     calibration_record,
     fit_calibration,
     judged,
-    left_out,
     read_calibration,
     row_weights,
     write_calibration,
@@ -25,6 +23,7 @@ from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
 from ident.benchmark.interval_widths import fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN
+from ident.benchmark.leave_out import Problem, left_out, select_features
 from ident.benchmark.logistic import fit_logistic, log_score
 from ident.benchmark.run import BlindOptions
 from ident.errors import InputError
@@ -84,6 +83,16 @@ def test_a_unit_has_no_say_in_its_own_probabilities(table: Table) -> None:
     after = left_out(turned, 1e-3, {})
     assert np.allclose(before[unit], after[unit], atol=1e-6)
     assert np.abs(before[~unit] - after[~unit]).max() > 1e-3
+
+
+def test_a_feature_that_says_nothing_is_left_out(table: Table) -> None:
+    """And one that says something is not; what is said of units left out is of fits without."""
+    assert select_features(problem_of(table)).names == ("evidence",)
+    fitted = fit_calibration(table, FEATURES, {}, select=True, nested=True)
+    assert fitted.model.names == ("evidence",)
+    assert (
+        np.abs(fitted.held_out - fitted.model.probability(table.matrix(["evidence"]))).max() > 1e-4
+    )
 
 
 def test_a_weight_has_the_sign_of_its_meaning(table: Table) -> None:
