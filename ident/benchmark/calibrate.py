@@ -20,7 +20,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,14 @@ from ident.benchmark.gap_odds import GapFit, JointRows, fit_gaps
 from ident.benchmark.interval_widths import WidthFactor, fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
 from ident.benchmark.law_shares import Miss, Widths, fit_widths
+from ident.benchmark.leave_out import (
+    Problem,
+    best_ridge,
+    judge_left_out,
+    left_out,
+    score_ridges,
+    select_features,
+)
 from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
@@ -49,40 +57,17 @@ from ident.safe_read import read_toml
 SCHEMA = "ident.calibration/1"
 SIGNS = Path(__file__).with_name("signs.toml")
 HELD_OUT_FILE = "held_out.parquet"
-RIDGES = np.geomspace(1e-5, 1.0, 11)
-"""Candidates for the ridge; the best of them is chosen on units left out."""
 BINS = 5
+LEAST_RIDGE = 1e-5
 # The probabilities of untouched recordings decide what is no news there, and depend on it: so often
 # at most in turn.
 MOST_ROUNDS = 4
+ROWS = "rows"
+SESSIONS = "sessions"
+GROUPS = "groups"
+SCHEMES = (ROWS, SESSIONS, GROUPS)
+"""What counts alike in a fit; see `row_weights`."""
 FEWEST_ROWS = 10  # right and wrong rows, below which nothing can be fitted
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is fitted: rows that are right or wrong."""
-
-    features: Float[Array, "N k"]
-    names: tuple[str, ...]
-    right: Bool[Array, " N"]
-    weights: Float[Array, " N"]
-    units: Array  # of each row
-    signs: Mapping[str, int]
-
-    def fit(
-        self, ridge: float, rows: Bool[Array, " N"] | None = None, start: Logistic | None = None
-    ) -> Logistic:
-        """The regression on some rows, all if none are given."""
-        chosen = np.ones(len(self.right), dtype=bool) if rows is None else rows
-        return fit_logistic(
-            self.features[chosen],
-            self.right[chosen],
-            self.weights[chosen],
-            self.names,
-            ridge,
-            self.signs,
-            start,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,79 +83,114 @@ class Fitted:
     labels: Array  # of each row of the table
 
 
-def row_weights(table: Table, counted: Bool[Array, " N"]) -> Float[Array, " N"]:
-    """Weights by which each group counts alike, and in it each session; 1 on average."""
-    cases = table.cases
-    groups = table.groups
-    rows_of_case = Counter(cases[counted])
-    group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
-    cases_of_group = Counter(group_of_case.values())
-    weights = np.zeros(len(cases))
-    for k in np.flatnonzero(counted):
-        weights[k] = 1.0 / (cases_of_group[groups[k]] * rows_of_case[cases[k]])
+def row_weights(table: Table, counted: Bool[Array, " N"], scheme: str) -> Float[Array, " N"]:
+    """How much each row counts, 1 on average over the counted ones; none counts of the others.
+
+    Of `rows` each counts alike: only then is what is said of a name as often right as it says, for
+    a session with few candidates would else lend them its weight. Of `sessions` each session counts
+    alike, of `groups` each group, and in it each session.
+
+    Raises:
+        InputError: An unknown scheme.
+    """
+    if scheme not in SCHEMES:
+        raise InputError("--weights", f"unknown scheme {scheme!r}", f"one of: {', '.join(SCHEMES)}")
+    weights = counted.astype(float)
+    if scheme != ROWS:
+        cases = table.cases
+        rows_of_case = Counter(cases[counted])
+        groups = table.groups if scheme == GROUPS else np.full(len(cases), "all", dtype=object)
+        group_of_case = dict(zip(cases[counted], groups[counted], strict=True))
+        cases_of_group = Counter(group_of_case.values())
+        for k in np.flatnonzero(counted):
+            weights[k] = 1.0 / (cases_of_group[groups[k]] * rows_of_case[cases[k]])
     return weights * counted.sum() / max(weights.sum(), 1e-300)
 
 
-def fit_calibration(table: Table, names: Sequence[str], signs: Mapping[str, int]) -> Fitted:
-    """Fits and judges a calibration; what is no news on a real arm follows from its own
-    probabilities.
+def fit_calibration(
+    table: Table,
+    names: Sequence[str],
+    signs: Mapping[str, int],
+    scheme: str = ROWS,
+    select: bool = False,
+    nested: bool = False,
+) -> Fitted:
+    """Fits and judges a calibration; what is no news on a real arm follows from its probabilities.
+
+    Args:
+        table: Of candidates.
+        names: Features that may be used.
+        signs: +1 or -1 by feature, where its meaning says which way it speaks.
+        scheme: What counts alike, see `row_weights`.
+        select: Whether to leave features out by which units left out are foretold no better.
+        nested: Whether they are chosen anew without each unit before it is judged; takes minutes.
 
     Raises:
-        InputError: Too few rows that are right or wrong.
+        InputError: Too few rows that are right or wrong, or all of one unit.
     """
     known = table.named
     previous: Array | None = None
     for _ in range(MOST_ROUNDS):
         labels = table.labels(known)
-        fitted = _fit_labelled(table, names, signs, labels)
+        fitted = _fit_labelled(table, names, signs, labels, scheme)
         if previous is not None and np.array_equal(labels, previous):
             break
         previous = labels
         known = fitted.held_out >= KNOWN_FROM
+    if select:
+        problem = problem_of(table, names, signs, fitted.labels, scheme)
+        chosen = select_features(problem)
+        fitted = _fit_problem(chosen, table, fitted.labels)
+        if nested:
+            fitted = replace(fitted, held_out=_said_by(judge_left_out(problem), table))
     return fitted
 
 
-def _fit_labelled(
-    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array
-) -> Fitted:
+def problem_of(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
+) -> Problem:
+    """The rows of a table that are right or wrong.
+
+    Raises:
+        InputError: Too few of them, or all of one unit.
+    """
     counted = labels != UNKNOWN
     right = labels == RIGHT
-    if min(int(right.sum()), int((counted & ~right).sum())) < FEWEST_ROWS:
-        what = (
-            f"holds {int(right.sum())} right and {int((counted & ~right).sum())} wrong candidates"
-        )
+    count_right = int(right.sum())
+    count_wrong = int((counted & ~right).sum())
+    if min(count_right, count_wrong) < FEWEST_ROWS:
+        what = f"holds {count_right} right and {count_wrong} wrong candidates"
         raise InputError("the table", what, "diagnose more of the corpus")
-    features = table.matrix(names)
-    weights = row_weights(table, counted)
-    units = table.units
-    problem = Problem(
-        features[counted], tuple(names), right[counted], weights[counted], units[counted], signs
-    )
-    scores: dict[float, float] = {}
+    units = table.units[counted]
+    if len(np.unique(units)) < 2:
+        raise InputError("the table", "is of one arm or world", "leaving one out takes two or more")
+    weights = row_weights(table, counted, scheme)[counted]
+    features = table.matrix(names)[counted]
+    return Problem(features, tuple(names), right[counted], weights, units, signs)
+
+
+def _fit_labelled(
+    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
+) -> Fitted:
+    return _fit_problem(problem_of(table, names, signs, labels, scheme), table, labels)
+
+
+def _fit_problem(problem: Problem, table: Table, labels: Array) -> Fitted:
+    scores = score_ridges(problem)
+    ridge = best_ridge(scores)
     starts: dict[str, Logistic] = {}
-    # From the stiffest to the loosest, each fit starting at the one before.
-    for ridge in RIDGES[::-1]:
-        probability = left_out(problem, float(ridge), starts)
-        scores[float(ridge)] = log_score(probability, problem.right, problem.weights)
-    best = max(scores, key=lambda ridge: scores[ridge])
-    model = problem.fit(best)
-    held_out = model.probability(features)
-    for unit in np.unique(units):
-        without = problem.fit(best, problem.units != unit, model)
+    left_out(problem, ridge, starts)
+    return Fitted(problem.fit(ridge), ridge, scores, _said_by(starts, table), labels)
+
+
+def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]:
+    """What the fits say, each of the unit that it has not seen; 0 of a unit without one."""
+    probability = np.full(len(table.rows), np.nan)
+    units = table.units
+    for unit, model in models.items():
         rows = units == unit
-        held_out[rows] = without.probability(features[rows])
-    return Fitted(model, best, scores, held_out, labels)
-
-
-def left_out(problem: Problem, ridge: float, starts: dict[str, Logistic]) -> Float[Array, " N"]:
-    """Probability of each row from a fit without its unit; `starts` are fits to begin at."""
-    probability = np.full(len(problem.right), np.nan)
-    for unit in np.unique(problem.units):
-        inside = problem.units == unit
-        model = problem.fit(ridge, ~inside, starts.get(str(unit)))
-        starts[str(unit)] = model
-        probability[inside] = model.probability(problem.features[inside])
-    return probability
+        probability[rows] = model.probability(table.matrix(model.names)[rows])
+    return np.nan_to_num(probability)
 
 
 # What is said of a fit
@@ -183,7 +203,6 @@ def judged(
     counted = rows & (labels != UNKNOWN)
     right = labels[counted] == RIGHT
     p = probability[counted]
-    weights = row_weights(table, counted)[counted]
     named = p >= NAMED_FROM
     bins = [
         {"said": round(said, 4), "right": round(hit.value or 0.0, 4), "count": hit.count}
@@ -193,7 +212,7 @@ def judged(
     return {
         "rows": int(counted.sum()),
         "right_rows": int(right.sum()),
-        "log_score": round(log_score(p, right, weights), 5) if len(p) else None,
+        "log_score": round(log_score(p, right, np.ones(len(p))), 5) if len(p) else None,
         "auc": None if area.value is None else round(area.value, 4),
         "names_right": int((named & right).sum()),
         "names_wrong": int((named & ~right).sum()),
@@ -254,7 +273,7 @@ def _even_nats(table: Table, fitted: Fitted) -> float:
     counted = (fitted.labels != UNKNOWN) & simulated
     values = table.features["log_nats"][counted][:, None]
     right = fitted.labels[counted] == RIGHT
-    model = fit_logistic(values, right, np.ones(len(right)), ("log_nats",), RIDGES[0])
+    model = fit_logistic(values, right, np.ones(len(right)), ("log_nats",), LEAST_RIDGE)
     standard = -model.intercept / model.weights[0]
     return float(np.expm1(model.scaling.centre[0] + standard * model.scaling.scale[0]))
 
@@ -361,6 +380,24 @@ def _without_none(value: Any) -> Any:
     return value
 
 
+def write_fit(
+    table: Table,
+    fitted: Fitted,
+    out: Path,
+    folder: Path,
+    origin: Mapping[str, Any],
+    further: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Writes a calibration, and beside its table what it says of units that it has not seen."""
+    width = fit_width(table, np.asarray(fitted.held_out >= NAMED_FROM))
+    record = {**calibration_record(table, fitted, width, origin), **further}
+    write_calibration(out, record)
+    labels = [str(label) for label in fitted.labels]
+    with atomic_write(folder / HELD_OUT_FILE) as temporary:
+        pq.write_table(pa.table({"probability": fitted.held_out, "label": labels}), temporary)
+    return record
+
+
 def read_calibration(path: Path) -> Logistic:
     """The regression of a calibration's file.
 
@@ -465,6 +502,9 @@ def main() -> None:
     fitting.add_argument("--out", type=Path, required=True)
     fitting.add_argument("--features", default="")
     fitting.add_argument("--signs", type=Path, default=SIGNS)
+    fitting.add_argument("--weights", default=ROWS, help=f"what counts alike: {', '.join(SCHEMES)}")
+    fitting.add_argument("--select", action="store_true", help="leave needless features out")
+    fitting.add_argument("--nested", action="store_true", help="choose them anew without each unit")
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
     fitting.add_argument(
         "--commit", default="", help="of the engine whose rows these are; the current one"
@@ -477,24 +517,17 @@ def main() -> None:
     table = load_table(given.table, CANDIDATE)
     signs = read_signs(given.signs)
     names = chosen_features(table, given.features or ",".join(signs))
-    fitted = fit_calibration(table, names, signs)
+    fitted = fit_calibration(table, names, signs, given.weights, given.select, given.nested)
     origin = {
         "seed": given.seed,
         "commit": given.commit or current_commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "weights": given.weights,
     }
-    record = calibration_record(
-        table, fitted, fit_width(table, fitted.held_out >= NAMED_FROM), origin
-    )
     entries = {entry.case: entry for entry in read_index(given.index)}
     results = read_results(given.results, table.sessions)
-    record |= further_record(fit_further(table, fitted, results, entries))
-    write_calibration(given.out, record)
-    held_out = pa.table(
-        {"probability": fitted.held_out, "label": [str(label) for label in fitted.labels]}
-    )
-    with atomic_write(given.table / HELD_OUT_FILE) as temporary:
-        pq.write_table(held_out, temporary)
+    further = further_record(fit_further(table, fitted, results, entries))
+    record = write_fit(table, fitted, given.out, given.table, origin, further)
     sys.stdout.write("\n".join(summary_lines(record)) + "\n")
 
 

@@ -21,7 +21,7 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -225,11 +225,18 @@ def _shuffled(entries: Sequence[Entry]) -> list[Entry]:
 # Commands
 
 
-def make_real(folder: Path, recordings: Path, cases: int, seed: int, kept_back: bool) -> None:
+def make_real(
+    folder: Path,
+    recordings: Path,
+    cases: int,
+    seed: int,
+    kept_back: bool,
+    say: Callable[[str], None] = lambda line: None,
+) -> None:
     """Semi-real cases, controls and recordings of a measured cause; or cases of arms kept back."""
     out = folder / ("kept" if kept_back else "real")
     sources = load_sources(recordings, kept_back)
-    make_cases(sources, out, cases, seed, False, _say)
+    make_cases(sources, out, cases, seed, False, say)
     if not kept_back:
         write_recorded(recordings, out)
 
@@ -280,7 +287,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.job == "real":
         cases = given.cases or (80 if given.kept_back else 220)
-        make_real(given.folder, given.real, cases, given.seed, given.kept_back)
+        make_real(given.folder, given.real, cases, given.seed, given.kept_back, _say)
     elif given.job == "worlds":
         tasks = plan_world_cases(
             given.folder / "worlds", given.cases or 120, given.seed, given.worlds

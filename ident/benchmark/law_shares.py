@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
-from ident.arrays import Float
+from ident.arrays import Array, Float
 from ident.effects.intervals import NORMAL_95
 from ident.inference import calibration
 from ident.inference.calibration import FREEDOM, PLACES

@@ -197,7 +197,7 @@ def _written(value: Score) -> Row:
 
 def lines_of(record: Mapping[str, Any]) -> Iterable[str]:
     """A score table in words."""
-    groups = [key for key in record if key not in ("cases", *BY)]
+    groups = [key for key in record if key not in ("schema", "cases", *BY)]
     yield f"{record['cases']} sessions"
     for key in record["all"]:
         yield f"{key}:"

@@ -99,6 +99,10 @@ def blind(
     options: CheckOptions,
     semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
+    corpus: Annotated[
+        Path | None, typer.Option(help="Make, diagnose and score a stored corpus in this folder.")
+    ] = None,
+    calibrate: Annotated[Path | None, typer.Option(help="Fit the probabilities to this stored corpus.")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
@@ -106,6 +110,9 @@ def blind(
     from ident.benchmark.real_check import check_on_real
     from ident.benchmark.run import BlindOptions, run_blind
 
+    if corpus is not None or calibrate is not None:
+        _corpus(options, semi_real, corpus, calibrate, json_file)
+        return
     if options.worlds and semi_real:
         raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
     chosen = BlindOptions(**vars(options), mix=parse_mix(mix) if mix else FULL_MIX)
@@ -117,6 +124,30 @@ def blind(
         )
     hand_over(report, json_file)
     console.print(f"written to {options.out}")
+
+
+def _corpus(
+    options: CheckOptions, recordings: Path | None, corpus: Path | None, calibrate: Path | None, json_file: Path | None
+) -> None:
+    """What a stored corpus is asked for."""
+    from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
+    from ident.benchmark.run import BlindOptions
+
+    if corpus is not None and calibrate is not None:
+        raise InputError("--calibrate", "a corpus to be made and one to be fitted", "make it first, then calibrate")
+    with progress_line(console, "blind"):
+        if calibrate is not None:
+            report: Result = calibrate_corpus(calibrate, options.seed)
+        else:
+            assert corpus is not None
+            report = check_corpus(
+                corpus,
+                recordings,
+                BlindOptions(**vars(options)),
+                lambda line: console.print(line, soft_wrap=True, highlight=False),
+                lambda words, done, total: stage(words, done / max(total, 1)),
+            )
+    hand_over(report, json_file)
 
 
 @command

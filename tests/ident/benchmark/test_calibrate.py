@@ -1,5 +1,6 @@
 """Laws of the calibration: what it says is as often right, on units that it has not seen."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -8,19 +9,23 @@ import pytest
 from made_up_corpus import BASE, SLOPE, candidate, entry, make_corpus, truth, write_result
 
 from ident.benchmark.calibrate import (
-    Problem,
+    GROUPS,
+    ROWS,
+    SESSIONS,
     calibration_record,
     fit_calibration,
     judged,
-    left_out,
     read_calibration,
     row_weights,
     write_calibration,
 )
+from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
 from ident.benchmark.interval_widths import fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN
+from ident.benchmark.leave_out import Problem, left_out, select_features
 from ident.benchmark.logistic import fit_logistic, log_score
+from ident.benchmark.run import BlindOptions
 from ident.errors import InputError
 
 FEATURES = ("evidence", "nothing")
@@ -37,7 +42,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
 def problem_of(table: Table, signs: dict[str, int] | None = None) -> Problem:
     labels = table.labels(table.named)
     counted = labels != UNKNOWN
-    weights = row_weights(table, counted)[counted]
+    weights = row_weights(table, counted, ROWS)[counted]
     features = table.matrix(FEATURES)[counted]
     right = labels[counted] == RIGHT
     return Problem(features, FEATURES, right, weights, table.units[counted], signs or {})
@@ -78,6 +83,16 @@ def test_a_unit_has_no_say_in_its_own_probabilities(table: Table) -> None:
     after = left_out(turned, 1e-3, {})
     assert np.allclose(before[unit], after[unit], atol=1e-6)
     assert np.abs(before[~unit] - after[~unit]).max() > 1e-3
+
+
+def test_a_feature_that_says_nothing_is_left_out(table: Table) -> None:
+    """And one that says something is not; what is said of units left out is of fits without."""
+    assert select_features(problem_of(table)).names == ("evidence",)
+    fitted = fit_calibration(table, FEATURES, {}, select=True, nested=True)
+    assert fitted.model.names == ("evidence",)
+    assert (
+        np.abs(fitted.held_out - fitted.model.probability(table.matrix(["evidence"]))).max() > 1e-4
+    )
 
 
 def test_a_weight_has_the_sign_of_its_meaning(table: Table) -> None:
@@ -127,11 +142,16 @@ def test_groups_and_sessions_count_alike(tmp_path: Path) -> None:
         write_result(tmp_path / "results", session.case, *rows)
     store(entries, tmp_path / "results", tmp_path / "table")
     table = load_table(tmp_path / "table")
-    weights = row_weights(table, np.ones(len(table.rows), dtype=bool))
+    everything = np.ones(len(table.rows), dtype=bool)
+    weights = row_weights(table, everything, GROUPS)
     by_case = {case: weights[table.cases == case].sum() for case in table.sessions}
     assert by_case["real/case_0"] == pytest.approx(by_case["real/case_2"])
     assert by_case["other/case_9"] == pytest.approx(3.0 * by_case["real/case_0"])
     assert weights.mean() == pytest.approx(1.0)
+    assert np.array_equal(row_weights(table, everything, ROWS), np.ones(len(table.rows)))
+    of_sessions = row_weights(table, everything, SESSIONS)
+    by_case = {case: of_sessions[table.cases == case].sum() for case in table.sessions}
+    assert np.ptp(list(by_case.values())) < 1e-9
 
 
 def test_the_file_says_what_was_fitted(table: Table, tmp_path: Path) -> None:
@@ -161,3 +181,52 @@ def test_too_little_is_refused(tmp_path: Path) -> None:
     store(entries, tmp_path / "results", tmp_path / "table")
     with pytest.raises(InputError, match="diagnose more"):
         fit_calibration(load_table(tmp_path / "table"), FEATURES, {})
+
+
+def write_other(folder: Path, sessions: int, arms: tuple[str, ...]) -> None:
+    """A corpus of another simulator's sessions, all of them diagnosed."""
+    rng = np.random.default_rng(0)
+    for arm in arms:
+        answers: dict[str, object] = {}
+        for number in range(sessions // len(arms)):
+            evidence = float(rng.normal(1.0, 1.0))
+            right = rng.random() < 1.0 / (1.0 + np.exp(-(SLOPE * evidence + BASE)))
+            hidden = "joint_1" if right else "joint_2"
+            effect = {"effect": "spring_torque", "joint": hidden, "size": 1.0, "visible": 3.0}
+            name = f"session_{number:03d}"
+            answers[name] = {"kind": "single", "effects": [effect]}
+            row = candidate("spring_torque", "joint_1", features={"evidence": evidence})
+            write_result(folder / "results", f"other/{arm}_{name}", row)
+        home = folder / "other" / arm
+        home.mkdir(parents=True)
+        (home / "answers.json").write_text(json.dumps(answers), encoding="utf-8")
+
+
+def test_a_corpus_is_scored_as_reported_and_then_by_its_calibration(tmp_path: Path) -> None:
+    """Nothing was reported, so nothing is named; a calibration names what is likely."""
+    write_other(tmp_path, 80, ("first", "second"))
+    options = BlindOptions(cases=1, out=tmp_path)
+    nothing = (lambda line: None), (lambda words, done, total: None)
+    before = check_corpus(tmp_path, None, options, *nothing)
+    assert before.record["other"]["single 3x class"]["value"] == 0.0
+    calibration = calibrate_corpus(tmp_path, seed=0)
+    assert calibration.record["feature"]["evidence"]["weight"] > 0.0
+    after = check_corpus(tmp_path, None, options, *nothing)
+    assert after.record["other"]["single 3x class"]["value"] > 0.2
+    assert json.loads((tmp_path / "score.json").read_text(encoding="utf-8")) == after.record
+    assert "80 sessions" in after.summary()
+
+
+def test_a_corpus_without_sessions_is_told(tmp_path: Path) -> None:
+    options = BlindOptions(cases=1, out=tmp_path)
+    nothing = (lambda line: None), (lambda words, done, total: None)
+    with pytest.raises(InputError, match="no session"):
+        check_corpus(tmp_path, None, options, *nothing)
+
+
+def test_one_arm_alone_can_not_be_left_out(tmp_path: Path) -> None:
+    write_other(tmp_path, 80, ("first",))
+    options = BlindOptions(cases=1, out=tmp_path)
+    check_corpus(tmp_path, None, options, lambda line: None, lambda words, done, total: None)
+    with pytest.raises(InputError, match="one arm"):
+        calibrate_corpus(tmp_path, seed=0)
