@@ -1,8 +1,10 @@
-"""Fits how probably a cause without a name is left at a joint, from what is left there beside the names.
+"""Fits how probably a cause without a name is left at a joint, from what is left there beside the
+names.
 
-A joint has such a cause if something was put there, large enough to be seen, that no name says. It has none where a
-simulated arm has nothing wrong at the joint, or what is wrong there has its name. Of a real arm nobody knows what else
-is wrong with it: only joints where something was put are taken.
+A joint has such a cause if something was put there, large enough to be seen, that no name says. It
+has none where a simulated arm has nothing wrong at the joint, or what is wrong there has its name.
+Of a real arm nobody knows what else is wrong with it: only joints where something was put are
+taken.
 """
 
 from __future__ import annotations
@@ -50,7 +52,8 @@ class JointRows:
 
         Args:
             results, entries: Results and index entries by case.
-            probability: For each case the probabilities of its candidates, from fits without its unit.
+            probability: For each case the probabilities of its candidates, from fits without its
+            unit.
         """
         features, gaps, weights, units = [], [], [], []
         for case, result in results.items():
@@ -79,7 +82,9 @@ def unit_of(entry: Entry) -> str:
 def _labelled(
     joints: Sequence[Mapping[str, Any]], entry: Entry, named: Sequence[Name]
 ) -> list[tuple[Mapping[str, float], bool]]:
-    """Features of the joints of a session of which it is known whether a cause without a name is left."""
+    """Features of the joints of a session of which it is known whether a cause without a name is
+    left.
+    """
     rows = []
     for row in joints:
         here = [truth for truth in entry.truth if _may_stand(truth, row["joint"])]

@@ -1,9 +1,10 @@
-"""Fits how wide intervals have to be: a factor on what the recordings leave open, and what an arm's law is off by.
+"""Fits how wide intervals have to be: a factor on what the recordings leave open, and what an arm's
+law is off by.
 
-An estimate's error has the variance (f s)² + (d_e |θ|)², s the standard deviation that its interval states, θ its size, f
-one factor and d_e a share of each effect: no arm obeys a law of the catalogue to the letter. Both are of greatest
-likelihood under Student's t of four degrees of freedom, which a few far-off estimates don't decide; d_e is drawn towards
-the share of all effects.
+An estimate's error has the variance (f s)² + (d_e |θ|)², s the standard deviation that its interval
+states, θ its size, f one factor and d_e a share of each effect: no arm obeys a law of the catalogue
+to the letter. Both are of greatest likelihood under Student's t of four degrees of freedom, which a
+few far-off estimates don't decide; d_e is drawn towards the share of all effects.
 
 Source: Lange, Little and Taylor 1989 (t likelihood).
 """

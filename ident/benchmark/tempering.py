@@ -1,7 +1,8 @@
-"""Fits how far log evidence between rivals is to be believed: the exponent T of p ∝ exp(−T d), d each one's deficit.
+"""Fits how far log evidence between rivals is to be believed: the exponent T of p ∝ exp(−T d), d
+each one's deficit.
 
-Where an effect that was put there is the chosen one, or one of its rivals, its share among them is exp(−T d) over the sum
-of all; T is where the product of these shares over the corpus is greatest.
+Where an effect that was put there is the chosen one, or one of its rivals, its share among them is
+exp(−T d) over the sum of all; T is where the product of these shares over the corpus is greatest.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LEAST, MOST = -8.0, 1.0
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The deficit of the effect that was put there, and those of all that may stand for it [nats]."""
+    """Deficit of the true effect, and those of all that may stand for it [nats]."""
 
     true: float
     deficits: Float[Array, " r"]

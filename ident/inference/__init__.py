@@ -1,1 +1,3 @@
-"""From rows to causes: one log evidence over sets of effects, their weights, and calibrated probabilities."""
+"""From rows to causes: one log evidence over sets of effects, their weights, and calibrated
+probabilities.
+"""

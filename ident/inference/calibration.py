@@ -1,10 +1,11 @@
-"""From features to probabilities and widths, by a calibration that a command fitted to a stored corpus.
+"""From features to probabilities and widths, by a calibration that a command fitted to a stored
+corpus.
 
     log odds = b + Σ_k w_k (x_k − c_k) / s_k
     half-width² = q² ((f s)² + (d_e |θ|)²),   q the 97.5 % point of Student's t
 
-`calibration.toml` is written by `python -m ident.benchmark.calibrate`, which says how it holds on arms and worlds
-that were left out whole. No number of it is set by hand.
+`calibration.toml` is written by `python -m ident.benchmark.calibrate`, which says how it holds on
+arms and worlds that were left out whole. No number of it is set by hand.
 
 Source: Platt 1999 and Niculescu-Mizil and Caruana 2005 (calibrated probabilities).
 """

@@ -1,4 +1,5 @@
-"""Variance components that every model has: friction's levels, the URDF's error, discrepancies, dispersion.
+"""Variance components that every model has: friction's levels, the URDF's error, discrepancies,
+dispersion.
 
 For a set of effects, each is where the log evidence of the session is greatest beside the others:
 
@@ -7,8 +8,8 @@ For a set of effects, each is where the log evidence of the session is greatest 
     friction      relative spread of each joint's friction level from stretch to stretch
     dispersion    mean square of whitened rows that all of it leaves, one at the least
 
-A discrepancy is a nuisance beside every model: its columns are integrated out of a joint's sums, after which sets of
-effects are compared without it.
+A discrepancy is a nuisance beside every model: its columns are integrated out of a joint's sums,
+after which sets of effects are compared without it.
 
 Source: Kennedy and O'Hagan 2001 (discrepancy); MacKay 1992 (evidence of a scale).
 """
@@ -52,7 +53,9 @@ class Components:
 
     @classmethod
     def usual(cls, sums: SessionSums) -> Components:
-        """Those before anything is known: a usual URDF, friction that varies much, and no discrepancy."""
+        """Those before anything is known: a usual URDF, friction that varies much, and no
+        discrepancy.
+        """
         n, blocks = sums.evidence.layout.n, len(sums.evidence.layout.flexible[0])
         wide = np.full(n, sums.evidence.settings.wide_spread)
         return cls(wide, UrdfError(), np.zeros((n, blocks)), np.ones(n))
@@ -67,7 +70,7 @@ class WeighedResidual:
     by_block: Float[Array, "n b"]  # whitened squares that each block of it explains
 
     def kind_of(self, joint: int) -> str | None:
-        """The block of a joint's discrepancy that explains most; None where none explains anything."""
+        """The block of a joint's discrepancy that explains most; None where none does."""
         power = self.by_block[joint]
         return BLOCKS[int(np.argmax(power))] if power.any() else None
 
@@ -77,7 +80,8 @@ class ModelSums:
 
     Attributes:
         sums, names, components: The session's sums, the candidates, and the variance components.
-        gram: Sums over all joints of all columns but the discrepancies', shape (P, P); the torque last.
+        gram: Sums over all joints of all columns but the discrepancies', shape (P, P); the torque
+        last.
     """
 
     def __init__(
@@ -188,7 +192,8 @@ class ModelSums:
             information[own, own] += np.maximum(deviation, 1e-12) ** -2.0
 
     def log_evidence(self, chosen: Sequence[Group], error: UrdfError | None = None) -> float:
-        """Log evidence of the session beside a set of effects, priors of all components included [nats].
+        """Log evidence of the session beside a set of effects, priors of all components included
+        [nats].
 
         Args:
             chosen: The effects.
@@ -260,10 +265,10 @@ class ModelSums:
         return np.array(power)
 
     def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
-        """Sums of a joint's discrepancy columns and the torque after the baseline and some effects."""
+        """Sums of a joint's discrepancy columns and the torque after a set of effects."""
         layout = self.sums.evidence.layout
         local, smooth = layout.local[joint], layout.flexible_places[joint]
-        inside, information = self.information(chosen, self.prior())
+        inside, _ = self.information(chosen, self.prior())
         columns = np.concatenate([inside, local[smooth], [layout.size]])
         position = {int(column): k for k, column in enumerate(columns)}
         everything = self.gram[np.ix_(columns, columns)].copy()

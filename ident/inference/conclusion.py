@@ -1,9 +1,10 @@
 """From a session's sums to its causes: the one inference from end to end.
 
-    sums -> sets and variances (`infer`) -> fine grids (`refine`) -> features -> probabilities and parameters
+    sums -> sets and variances (`infer`) -> fine grids (`refine`) -> features -> probabilities and
+    parameters
 
-An effect whose class is likelier than not is a name. The others are reported with their probability and what speaks
-against them; nothing is struck out.
+An effect whose class is likelier than not is a name. The others are reported with their probability
+and what speaks against them; nothing is struck out.
 """
 
 from __future__ import annotations
@@ -170,6 +171,6 @@ def conclude(
 
 
 def _explained(one: Described) -> float:
-    """Mean square that an effect closes on parts that the fit never saw, over its joints [N² m²]."""
+    """Mean square that an effect closes on unseen parts, over its joints [N² m²]."""
     old, new = one.view.before.rms, one.view.after.rms
     return float(np.sum(old[list(one.joints)] ** 2 - new[list(one.joints)] ** 2))

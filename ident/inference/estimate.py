@@ -1,11 +1,13 @@
-"""The chosen effects as a person reads them: parameters with intervals, probability, class, reasons.
+"""The chosen effects as a person reads them: parameters with intervals, probability, class,
+reasons.
 
-Intervals are of the joint posterior of all effects, losses and inertias, discrepancies integrated out; nonlinear
-parameters by profile likelihood over the fine grid. They are given twice: for the URDF's inertias as they are, which is
-what the recordings determine, and with the URDF's own error in them.
+Intervals are of the joint posterior of all effects, losses and inertias, discrepancies integrated
+out; nonlinear parameters by profile likelihood over the fine grid. They are given twice: for the
+URDF's inertias as they are, which is what the recordings determine, and with the URDF's own error
+in them.
 
-The probability is that of the effect's class (`calibration`); within the class each effect has the share
-exp(−T d), d its deficit in log evidence and T the fitted temper.
+The probability is that of the effect's class (`calibration`); within the class each effect has the
+share exp(−T d), d its deficit in log evidence and T the fitted temper.
 """
 
 from __future__ import annotations
@@ -175,7 +177,9 @@ def _both(
 
 
 def _wider(effect: str, name: str, interval: Interval, widths: Widths | None) -> Interval:
-    """An interval as wide as the corpus asks for; ends that are open stay, and none crosses zero that did not."""
+    """An interval as wide as the corpus asks for; ends that are open stay, and none crosses zero
+    that did not.
+    """
     if widths is None or not np.isfinite(interval.value) or interval.low == interval.high:
         return interval
     value = interval.value
@@ -191,7 +195,7 @@ def _wider(effect: str, name: str, interval: Interval, widths: Widths | None) ->
 
 
 def _shares(one: Described, temper: float) -> tuple[float, dict[str, float], dict[int, float]]:
-    """An effect's own share of its class, its odds against other effects, and against other joints."""
+    """An effect's share of its class, its odds against other effects and other joints."""
     odds: dict[str, float] = {}
     places: dict[int, float] = {}
     for (effect, joint, _), deficit in one.rivals.items():

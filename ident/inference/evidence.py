@@ -1,15 +1,18 @@
-"""Log evidence of a linear Gaussian model, from sums alone, and the variances at which it is greatest.
+"""Log evidence of a linear Gaussian model, from sums alone, and the variances at which it is
+greatest.
 
 With G = XᵀX and g = Xᵀy of whitened rows, and coefficients θ ~ N(0, S),
 
     log p(y | S) − log p(y | 0) = ½ gᵀ (G + S⁻¹)⁻¹ g − ½ log |I + S^½ G S^½|.
 
-The one place where evidence is defined: effects, discrepancies and tolerances are all columns with a variance. Variances
-that are shared by a block of columns are where it is greatest; its derivative by the logarithm of a block's variance s is
+The one place where evidence is defined: effects, discrepancies and tolerances are all columns with
+a variance. Variances that are shared by a block of columns are where it is greatest; its derivative
+by the logarithm of a block's variance s is
 
     ½ (wᵀw / s − m + tr C / s),   w, C the block's mean and covariance, m its number of columns.
 
-Source: MacKay 1992 (Bayesian interpolation, evidence); Searle, Casella and McCulloch 1992 (variance components).
+Source: MacKay 1992 (Bayesian interpolation, evidence); Searle, Casella and McCulloch 1992 (variance
+components).
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from scipy.optimize import minimize
 
 from ident.arrays import Array, Float
 
-# Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off, or free [nats].
+# Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
+# or free [nats].
 LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
 
 
@@ -71,7 +75,8 @@ def optimise(
     sizes: Sequence[int],
     start: Float[Array, " b"],
 ) -> BlockVariances:
-    """Variances of blocks of coefficients by marginal likelihood, by its analytic gradient over log variances.
+    """Variances of blocks of coefficients by marginal likelihood, by its analytic gradient over log
+    variances.
 
     Args:
         gram, target: Sums of the blocks' columns, and of these times the torque.

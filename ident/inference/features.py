@@ -1,10 +1,10 @@
 """What speaks for and against each chosen effect, in numbers that carry over between arms.
 
-Log evidence of a Gaussian model is too sure wherever noise is not as it is modelled, by far on real arms. So it is one
-of several things that are looked at, each without unit: what the effect gains on runs that it never saw, in standard
-errors; in how many parts of the session; the share of the gap that it closes; what a flexible function would gain in
-its place; whether another start leads to it, too; what else stands at the joint. A calibration turns them into a
-probability (`calibration`).
+Log evidence of a Gaussian model is too sure wherever noise is not as it is modelled, by far on real
+arms. So it is one of several things that are looked at, each without unit: what the effect gains on
+runs that it never saw, in standard errors; in how many parts of the session; the share of the gap
+that it closes; what a flexible function would gain in its place; whether another start leads to it,
+too; what else stands at the joint. A calibration turns them into a probability (`calibration`).
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ class Described:
         joints: Indices of the joints where it shows.
         view: Held-out scores without and with it.
         features: What speaks for and against it, by name.
-        rivals: For other effects by id, and for the same effect at other joints, by how many nats each explains less in
+        rivals: For other effects by id, and for the same effect at other joints, by how many nats
+        each explains less in
             its place.
     """
 
@@ -185,7 +186,9 @@ def residual_dispersion(model: ModelSums, joints: Sequence[int]) -> float:
 
 
 def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOutView:
-    """Scores without and with an effect; of one that inertias can imitate in the view in which it closes more."""
+    """Scores without and with an effect; of one that inertias can imitate in the view in which it
+    closes more.
+    """
     others = rest_of(chosen, group)
     joints = group.acts_on(len(scorers.tuned.evidence.layout.local))
     views = [HeldOutView(scorers.tuned.score(others), scorers.tuned.score(chosen), False)]
@@ -195,21 +198,23 @@ def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOu
 
 
 def _shows_at(group: Group, view: HeldOutView, model: ModelSums) -> tuple[int, ...]:
-    """The effect's own joint, or of one of the whole arm those where it closes a third of the most or more."""
+    """The effect's own joint, or of one of the whole arm those where it closes a third of the most
+    or more.
+    """
     n = model.sums.evidence.layout.n
     if group.effect.rows == "own":
         return (group.joint,)
-    event = group.effect.event
-    if event:
+    fall = view.after.fall_from(view.before)
+    if group.effect.event:  # it may happen at rest, where torque error is not counted
         fall = (view.before.misfit - view.after.misfit).sum(axis=0)
-    else:
-        fall = view.after.fall_from(view.before)
     shown = np.flatnonzero(fall >= max(float(fall.max(initial=0.0)) / 3.0, 1e-6))
     return tuple(int(j) for j in shown) or (int(np.argmax(fall)) if n else 0,)
 
 
 def _of_evidence(fine: Inferred, group: Group, joints: Sequence[int]) -> dict[str, float]:
-    """Log evidence that an effect adds, the discrepancy as it is, and free to take the effect's place."""
+    """Log evidence that an effect adds, the discrepancy as it is, and free to take the effect's
+    place.
+    """
     model, others = fine.model, rest_of(fine.chosen, group)
     alone = fine.search.nats(fine.chosen) - fine.search.nats(others)
     changed = {j: discrepancy_at(model, j, others)[0] for j in joints}
@@ -305,7 +310,8 @@ def _of_others(
 def find_rivals(coarse: Inferred, group: Group) -> dict[Key, float]:
     """Candidates that could stand in an effect's place, with what each explains less there [nats].
 
-    A rival explains the same torque: beside it, the effect adds less than half of what it adds alone.
+    A rival explains the same torque: beside it, the effect adds less than half of what it adds
+    alone.
     """
     search = coarse.search
     others = rest_of(coarse.chosen, group)
@@ -327,7 +333,7 @@ def find_rivals(coarse: Inferred, group: Group) -> dict[Key, float]:
 
 
 def _of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
-    """How far behind the nearest other effect, and the nearest other joint of the same effect, are."""
+    """How far behind the nearest other effect and the nearest other joint are."""
     other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
     other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
     return {
@@ -393,5 +399,5 @@ def signed_log(nats: float) -> float:
 
 
 def squashed(gain: float, error: float) -> float:
-    """A gain in its standard errors, on a scale on which thirty errors are twice as much as three."""
+    """A gain in its standard errors, on a scale where thirty are twice as much as three."""
     return float(np.arcsinh(gain / max(error, 1e-12)))

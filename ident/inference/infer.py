@@ -1,9 +1,10 @@
 """From sums to the likeliest set of effects with its variance components, from two starts.
 
-Sets and variances are each likeliest given the other, in turn, until the log evidence rises no more. That has several
-maxima: a discrepancy that is there first leaves nothing to a law, and a law that is there first may stand for what only
-a discrepancy explains. One start has no discrepancies, the other has those of the baseline alone; the greater log
-evidence counts, and what the other says stays, for a name that depends on the start is less sure.
+Sets and variances are each likeliest given the other, in turn, until the log evidence rises no
+more. That has several maxima: a discrepancy that is there first leaves nothing to a law, and a law
+that is there first may stand for what only a discrepancy explains. One start has no discrepancies,
+the other has those of the baseline alone; the greater log evidence counts, and what the other says
+stays, for a name that depends on the start is less sure.
 """
 
 from __future__ import annotations

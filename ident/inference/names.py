@@ -1,8 +1,10 @@
-"""The candidates of a session: every effect at every joint and grid point, how large each is expected to be, its odds.
+"""The candidates of a session: every effect at every joint and grid point, how large each is
+expected to be, its odds.
 
-Each effect is as likely as any other beforehand, at any joint and any point of its grid: with m effects, p places of an
-effect and g points at a place, a name has the log odds −log (m p g). Its coefficients are normal about zero, with half
-the largest plausible size as their deviation; an effect that states none has that of one row's information.
+Each effect is as likely as any other beforehand, at any joint and any point of its grid: with m
+effects, p places of an effect and g points at a place, a name has the log odds −log (m p g). Its
+coefficients are normal about zero, with half the largest plausible size as their deviation; an
+effect that states none has that of one row's information.
 
 Source: Kass and Wasserman 1995 (unit information prior).
 """

@@ -1,9 +1,10 @@
-"""Profile likelihood of a chosen effect over its fine grid, for intervals of its nonlinear parameters.
+"""Profile likelihood of a chosen effect over its fine grid, for intervals of its nonlinear
+parameters.
 
-A law's torque is nonlinear in some parameters: the speed of a Stribeck curve, the order of a wave. Each point of their
-grid has linear coefficients of its own, so intervals at the best point alone are too narrow. With Δ the fall of the log
-likelihood from the best point to another, θ the parameter there and s its standard deviation, the profile of the
-parameter reaches to
+A law's torque is nonlinear in some parameters: the speed of a Stribeck curve, the order of a wave.
+Each point of their grid has linear coefficients of its own, so intervals at the best point alone
+are too narrow. With Δ the fall of the log likelihood from the best point to another, θ the
+parameter there and s its standard deviation, the profile of the parameter reaches to
 
     θ ± s √(2 (drop − Δ)),    drop = ½ χ²₁(95 %) = 1.92,
 
@@ -41,7 +42,9 @@ class Profile:
     drop: float = DROP  # fall at the ends of a 95 % interval [nats]
 
     def inner_parameters(self) -> dict[str, Interval]:
-        """Intervals of the grid's own parameters, of zero width for a parameter that has one value on the grid."""
+        """Intervals of the grid's own parameters, of zero width for a parameter that has one value
+        on the grid.
+        """
         found = {}
         for name, value in self.group.variant.inner.items():
             values = np.array([mate.variant.inner[name] for mate in self.points])
@@ -62,7 +65,9 @@ class Profile:
         return found
 
     def parameters(self, session: SessionContext) -> dict[str, Interval]:
-        """Parameters of the best point, with intervals that hold those of all points within the drop."""
+        """Parameters of the best point, with intervals that hold those of all points within the
+        drop.
+        """
         best = self.points.index(self.group)
         reported = self._at(best, session)
         falls = np.maximum(self.log_likelihood[best] - self.log_likelihood, 0.0)
@@ -83,7 +88,9 @@ class Profile:
 
 
 def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
-    """An interval widened to hold another one that is shrunk about its value first; phases are compared modulo 2π."""
+    """An interval widened to hold another one that is shrunk about its value first; phases are
+    compared modulo 2π.
+    """
     shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
     middle = other.value + shift
     low = middle - narrowing * (other.value - other.low)
@@ -92,10 +99,11 @@ def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Inter
 
 
 def _interval(x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float) -> Interval:
-    """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the top points.
+    """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the
+    top points.
 
-    Where the profile does not fall by the drop within the grid, the interval is open: it ends half a step beyond the
-    grid.
+    Where the profile does not fall by the drop within the grid, the interval is open: it ends half
+    a step beyond the grid.
     """
     top = int(np.argmax(falls))
     best, peak = x[top], falls[top]

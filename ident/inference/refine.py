@@ -1,8 +1,8 @@
 """Grid refinement: a second pass over the recordings with fine grids of the chosen effects alone.
 
-The first pass has columns of every effect at every joint, so its grids are coarse. This one has many points of few
-effects, with the noise and the variance components of the first; each effect in turn takes its likeliest point beside
-the others.
+The first pass has columns of every effect at every joint, so its grids are coarse. This one has
+many points of few effects, with the noise and the variance components of the first; each effect in
+turn takes its likeliest point beside the others.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""A conclusion as rows of a corpus: one a chosen effect, one a joint, from which probabilities are fitted."""
+"""A conclusion as rows of a corpus: one a chosen effect, one a joint, from which probabilities are
+fitted.
+"""
 
 from __future__ import annotations
 

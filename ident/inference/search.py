@@ -1,9 +1,10 @@
 """Sets of effects by log evidence: add, swap and drop until nothing gains.
 
-After the baseline, all candidates and the torque are one small matrix R of sums. A set of effects M with prior
-deviations s has the log evidence of `evidence.log_evidence` on R_MM, plus the log odds of its names; what a candidate
-adds beside a set is the same on what the set leaves of R. Coefficients that can't be negative are solved with that
-bound; their prior is half a normal, which is worth log 2 each.
+After the baseline, all candidates and the torque are one small matrix R of sums. A set of effects M
+with prior deviations s has the log evidence of `evidence.log_evidence` on R_MM, plus the log odds
+of its names; what a candidate adds beside a set is the same on what the set leaves of R.
+Coefficients that can't be negative are solved with that bound; their prior is half a normal, which
+is worth log 2 each.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from ident.inference.names import Names
 from ident.regression.design import Group, Key
 from ident.regression.least_squares import solve_signed
 
-# Rounds over all members of a set in which each may be swapped, after each addition; mostly one is enough.
+# Rounds over all members of a set in which each may be swapped, after each addition; mostly one is
+# enough.
 SWAP_ROUNDS = 3
 # Candidates of greatest evidence whose coefficients are checked against the point of their grid.
 MOST_CHECKED = 30
@@ -202,7 +204,8 @@ class SetSearch:
     def best(
         self, chosen: Sequence[Group], keys: set[Key] | None = None, joint: int | None = None
     ) -> tuple[float, Group] | None:
-        """The candidate that adds most to a set, and what it adds [nats]; None if none adds anything.
+        """The candidate that adds most to a set, and what it adds [nats]; None if none adds
+        anything.
 
         Args:
             chosen: The set.
@@ -249,7 +252,8 @@ class SetSearch:
         return chosen
 
     def _swapped(self, chosen: list[Group], near: set[int]) -> list[Group]:
-        """A set with each effect at its best point beside the others, or what is better in its place.
+        """A set with each effect at its best point beside the others, or what is better in its
+        place.
 
         Args:
             chosen: The set.

@@ -1,7 +1,9 @@
-"""Sums of a session as the inference needs them: joint by joint, friction's own levels integrated out.
+"""Sums of a session as the inference needs them: joint by joint, friction's own levels integrated
+out.
 
-Sums that encoder noise was taken off may have directions below zero, in which any evidence would run away: such
-directions are zero here. What varies from run to run, each joint's friction, takes its share off before that.
+Sums that encoder noise was taken off may have directions below zero, in which any evidence would
+run away: such directions are zero here. What varies from run to run, each joint's friction, takes
+its share off before that.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ class SessionSums:
         return without_negative_directions(self.free[joint] - taken)
 
     def friction_nats(self, joint: int, spread: float) -> float:
-        """Log determinant term of a joint's friction levels, and the prior of their spread [nats]."""
+        """Log determinant of a joint's friction levels, and the prior of their spread [nats]."""
         friction = self.evidence.friction
         sizes = spread * friction.level[joint]
         seen = friction._wholes[joint][:, :, friction.columns]
