@@ -12,6 +12,7 @@ Source: Platt 1999 and Niculescu-Mizil and Caruana 2005 (calibrated probabilitie
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -31,6 +32,23 @@ FREEDOM = 4.0
 QUANTILE = float(student.ppf(0.975, FREEDOM))
 # Parameters of place have no size that a law could be off by a share of.
 PLACES = ("phase_rad", "order", "start_s", "end_s", "exponent")
+
+
+# Components of a vector, of which the whole has a size.
+COMPONENT = re.compile(r"_[xyz](?=_)")
+
+
+def sizes_of(values: Mapping[str, float]) -> dict[str, float]:
+    """Size that each parameter's error may be a share of: its own, or its vector's length.
+
+    Args:
+        values: Parameters by name.
+    """
+    squares: dict[str, float] = {}
+    for name, value in values.items():
+        family = COMPONENT.sub("", name)
+        squares[family] = squares.get(family, 0.0) + float(value) ** 2
+    return {name: float(np.sqrt(squares[COMPONENT.sub("", name)])) for name in values}
 
 
 @dataclass(frozen=True)
@@ -77,7 +95,7 @@ class Widths:
         Args:
             effect, parameter: The effect's id, and the parameter's name.
             half: Half the width that the recordings alone leave open.
-            size: The parameter's value.
+            size: What the law's share is of (`sizes_of`).
         """
         share = 0.0 if parameter in PLACES else self.share.get(effect, self.common)
         return float(QUANTILE * np.hypot(self.factor * half / NORMAL_95, share * abs(size)))

@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext
-from ident.inference.calibration import Calibration, Widths
+from ident.inference.calibration import Calibration, Widths, sizes_of
 from ident.inference.components import ModelSums
 from ident.inference.features import FEATURE_WORDS, Described
 from ident.inference.infer import Inferred
@@ -103,10 +103,11 @@ def estimate(
     for one in described:
         given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
         free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
-        parameters = {
-            name: _both(one.group.effect.id, name, interval, free[name], calibration.widths)
-            for name, interval in given.items()
-        }
+        sizes = sizes_of({name: interval.value for name, interval in given.items()})
+        parameters = {}
+        for name, interval in given.items():
+            fit = Fit(one.group.effect.id, name, sizes[name], calibration.widths)
+            parameters[name] = _both(fit, interval, free[name])
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
@@ -165,26 +166,35 @@ def _parameters(
     return profile.parameters(session), coefficients[best], covariances[best]
 
 
-def _both(
-    effect: str, name: str, given: Interval, free: Interval, widths: Widths | None
-) -> Interval:
+@dataclass(frozen=True)
+class Fit:
+    """What the width of one parameter's interval is worked out from."""
+
+    effect: str  # id
+    parameter: str
+    size: float  # what the law's share is of
+    widths: Widths | None  # fitted numbers; None for intervals as the recordings alone have them
+
+
+def _both(fit: Fit, given: Interval, free: Interval) -> Interval:
     """An interval for the URDF as it is, with that of a URDF that may be off beside it."""
-    given = _wider(effect, name, given, widths)
-    free = _wider(effect, name, free, widths)
+    given = _wider(fit, given)
+    free = _wider(fit, free)
     low = min(given.low, free.low)
     high = max(given.high, free.high)
     return replace(given, low_with_urdf=low, high_with_urdf=high)
 
 
-def _wider(effect: str, name: str, interval: Interval, widths: Widths | None) -> Interval:
-    """An interval as wide as the corpus asks for; ends that are open stay, and none crosses zero
-    that did not.
+def _wider(fit: Fit, interval: Interval) -> Interval:
+    """An interval as wide as the corpus asks for.
+
+    Ends that are open stay, and none crosses zero that did not.
     """
-    if widths is None or not np.isfinite(interval.value) or interval.low == interval.high:
-        return interval
     value = interval.value
-    below = widths.half_width(effect, name, value - interval.low, value)
-    above = widths.half_width(effect, name, interval.high - value, value)
+    if fit.widths is None or not np.isfinite(value) or interval.low == interval.high:
+        return interval
+    below = fit.widths.half_width(fit.effect, fit.parameter, value - interval.low, fit.size)
+    above = fit.widths.half_width(fit.effect, fit.parameter, interval.high - value, fit.size)
     low = interval.low if interval.open in ("low", "both") else value - below
     high = interval.high if interval.open in ("high", "both") else value + above
     if interval.low >= 0.0:
