@@ -17,12 +17,13 @@ import numpy as np
 
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
-from ident.diagnosis.selection.search import Search
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
+from ident.inference.features import Scorers
+from ident.inference.search import SetSearch
 from ident.records import as_json
 from ident.regression.cross_validation import HeldOut
-from ident.regression.design import Group
+from ident.regression.design import Group, Key
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, project
 from ident.sessions import Given, inspect_sources
@@ -56,9 +57,10 @@ def examine(task: ExamineTask) -> str:
         record["seconds"] = time.perf_counter() - start
         record["diagnosis"] = diagnosis.to_dict()
         if analysis is not None:
-            prior, evidence = Prior.of(analysis.evidence, analysis.baseline.prior), analysis.evidence
+            evidence = analysis.conclusion.inference.best.model.sums.evidence
+            prior = Prior.of(evidence, analysis.baseline.prior)
             chosen = [_name(group, diagnosis.joints) for group in forward_by_bic(evidence, prior)]
-            record["heldout"] = measure_alone(analysis, prior)
+            record["heldout"] = measure_alone(analysis)
             record["rivals"] = {"bic_forward": chosen}
     except Exception as error:
         record["error"] = f"{type(error).__name__}: {error}"
@@ -78,31 +80,44 @@ def _name(group: Group, joints: Sequence[str]) -> tuple[str, str]:
     return group.effect.id, joints[group.joint] if group.effect.scope == "joint" else ""
 
 
-def measure_alone(analysis: Analysis, prior: Prior) -> dict[str, Any]:
+def measure_alone(analysis: Analysis) -> dict[str, Any]:
     """Held-out RMS of each joint [N m] in two views: `tuned`, and `fixed`, in which wrong inertias can't do the same.
 
     Returns:
         For each view the RMS with no name (`none`) and with those of the diagnosis (`named`); and in `alone`, for each
-        `effect:joint` (no joint for the whole arm), its view and the RMS with this name only, at its best
+        `effect:joint` (no joint for the whole arm), its view and the RMS with this name only, at its likeliest
         inner parameters.
     """
-    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
-    named = [item.group for item in analysis.search.accepted]
-    views = {"tuned": search.held_out, "fixed": search.fixed}
-    gram, alone = analysis.evidence.gram(), {}
-
-    def rms(held_out: HeldOut, groups: list[Group]) -> list[float]:
-        return [float(value) for value in held_out.score(groups).rms]
-
-    for view, held_out in views.items():
-        best = search.best_by_key(project(gram, analysis.evidence, held_out.prior))
-        ours = [pair for pair in best.values() if pair[1].effect.inertia_like == (view == "fixed") and pair[0] > 0.0]
-        for _, group in sorted(ours, key=lambda pair: -pair[0])[:MOST_ALONE]:
+    conclusion = analysis.conclusion
+    views = {"tuned": conclusion.scorers.tuned, "fixed": conclusion.scorers.fixed}
+    both = {view: {"none": _rms(scorer), "named": _rms(scorer, conclusion.groups)} for view, scorer in views.items()}
+    coarse = Scorers.of(conclusion.inference.best)
+    alone: dict[str, Any] = {}
+    for view, scorer in (("tuned", coarse.tuned), ("fixed", coarse.fixed)):
+        for group in _likeliest(conclusion.inference.best.search, view == "fixed")[:MOST_ALONE]:
             name = ":".join(_name(group, analysis.diagnosis.joints))
-            if name not in alone:
-                alone[name] = {"view": view, "rms": rms(held_out, [group])}
-    both = {view: {"none": rms(held_out, []), "named": rms(held_out, named)} for view, held_out in views.items()}
+            alone.setdefault(name, {"view": view, "rms": _rms(scorer, [group])})
     return {**both, "alone": alone}
+
+
+def _rms(scorer: HeldOut, groups: Sequence[Group] = ()) -> list[float]:
+    return [float(value) for value in scorer.score(groups).rms]
+
+
+def _likeliest(search: SetSearch, inertia_like: bool) -> list[Group]:
+    """Of each name that explains anything its likeliest point, the names of greatest evidence first.
+
+    Args:
+        search: All candidates.
+        inertia_like: Whether only those count that wrong inertias can imitate, or only the others.
+    """
+    gains = search.gains(())
+    best: dict[Key, Group] = {}
+    for k in np.argsort(-gains):
+        group = search.names.groups[k]
+        if gains[k] > 0.0 and group.effect.inertia_like == inertia_like:
+            best.setdefault(group.key, group)
+    return list(best.values())
 
 
 def forward_by_bic(evidence: Evidence, prior: Prior) -> list[Group]:

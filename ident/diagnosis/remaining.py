@@ -106,7 +106,8 @@ def measure_remaining(
         left = conclusion.joints.get(j)
         seen = probability[j] >= EVEN_ODDS
         share = left.share if left is not None and seen else 0.0
-        ceilings.append(measure_ceiling(steady, j, share, left.kind if left is not None and seen else None))
+        kind = left.kind if left is not None and seen else None
+        ceilings.append(measure_ceiling(steady, j, share, kind, settings.gap.ceiling))
     # Of a joint without a cause that has no name, whatever is left is noise.
     shown = np.array([ceiling.ratio for ceiling in ceilings]) * last
     noise = np.minimum(evidence.floor, last)

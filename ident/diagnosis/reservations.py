@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.selection.criteria import Evaluated, first_of_each_joint
-from ident.diagnosis.selection.name_probability import Estimate
+from ident.diagnosis.selection.estimates import Estimate
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval, SessionContext, impossible

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from math import ceil, exp, log, pi
+from math import ceil, log, pi
 from typing import Any
 
 from ident.diagnosis.result import Diagnosis
@@ -113,7 +113,6 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
     held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
     selection = held.but(
         least_nats=held.least_nats + nats,
-        inertial_odds=held.inertial_odds * exp(nats),
         event_nats=held.event_nats + nats,
     )
     return replace(settings, selection=selection)

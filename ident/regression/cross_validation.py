@@ -31,13 +31,6 @@ class HeldOutScore:
         """Root mean square over all folds, joint by joint [N m]."""
         return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
 
-    @property
-    def typical_rms(self) -> Float[Array, " n"]:
-        """Root of the median over the folds that have samples: one fold of a kind of its own doesn't move it [N m]."""
-        each = self.squares / np.maximum(self.weights, 1.0)
-        folds = [column[weight > 0] for column, weight in zip(each.T, self.weights.T, strict=True)]
-        return np.sqrt([float(np.median(fold)) if len(fold) else 0.0 for fold in folds])
-
     def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
         """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint without samples."""
         old = other.rms

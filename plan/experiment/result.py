@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder
+from ident.inference.calibration import load_calibration
 from ident.records import as_json
 from ident.results import Result
 from ident.trajectories.files import write_commands
@@ -29,14 +29,14 @@ ODDS, LARGEST_ODDS = 20.0, 1e9
 
 def odds_of(distance: float) -> float:
     """Odds of the right name against the wrong one that a distance lets expect: exp(T D)."""
-    return float(min(np.exp(min(USUAL_SELECTION.temper * distance, 700.0)), LARGEST_ODDS))
+    return float(min(np.exp(min(load_calibration().temper * distance, 700.0)), LARGEST_ODDS))
 
 
 def minutes_to_odds(distance: float, seconds: float) -> float | None:
     """Minutes until the odds are 20 : 1, at the rate of a motion of so many seconds; None if they never are."""
     if distance <= 1e-9:
         return None
-    return float(np.log(ODDS) / (USUAL_SELECTION.temper * distance) * seconds / 60.0)
+    return float(np.log(ODDS) / (load_calibration().temper * distance) * seconds / 60.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class Excitation(Result):
             "information_nats": {"proposed": self.information[0], "random": self.information[1]},
             "noise_Nm": dict(self.noise),
             "sources": dict(self.sources),
-            "temper": USUAL_SELECTION.temper,
+            "temper": load_calibration().temper,
             "evaluations": self.evaluations,
             "seconds": self.seconds,
             "seed": self.seed,

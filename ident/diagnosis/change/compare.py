@@ -29,8 +29,7 @@ from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, fin
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
 from ident.diagnosis.selection.criteria import SearchResults
-from ident.diagnosis.selection.name_probability import Estimate, estimate_effects
-from ident.diagnosis.selection.refine import Refined
+from ident.diagnosis.selection.estimates import Estimate, Refined, estimate_effects
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.motion.motion import Motion
@@ -120,7 +119,6 @@ def _search(
         evidence,
         design.prior,
         held_out,
-        0,
         frozenset(excluded),
         settings=settings,
         design=design,
@@ -139,7 +137,7 @@ def _find_changes(search: ChangeSearch) -> _Changes:
         found = _results(search, [one.group for one in tested])
         fine = Refined(search, tuple(item.group for item in found.accepted))
         wider = [one.significance.widening for one in tested]
-        raw = estimate_effects(search, fine, design.later_session, found.accepted, wider) if tested else []
+        raw = estimate_effects(fine, design.later_session, found.accepted, wider) if tested else []
         estimates = [_with_gain_uncertainty(*each, fine, design) for each in zip(raw, wider, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.accepted, estimates, strict=True))), design.session)
         if not refused:
@@ -168,7 +166,7 @@ def _results(search: ChangeSearch, names: Sequence[Group]) -> SearchResults:
     for slot in range(len(names)):
         item = search.evaluate_beside(gram, names, slot)
         found.append(replace(item, before=ladder[slot], after=ladder[slot + 1]))
-    return SearchResults(tuple(found), tuple(ladder), None)
+    return SearchResults(tuple(found), tuple(ladder))
 
 
 def _with_gain_uncertainty(estimate: Estimate, widening: float, fine: Refined, design: PairedDesign) -> Estimate:

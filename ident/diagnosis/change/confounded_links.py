@@ -21,7 +21,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.added_body import centre_of
 from ident.effects.base import Effect, SessionContext
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
@@ -30,7 +30,7 @@ from ident.regression.least_squares import project
 from ident.regression.run_spread import squares_left
 
 
-def find_confounded(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
+def find_confounded(search: Candidates, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
     """Effects that explain as much as a change, best first: the same one elsewhere, another at its joint, any body.
 
     Args:
@@ -62,7 +62,7 @@ def distinguished(difference: Float[Array, " B"]) -> bool:
 
 
 def place_bodies(
-    search: Search, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
+    search: Candidates, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
 ) -> tuple[Effect, ...]:
     """All changes that are tested, each body laid out about the place at which it alone explains most.
 

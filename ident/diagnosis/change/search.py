@@ -32,9 +32,8 @@ from ident.diagnosis.change.friction_drift import GAIN, DayToDay, day_to_day, is
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import NullVariance, joint_of
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.selection.name_probability import Estimate, solve_effects
-from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.candidates import Candidates
+from ident.diagnosis.selection.estimates import Estimate, Refined, solve_effects
 from ident.effects.intervals import NORMAL_95
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
@@ -108,7 +107,7 @@ class LaterHeldOut(HeldOut):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChangeSearch(Search):
+class ChangeSearch(Candidates):
     """Stepwise selection of changes."""
 
     design: PairedDesign  # both sets of runs

@@ -1,1 +1,1 @@
-"""Selection of effects: search, acceptance criteria, probabilities, estimates with intervals."""
+"""Candidate changes of an arm: evaluation beside a model, acceptance criteria, estimates with intervals."""

@@ -9,8 +9,8 @@ N the samples of its rows. Where the size of its coefficients is known beforehan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,24 +30,6 @@ from ident.regression.run_spread import squares_left
 LEAST_ACTIVE_SHARE = 1e-3
 
 
-class FineGridSums:
-    """Cache of the sums of accepted effects on finer grids; the sums of a set of effects serve its subsets as well.
-
-    Selection alternates with variance estimation, so that mostly the same effects come back.
-    """
-
-    def __init__(self) -> None:
-        self._groups: tuple[Group, ...] = ()
-        self._evidence: Evidence | None = None
-
-    def of(self, groups: Sequence[Group], gathered: Callable[[], Evidence]) -> Evidence:
-        """The sums of effects on finer grids; `gathered` computes them where the cached ones lack an effect."""
-        if self._evidence is None or not set(groups) <= set(self._groups):
-            self._groups, self._evidence = tuple(groups), None  # frees memory before the new sums are made
-            self._evidence = gathered()
-        return self._evidence
-
-
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """All candidate effects of a session at all points of their grids, and how they are evaluated."""
@@ -55,13 +37,8 @@ class Candidates:
     evidence: Evidence  # block sums of all columns
     prior: Prior  # prior of the inertias: the URDF's tolerance
     held_out: HeldOut  # cross-validation scores with that prior
-    seed: int = 0  # seed of random draws
     excluded: frozenset[Key] = frozenset()  # candidates that the search must not accept
-    implausible: frozenset[Key] = frozenset()  # excluded ones whose parameters no arm has
-    # Excluded ones that an accepted law includes: no second effect, but possibly the true one.
-    redundant: frozenset[Key] = frozenset()
     settings: SelectionSettings = USUAL_SELECTION  # thresholds of the criteria
-    fine_grid_sums: FineGridSums = field(default_factory=FineGridSums)  # cache of sums on finer grids
 
     def evaluate_beside(self, gram: Array, groups: Sequence[Group], slot: int) -> Evaluated:
         """Evaluates one of several effects beside all the others.
@@ -123,12 +100,6 @@ class Candidates:
         scale = self.evidence.scale[group.columns]
         return prior.cost(scaled / scale, scale[:, None] * known * scale)
 
-    @cached_property
-    def inertial_threshold(self) -> float:
-        """Least log evidence of an inertia-like effect whose size is known beforehand [nats]."""
-        kinds = {group.key for group in self.evidence.layout.groups if group.effect.inertia_like}
-        return float(np.log(self.settings.inertial_odds * len(kinds)))
-
     def _cost_of_column(self, group: Group) -> float:
         """Cost of one free coefficient by Schwarz's criterion, ½ log N [nats]."""
         return float(self._costs_of_rows[group.joint if group.effect.rows == "own" else -1])
@@ -169,15 +140,6 @@ class Candidates:
         ]
         return self._best_of(projection, groups, above)
 
-    def best_point(self, projection: Projection, key: Key) -> tuple[float, Group]:
-        """The best grid point of one effect at its joint, and its log evidence."""
-        return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key == key])[key]
-
-    def best_implausible(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
-        """The best grid points of the candidates that were excluded because no arm has such parameters."""
-        groups = [group for group in self.evidence.layout.groups if group.key in self.implausible]
-        return self._best_of(projection, groups)
-
     def _best_of(
         self, projection: Projection, groups: Sequence[Group], above: float = -np.inf
     ) -> dict[Key, tuple[float, Group]]:
@@ -204,10 +166,6 @@ class Candidates:
         seen, fast = (float(view.visibility(group.columns).max()) for view in (tuned, fixed))
         hidden = seen < self.settings.absorbed_below and fast > self.settings.absorbed_ratio * seen
         return group.effect.inertia_like and hidden
-
-    def is_hidden_by_tuning(self, projection: Projection, group: Group) -> bool:
-        """Whether the tuned baseline leaves less than a threshold share of an effect's power."""
-        return bool(projection.visibility(group.columns).max() < self.settings.absorbed_below)
 
     @cached_property
     def fixed(self) -> HeldOut:
@@ -280,7 +238,7 @@ class Candidates:
         gap = closed / _reducible(old, floor[joints])
         most = int(np.argmax(fall))
         settings = self.settings
-        # An absorbed effect with a prior of its size is tested later, the URDF's error free (`inertial_threshold`).
+        # The URDF's prior counts against an absorbed effect already, and so does that of its size.
         least = settings.least_nats if group.prior is None or not absorbed else settings.unlikely_nats
         return AcceptanceCriteria(
             log_score=scores[2].gain_over(scores[1], joints),
@@ -292,7 +250,6 @@ class Candidates:
             absorbed=absorbed,
             required_log_evidence=settings.event_nats if group.effect.event else least,
             event=group.effect.event,
-            tried=len(self._grid_cost),
             settings=settings,
         )
 

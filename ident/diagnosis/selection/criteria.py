@@ -42,7 +42,6 @@ class AcceptanceCriteria:
     absorbed: bool  # whether tuned inertias absorb it, so that held-out error does not show it
     required_log_evidence: float = USUAL_SELECTION.least_nats  # threshold of the log evidence [nats]
     event: bool = False  # whether the effect occurs once and not throughout
-    tried: int = 1  # number of effects of which it is the best
     settings: SelectionSettings = USUAL_SELECTION  # thresholds of the other criteria
 
     @property
@@ -56,14 +55,6 @@ class AcceptanceCriteria:
         predicts = any(gain > error for gain, error in (self.log_score, self.closed))
         large = self.rms_fall >= settings.least_rms_fall and self.gap_fall >= settings.least_gap_fall
         return self.initial_gap_share >= settings.least_own_share and (self.absorbed or (predicts and large))
-
-    @property
-    def exceeds_chance(self) -> bool:
-        """Whether the candidate is unlikely to be chance, even if it fails a criterion."""
-        settings = self.settings
-        nats = self.required_log_evidence if self.event else settings.unlikely_nats + float(np.log(self.tried))
-        predicts = self.log_score[0] > 0.0 and self.rms_fall >= settings.least_hint_fall
-        return self.passed or (self.log_evidence >= nats and predicts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +105,7 @@ def first_of_each_joint(items: Iterable[tuple[T, Collection[int]]]) -> list[T]:
 
 @dataclass(frozen=True, eq=False)
 class SearchResults:
-    """Accepted effects of a search, and the best candidate that was rejected."""
+    """Accepted effects of a search."""
 
     accepted: tuple[Evaluated, ...]  # in the order in which they were accepted
     ladder: tuple[HeldOutScore, ...]  # held-out scores of the baseline and after each accepted effect
-    best_rejected: Evaluated | None  # the best candidate that failed a criterion or lost to a rival
-
-    @property
-    def near_miss(self) -> Evaluated | None:
-        """The best rejected candidate if it is unlikely to be chance, else None."""
-        return self.best_rejected if self.best_rejected and self.best_rejected.criteria.exceeds_chance else None

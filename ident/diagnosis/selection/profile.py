@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.base import Interval, SessionContext
 from ident.regression.design import Group
 from ident.regression.least_squares import LEAST_POWER, Projection
@@ -84,7 +84,7 @@ class Profile:
         return found
 
 
-def profile(search: Search, projection: Projection, group: Group, inflation: float) -> Profile:
+def profile(search: Candidates, projection: Projection, group: Group, inflation: float) -> Profile:
     """The profile of an accepted effect beside the other effects.
 
     Args:

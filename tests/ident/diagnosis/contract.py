@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ident.inference.estimate import CLASS_ODDS
 from tests.schemas import check_record
 
 
@@ -25,6 +26,8 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
     for silent in record["not_testable"]:
         assert set(silent["joints"]) <= joints
         assert silent["reason"]
+    for doubt in record["reservations"]:
+        _check_reservation(doubt, joints)
     if record["gap"]:
         assert set(record["heldout"]["rms_before_Nm"]) == set(record["heldout"]["rms_after_Nm"]) == joints
         assert record["heldout"]["shrink"] is not None
@@ -55,13 +58,43 @@ def _check_finding(finding: dict[str, Any], joints: set[str]) -> None:
     odds = finding["rivals"]
     assert all(one > 0.0 for one in odds.values())
     assert finding["effect"] not in odds
-    nearest = sorted((name for name, one in odds.items() if one <= 10.0), key=odds.__getitem__)
+    nearest = sorted((name for name, one in odds.items() if one <= CLASS_ODDS), key=odds.__getitem__)
     assert finding["class"] == [finding["effect"], *nearest]
     assert set() < set(finding["joints"]) <= joints
-    assert 0.0 <= finding["probability"] <= 1.0
-    for value in finding["parameters"].values():
-        assert value["low"] <= value["value"] <= value["high"]
+    assert 0.0 <= finding["probability"] <= finding["class_probability"] <= 1.0
+    _check_reasons(finding["reasons"])
+    _check_parameters(finding["parameters"])
     held_out = finding["heldout"]
     assert set(held_out["rms_before_Nm"]) == set(held_out["rms_after_Nm"]) <= joints
     assert all(isinstance(held_out[f"energy_error_{when}_J"], float) for when in ("before", "after"))
     assert held_out["shrink"] <= 1.0
+
+
+def _check_reservation(doubt: dict[str, Any], joints: set[str]) -> None:
+    """Effects that were weighed have a probability below even odds, with reasons."""
+    assert set(doubt["joints"]) <= joints
+    assert doubt["reason"]
+    assert ("probability" in doubt) == ("reasons" in doubt)
+    if "probability" in doubt:
+        assert doubt["effect"] is not None
+        assert 0.0 <= doubt["probability"] < 0.5
+        _check_reasons(doubt["reasons"])
+    _check_parameters(doubt["parameters"])
+
+
+def _check_reasons(reasons: list[dict[str, Any]]) -> None:
+    """Reasons have words, and are in the order of their weight."""
+    weights = [one["weight"] for one in reasons]
+    assert weights == sorted(weights, reverse=True)
+    assert all(one["weight"] >= 0.0 for one in reasons)
+    assert all(one["what"] for one in reasons)
+
+
+def _check_parameters(parameters: dict[str, dict[str, Any]]) -> None:
+    """Intervals hold their values, and with the URDF's own error they are no narrower."""
+    for value in parameters.values():
+        assert value["low"] <= value["value"] <= value["high"]
+        assert ("low_with_urdf" in value) == ("high_with_urdf" in value)
+        if "low_with_urdf" in value:
+            assert value["low_with_urdf"] <= value["low"]
+            assert value["high"] <= value["high_with_urdf"]

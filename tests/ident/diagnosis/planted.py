@@ -7,13 +7,15 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.inference.features import evidence_of
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session
 from ident.regression.cross_validation import HeldOut
 from ident.regression.design import Group
+from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session
@@ -120,14 +122,21 @@ def _analyse(arm: ArmModel, plant: Plant, catalogue: tuple[Effect, ...]) -> Anal
     return diagnose(record(arm, plant), arm, catalogue, common_clock=False)
 
 
-def search_of(analysis: Analysis) -> Search:
-    """Its search before anything was named."""
-    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
-    return Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+def all_evidence(analysis: Analysis) -> Evidence:
+    """The sums of all candidates on their coarse grids."""
+    return evidence_of(analysis.conclusion.inference.best.model)
+
+
+def candidates_of(analysis: Analysis) -> Candidates:
+    """All its candidates, beside the URDF's usual tolerance."""
+    evidence = all_evidence(analysis)
+    prior = Prior.of(evidence, analysis.baseline.prior)
+    return Candidates(evidence, prior, HeldOut(evidence, prior))
 
 
 def named_groups(analysis: Analysis) -> list[Group]:
-    return [item.group for item in analysis.search.accepted]
+    """The names' columns on coarse grids, which `all_evidence` has."""
+    return [name.described.coarse for name in analysis.conclusion.names]
 
 
 def named(analysis: Analysis) -> set[tuple[str, str]]:

@@ -19,9 +19,8 @@ from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.risen_residual import find_risen
 from ident.diagnosis.change.search import ChangeSearch, measure_significance
 from ident.diagnosis.change.settings import CHANGE, PRIOR
-from ident.diagnosis.selection.name_probability import estimate_effects
-from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.candidates import Candidates
+from ident.diagnosis.selection.estimates import Refined, estimate_effects
 from ident.effects.added_body import PLACE
 from ident.effects.contact import ExternalContact, Push
 from ident.effects.rigid_body import LIKE_LINK
@@ -293,7 +292,7 @@ def test_what_runs_differ_by_widens_parameters_by_their_own_law(three_joints: Ar
     names = [groups["friction_change", 1], groups["torque_ripple", 2]]
     judged = [search.evaluate_beside(search.evidence.gram(), names, slot) for slot in range(2)]
     fine = Refined(search, tuple(names))
-    usual, wide = (estimate_effects(search, fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
+    usual, wide = (estimate_effects(fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
     one, three = (found[0].parameters["coulomb_change_Nm"] for found in (usual, wide))
     assert three.high - three.value == pytest.approx(3.0 * (one.high - one.value), rel=0.02)
     assert wide[1].parameters["amplitude_Nm"].low == pytest.approx(0.0, abs=0.01)
@@ -367,7 +366,7 @@ def test_a_body_is_laid_out_about_the_place_where_it_was_found(three_joints: Arm
     """There its second moments are its own, and it explains more than a link of that moment and its own density."""
     after = record(three_joints, with_bracket, range(10, 14))
     first = build_design(before, after, three_joints)
-    search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
+    search = Candidates(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
     loads = [one.variant.shape for one in first.sums.evidence.layout.groups if one.effect.id == "payload"]
     assert any(LIKE_LINK in shape for shape in loads)  # else how a load is spread would decide its name
     effects = place_bodies(search, (), first.session, first.effects)

@@ -8,30 +8,37 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.selection.name_probability import solve_effects
-from ident.diagnosis.selection.refine import Refined
+from ident.diagnosis.selection.estimates import Refined, solve_effects
+from ident.effects.catalogue import CATALOGUE
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
 from ident.regression import block_sums
 from ident.regression import rows as rows_module
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.cross_validation import HeldOut
-from ident.regression.design import LOSS_PARAMETERS, Layout
+from ident.regression.design import LOSS_PARAMETERS, Layout, build_layout
+from ident.regression.discrepancy import unusual_torque
+from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
 from ident.regression.least_squares import RIDGE, Prior, project
 from ident.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.regression.partition import build_partition
 from ident.regression.rows import Rows, compute_rows
+from ident.regression.runs import leftover_torque
 from ident.regression.spooled import SpooledArrays
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, gain_on_2, search_of
+from tests.ident.diagnosis.planted import all_evidence, analyse, candidates_of, gain_on_2
 
 
 @pytest.fixture(scope="module")
 def healthy(healthy: Analysis) -> Analysis:
     """The same with sums of rows in motion alone, without its holds."""
-    known = healthy.evidence
-    moving = gather(healthy.session, healthy.baseline, known.layout, known.whitening)
+    known = all_evidence(healthy)
+    session, rank = healthy.session, healthy.baseline.base.rank
+    unusual = unusual_torque(session, leftover_torque(session))
+    screened = [effect.screened(session, unusual) for effect in CATALOGUE]
+    layout = build_layout(session, rank, screened, beside=(HeldFriction(),))
+    moving = gather(session, healthy.baseline, layout, known.whitening)
     return replace(healthy, evidence=moving.with_run_spread(known.spread))
 
 
@@ -349,7 +356,7 @@ def test_a_law_in_the_model_keeps_its_signs(short_arm: ArmModel) -> None:
     """Law: friction by load that may push one way would be a wrong gain. Beside it, its coefficients not negative as
     no arm's are, a gain of 15 % keeps most of its evidence, and held-out runs speak for it.
     """
-    search = search_of(analyse(short_arm, gain_on_2))
+    search = candidates_of(analyse(short_arm, gain_on_2))
     at_2 = [group for group in search.evidence.layout.groups if group.joint == 1]
     (gain,) = (group for group in at_2 if group.effect.id == "torque_gain_error")
     gram = search.evidence.gram()
@@ -367,7 +374,7 @@ def test_friction_by_load_beside_a_gain_is_known_in_its_sum(short_arm: ArmModel)
     """Law: a gain adds to one way what it takes from the other: each alone is hardly known, their sum is, one of them
     at its bound or not.
     """
-    search = search_of(analyse(short_arm, gain_on_2))
+    search = candidates_of(analyse(short_arm, gain_on_2))
     at_2 = {group.effect.id: group for group in search.evidence.layout.groups if group.joint == 1}
     friction = next(
         group

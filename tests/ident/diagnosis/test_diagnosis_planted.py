@@ -10,12 +10,8 @@ from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.from_reports import caveat_of
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.selection.name_probability import Estimate
-from ident.diagnosis.settings import USUAL_VERDICT
-from ident.diagnosis.verdict import discount_by_discrepancy
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.recordings.recording import Payload, TelemetryIssue
-from ident.regression.posterior import Beside
 from ident.regression.settings import USUAL_REGRESSION
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.contract import check_places
@@ -27,10 +23,8 @@ from tests.ident.diagnosis.planted import (
     healthy_torque,
     load_friction_on_2,
     named,
-    named_groups,
     offset_on_1,
     record,
-    search_of,
     spring_on_3,
     stribeck_on_1,
 )
@@ -113,30 +107,6 @@ def test_a_part_that_explains_most_of_a_law_stands_in_its_class(short_arm: ArmMo
     assert shares["spring_torque"] > shares["torque_offset"] > 0.05
 
 
-def test_a_name_is_believed_by_what_it_adds_to_a_discrepancy(short_arm: ArmModel) -> None:
-    """Law: a law that adds more to the evidence than a flexible function could, and beside which that finds nothing, is
-    believed as far as its rivals let it; one that adds less, or beside which the function still finds much, less; what
-    it finds widens intervals, and the estimates stay.
-    """
-    (finding,) = analyse(short_arm, spring_on_3).diagnosis.findings
-
-    def seen(added: float, left: float = 0.0) -> Estimate:
-        law = Beside(gain=1000.0, left=left, instead=1000.0 + left - added)
-        return discount_by_discrepancy([finding.estimate], [law])[0]
-
-    whole, half = seen(1e5), seen(USUAL_VERDICT.trust_nats, 1000.0)
-    assert whole.probability == pytest.approx(finding.estimate.probability, abs=0.05)
-    assert half.probability == pytest.approx(0.5 * finding.estimate.probability, abs=0.05)
-    assert max(seen(2.0).probability, seen(1e5, 1000.0).probability) < whole.probability
-    told, wide = finding.estimate.parameters, seen(1e5, 1000.0).parameters
-    assert whole.parameters == told
-    for name, one in wide.items():
-        assert one.value == told[name].value
-        assert one.low <= told[name].low <= one.value <= told[name].high <= one.high
-        assert one.low * one.high > 0.0 or told[name].low * told[name].high <= 0.0
-    assert wide["stiffness_Nm_rad"].low < told["stiffness_Nm_rad"].low
-
-
 def test_an_effect_that_is_not_in_the_catalogue(short_arm: ArmModel) -> None:
     """Law: without springs in the catalogue no spring is named, the verdict is that nothing there explains the gap, and
     what is left at the joint is told as explainable by the state.
@@ -186,8 +156,6 @@ def test_gains_of_two_joints_are_found_together(short_arm: ArmModel, reads: floa
     found = {(one.effect, *one.joints): one.estimate.parameters["gain"] for one in analysis.diagnosis.findings}
     assert set(found) == {("torque_gain_error", joint) for joint in short_arm.joint_names[1:]}
     assert all(one.low < reads - 1.0 < one.high for one in found.values())
-    groups, search = named_groups(analysis), search_of(analysis)
-    assert search.model_log_evidence(groups) == pytest.approx(search.model_log_evidence(groups[::-1]))
 
 
 LOAD = Payload(1.2, (0.0, 0.05, 0.08))

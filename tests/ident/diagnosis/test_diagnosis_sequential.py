@@ -34,7 +34,7 @@ def test_all_looks_together_spend_the_error_once() -> None:
     spent = [spend(USUAL, 0.05, number).selection for number in range(1, 200)]
     chances = [exp(USUAL.selection.least_nats - one.least_nats) for one in spent]
     assert chances == pytest.approx(shares)
-    for name in ("event_nats", "least_nats", "inertial_odds"):
+    for name in ("event_nats", "least_nats"):
         assert all(getattr(later, name) > getattr(one, name) for one, later in pairwise(spent))
 
 

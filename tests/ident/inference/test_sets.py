@@ -1,0 +1,212 @@
+"""Sets of effects: their evidence, coefficients and covariances, and the search among them."""
+
+import numpy as np
+import pytest
+
+from ident.diagnosis.diagnose import Analysis
+from ident.inference.components import ModelSums
+from ident.inference.infer import Inferred
+from ident.inference.search import SetSearch, solve_set
+from ident.regression.design import Group
+
+
+def coarse_of(analysis: Analysis) -> Inferred:
+    return analysis.conclusion.inference.best
+
+
+def free_groups(search: SetSearch, count: int, seed: int = 0) -> list[Group]:
+    """Some candidates of different names, none of whose coefficients has a sign."""
+    rng = np.random.default_rng(seed)
+    free = [group for group in search.names.groups if not group.signed]
+    chosen: dict[object, Group] = {}
+    for k in rng.permutation(len(free)):
+        chosen.setdefault(free[k].key, free[k])
+    return list(chosen.values())[:count]
+
+
+def any_groups(search: SetSearch, count: int, seed: int) -> list[Group]:
+    """Some candidates of different names."""
+    rng = np.random.default_rng(seed)
+    chosen: dict[object, Group] = {}
+    for k in rng.permutation(len(search.names.groups)):
+        chosen.setdefault(search.names.groups[k].key, search.names.groups[k])
+    return list(chosen.values())[:count]
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_set_is_worth_what_the_whole_model_says(sprung: Analysis, count: int) -> None:
+    """Law: on the sums after the baseline a set has the evidence that it adds on the sums of all columns."""
+    reached = coarse_of(sprung)
+    chosen = free_groups(reached.search, count)
+    added = reached.model.log_evidence(chosen) - reached.model.log_evidence(())
+    assert reached.search.nats(chosen) == pytest.approx(added, rel=1e-6, abs=1e-4)
+
+
+def test_integrating_a_discrepancy_out_is_solving_with_its_columns(sprung: Analysis) -> None:
+    """Law: the log evidence is that of a model that has the discrepancy's columns with their variances as priors."""
+    reached = coarse_of(sprung)
+    joint, chosen = 1, free_groups(reached.search, 2)
+    layout = reached.model.sums.evidence.layout
+    blocks = layout.flexible[joint]
+    off = reached.model.with_discrepancy({j: np.zeros(len(blocks)) for j in range(layout.n)})
+    variances = np.full(len(blocks), 1e-2)
+    on = off.with_discrepancy({joint: variances})
+    smooth = layout.local[joint][layout.flexible_places[joint]]
+    own = np.full(len(smooth), variances[0])
+    inside, small = off.information(chosen, off.prior())
+    columns = np.concatenate([inside, smooth])
+    large = off.gram[np.ix_(columns, columns)].copy()
+    large[: len(inside), : len(inside)] = small
+    large[len(inside) :, len(inside) :] += np.diag(1.0 / own)
+
+    def nats_of(information: np.ndarray, at: np.ndarray) -> float:
+        target = off.gram[at, -1]
+        along = float(target @ np.linalg.solve(information, target))
+        return 0.5 * (along - float(np.linalg.slogdet(information)[1]))
+
+    expected = nats_of(large, columns) - nats_of(small, inside) - 0.5 * float(np.log(own).sum())
+    gained = on.log_evidence(chosen) - off.log_evidence(chosen)
+    assert gained == pytest.approx(expected, rel=1e-4, abs=1e-2)
+
+
+def test_variances_can_be_changed_at_one_joint_or_all_at_once(sprung: Analysis) -> None:
+    """Law: sums that were changed joint by joint are those that are made anew."""
+    model = coarse_of(sprung).model
+    layout = model.sums.evidence.layout
+    variances = np.full(len(layout.flexible[0]), 3e-3)
+    step = model
+    for joint in range(layout.n):
+        step = step.with_discrepancy({joint: variances})
+    anew = ModelSums(model.sums, model.names, model.baseline, step.components)
+    size = np.abs(anew.gram).max()
+    assert np.abs(step.gram - anew.gram).max() < 1e-9 * size
+    assert step.nats == pytest.approx(anew.nats)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_a_set_does_not_matter(sprung: Analysis, seed: int) -> None:
+    search = coarse_of(sprung).search
+    chosen = any_groups(search, 5, seed)
+    back = chosen[::-1]
+    assert search.nats(back) == pytest.approx(search.nats(chosen), rel=1e-9, abs=1e-6)
+    first, last = search.coefficients(chosen), search.coefficients(back)
+    for group in chosen:
+        size = np.abs(first[group]).max()
+        assert last[group] == pytest.approx(first[group], rel=1e-6, abs=1e-6 * size)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_gains_are_what_candidates_add(sprung: Analysis, count: int) -> None:
+    """Law: what all candidates add at once is what each adds when it is put in; what is in adds nothing."""
+    search = coarse_of(sprung).search
+    chosen = free_groups(search, count, seed=4)
+    gains, before = search.gains(chosen), search.nats(chosen)
+    keys = {group.key for group in chosen}
+    for k, group in enumerate(search.names.groups):
+        if group.key in keys:
+            assert gains[k] == -np.inf
+        elif k % 7 == 0 and not group.signed:
+            added = search.nats([*chosen, group]) - before
+            assert gains[k] == pytest.approx(added, rel=1e-5, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_search_never_ends_below_its_start(sprung: Analysis, seed: int) -> None:
+    """Law: adding, swapping and dropping never lower the evidence, wherever the search begins."""
+    search = coarse_of(sprung).search
+    start = any_groups(search, seed + 1, seed)
+    slimmer = search.without_idle(start)
+    ended = search.run(start)
+    assert search.nats(slimmer) >= search.nats(start)
+    assert search.nats(ended) >= search.nats(slimmer) - 1e-6
+
+
+def test_no_single_step_betters_what_a_search_ends_with(sprung: Analysis) -> None:
+    """Law: nothing that may be added gains, and nothing that is dropped leaves more."""
+    search = coarse_of(sprung).search
+    ended = search.run()
+    addition = search.best(ended)
+    assert addition is None or addition[0] <= 1e-6
+    for group in ended:
+        others = [other for other in ended if other is not group]
+        assert search.nats(others) < search.nats(ended)
+
+
+def test_a_search_from_a_wrong_name_ends_where_one_from_nothing_does(sprung: Analysis) -> None:
+    """Law: what does not stand goes from the start, what stands is found without it."""
+    search = coarse_of(sprung).search
+    wrong = next(group for group in search.names.groups if group.effect.id == "stribeck_friction" and group.joint == 0)
+    ends = [{group.key for group in search.run(start)} for start in ([], [wrong])]
+    assert ends[0] == ends[1]
+    assert ("spring_torque", 2, None) in ends[0]
+
+
+def test_covariances_are_those_of_the_whole_model(sprung: Analysis) -> None:
+    """Law: an effect's covariance is its block of the inverse of the information on all coefficients."""
+    reached = coarse_of(sprung)
+    chosen = free_groups(reached.search, 4, seed=2)
+    inside, information = reached.model.information(chosen, reached.model.prior())
+    inverse = np.linalg.inv(information)
+    scale = reached.model.sums.evidence.scale
+    for group in chosen:
+        at = np.flatnonzero(np.isin(inside, group.columns))
+        own = scale[group.columns]
+        expected = inverse[np.ix_(at, at)] / np.outer(own, own)
+        found = reached.search.covariance(chosen, group)
+        assert found == pytest.approx(expected, rel=1e-4, abs=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_coefficients_of_known_sign_are_never_negative(sprung: Analysis, seed: int) -> None:
+    search = coarse_of(sprung).search
+    signed = [group for group in search.names.groups if group.signed]
+    assert signed
+    rng = np.random.default_rng(seed)
+    chosen: dict[object, Group] = {}
+    for k in rng.permutation(len(signed)):
+        chosen.setdefault(signed[k].key, signed[k])
+    few = list(chosen.values())[:4]
+    for group, beta in search.coefficients(few).items():
+        bound = [k for k in group.signed if k < len(beta)]
+        assert np.all(beta[bound] >= 0.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bound_that_does_not_bind_is_worth_log_two(seed: int) -> None:
+    """Law: half a normal is twice as dense; estimates that are positive anyhow stay as they are."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((40, 3))
+    sums = columns.T @ columns
+    target = columns.T @ (columns @ [2.0, 3.0, -4.0])
+    deviation = np.full(3, 5.0)
+    free, at = solve_set(sums, target, deviation, np.zeros(3, dtype=bool))
+    bound, there = solve_set(sums, target, deviation, np.array([True, True, False]))
+    assert bound == pytest.approx(free + 2.0 * np.log(2.0))
+    assert there == pytest.approx(at)
+    held, gone = solve_set(sums, target, deviation, np.array([False, False, True]))
+    assert held < free
+    assert gone[2] == pytest.approx(0.0, abs=1e-9)
+    fewer, rest = solve_set(sums[:2, :2], target[:2], deviation[:2], np.zeros(2, dtype=bool))
+    assert gone[:2] == pytest.approx(rest)
+    assert held <= fewer + np.log(2.0) + 1e-9
+
+
+def test_beforehand_candidates_are_one_name_together(sprung: Analysis) -> None:
+    """Law: the prior odds of all effects, joints and points add up to one at most, and each effect has as much."""
+    names = coarse_of(sprung).model.names
+    whole: dict[str, float] = {}
+    for group in names.groups:
+        share = float(np.exp(names.log_odds[group])) * group.effect.screens
+        whole[group.effect.id] = whole.get(group.effect.id, 0.0) + share
+    assert sum(whole.values()) == pytest.approx(1.0)
+    assert max(whole.values()) == pytest.approx(min(whole.values()))
+    assert all(np.all(names.deviation[group] >= 0.0) for group in names.groups)
+
+
+def test_the_likeliest_of_what_was_reached_comes_first(sprung: Analysis) -> None:
+    reached = sprung.conclusion.inference.reached
+    evidence = [end.log_evidence for end in reached]
+    assert evidence == sorted(evidence, reverse=True)
+    for end in reached:
+        again = end.model.log_evidence(()) + end.search.nats(end.chosen)
+        assert end.log_evidence == pytest.approx(again)
