@@ -11,7 +11,7 @@ from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.masses import variants
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
-from ident.checks.filtered_run import filter_run
+from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -71,6 +71,7 @@ def _refined(search: Search, scored: Sequence[Scored]) -> list[Scored]:
     return refined
 
 
-def is_changed(found: Conventions) -> bool:
-    """Whether log or URDF is surely to be read otherwise than it says."""
-    return bool(found.best.hypothesis.changes) and found.gain > LIMIT.sure_gain
+def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
+    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least."""
+    sure = found.gain > LIMIT.sure_gain and found.best.explains >= least
+    return bool(found.best.hypothesis.changes) and sure

@@ -145,7 +145,10 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[tuple[H
     off = (np.abs(logs) > np.log(LIMIT.other_unit)) & (variance < LIMIT.scatter)
     if off.any():
         scales = tuple((int(j), float(np.exp(logs[j]))) for j in np.flatnonzero(off))
-        saved = float((READING.size_cost * np.log(sizes[off]) ** 2).sum())
+        free = np.exp(logs)
+        rest = reading.tau - free[:, None] * reading.rigid
+        then = np.log((rest**2).mean(axis=1) / np.maximum(reading.variance, 1e-300) + READING.floor)
+        saved = float((costs - then)[off].sum())
         yield replace(hypothesis, effort_scale=scales), LIMIT.scale_cost * len(scales) - saved, sizes
     body = end_body(reading)
     with_body, sizes_then = cost_at(reading, reading.rigid + reading.body @ body)
