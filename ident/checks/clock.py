@@ -215,6 +215,15 @@ def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
 
 
+def check_rate(session: Session) -> list[TelemetryIssue]:
+    """Tells what slow sampling leaves out."""
+    interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
+    if interval * LIMIT.slow_hz <= 1.0 + LIMIT.jitter:
+        return []
+    # The checks' filter passes a fifth of the rate.
+    return [issue_of("slow_sampling", session, rate=1.0 / interval, band=0.2 / interval, interval=1e3 * interval)]
+
+
 def is_clock_wrong(session: Session, arm: ArmModel) -> bool:
     """Whether inertia, of joints whose torque follows the model as it stands, says that the clock is wrong."""
     states = collect_states(session, arm)

@@ -14,6 +14,7 @@ from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     check_clock,
+    check_rate,
     is_clock_wrong,
     mend_clock_jumps,
     mend_jitter,
@@ -38,6 +39,7 @@ from ident.checks.effort_kind import (
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.report import TelemetryReport, as_mounted
+from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -159,7 +161,8 @@ def inspect_alone(
     session, arm, judged = reading.session, reading.arm, reading.judged
     issues += reading.issues
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
-    issues += told + check_clock(session, judged) + check_clipping(session) + check_commands(session)
+    issues += told + check_clock(session, judged) + check_rate(session)
+    issues += check_clipping(session) + check_commands(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
     issues += check_gains(session)
     if states is not None:

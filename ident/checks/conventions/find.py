@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,9 +65,10 @@ def _refined(search: Search, scored: Sequence[Scored]) -> list[Scored]:
     refined = []
     few = [one for one in scored if one.hypothesis == plain] + list(scored[: LIMIT.refined])
     for one in dict.fromkeys(few):
-        for hypothesis, more, sizes in variants(one.hypothesis, search.log, search.model):
-            values = tuple(float(size) for size in sizes)
-            refined.append(replace(one, hypothesis=hypothesis, cost=one.cost + more, sizes=values))
+        for variant in variants(one.hypothesis, search.log, search.model):
+            costs, sizes = tuple(variant.costs.tolist()), tuple(variant.sizes.tolist())
+            cost = one.cost + variant.more
+            refined.append(Scored(variant.hypothesis, cost, costs, sizes))
     return refined
 
 
