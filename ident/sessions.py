@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate, chain, pairwise
@@ -30,7 +31,9 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file, settings_of
 from ident.results import SessionStamp, StampLedger, known_series
 from ident.robot.arm import ArmModel
-from ident.robot.names import is_fetched
+from ident.robot.names import find_urdf, is_fetched, split_tip
+from ident.robot.urdf import arm_tips
+from ident.safe_read import read_text
 
 if TYPE_CHECKING:
     from ident.results import KnownSeries
@@ -90,7 +93,28 @@ def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
         raise RecordingError(where, "no robot is named", "give --robot, or robot = … in session.toml")
     if robot is None and is_fetched(named):
         raise RobotError(named, "a recording can't have it fetched by robot_descriptions", f"give --robot {named}")
-    return ArmModel.load(named)
+    return load_arm_of_log(named, sessions)
+
+
+def load_arm_of_log(named: str | Path, sessions: Sequence[Session]) -> ArmModel:
+    """A robot; of one with several arms the one whose joints the recordings name, where they name one alone.
+
+    Raises:
+        RobotError: It can't be used, or it has several arms and the names don't tell which.
+    """
+    try:
+        return ArmModel.load(named)
+    except RobotError as error:
+        path, (_, tip) = find_urdf(named), split_tip(named)
+        if tip or path.suffix == ".xacro" or not sessions or "not a serial chain" not in str(error):
+            raise
+        recorded = set(sessions[0].joints)
+        for end in arm_tips(read_text(path, "give a URDF file", RobotError)):
+            with suppress(RobotError):
+                arm = ArmModel.load(f"{named}:{end}")
+                if set(arm.joint_names) <= recorded:
+                    return arm
+        raise
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,10 +81,13 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
         if run.position_command is not None and moves.any():
             # How far the joint stays behind its command in nearly all samples in which it does not stand.
             usual_lag = float(np.quantile(np.abs(run.position_command - run.position)[moves, joint], LIMIT.lag_share))
+        others = np.delete(run.position, joint, axis=1)
         for first, last in long:
             stretch = slice(first, last + 1)
             jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
-            jumps = jump > max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad)
+            # While the whole arm stands, an encoder that stands is right: the arm starts again with a step.
+            arm_stands = others.shape[1] > 0 and float(np.ptp(others[stretch], axis=0).max()) < LIMIT.hidden_travel
+            jumps = jump > max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad) and not arm_stands
             frozen[stretch, joint] = jumps or _hidden_travel(run, joint, stretch, usual_lag) > LIMIT.hidden_travel
     return frozen
 

@@ -203,18 +203,40 @@ def check_clock(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     beyond = np.flatnonzero(excess > LIMIT.over_limit)
     if compare_velocities(session) is not None:
         return [issue_of("speed_limits", session, beyond, worst, excess=excess)] if len(beyond) else []
-    loaded = states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm)
-    ratios = [ratio for j in np.flatnonzero(loaded) if (ratio := _sure_ratio(states, int(j))) is not None]
-    ratio = float(np.median(ratios)) if ratios else 1.0
+    ratio = _inertia_ratio(states)
     if len(beyond):
         # A clock that makes all so much too fast makes the model's inertia too large by the square.
-        slower = ratio * float(excess.max()) ** 2
-        confirmed = bool(ratios) and abs(math.log(ratio)) < abs(math.log(slower))
+        slower = (ratio or 1.0) * float(excess.max()) ** 2
+        confirmed = ratio is not None and abs(math.log(ratio)) < abs(math.log(slower))
         key = "speed_limits" if confirmed else "clock_by_speed"
         return [issue_of(key, session, beyond, worst, excess=excess)]
-    if not ratios or LIMIT.inertia_low < ratio < LIMIT.inertia_high:
+    if ratio is None or LIMIT.inertia_low < ratio < LIMIT.inertia_high:
         return []
     return [issue_of("clock_by_inertia", session, ratio=ratio, stretch=math.sqrt(ratio))]
+
+
+def check_rate(session: Session) -> list[TelemetryIssue]:
+    """Tells what slow sampling leaves out."""
+    interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
+    if interval * LIMIT.slow_hz <= 1.0 + LIMIT.jitter:
+        return []
+    # The checks' filter passes a fifth of the rate.
+    return [issue_of("slow_sampling", session, rate=1.0 / interval, band=0.2 / interval, interval=1e3 * interval)]
+
+
+def is_clock_wrong(session: Session, arm: ArmModel) -> bool:
+    """Whether inertia, of joints whose torque follows the model as it stands, says that the clock is wrong."""
+    states = collect_states(session, arm)
+    if states is None or _inertia_ratio(states) is None:
+        return False
+    return any(issue.severity == "fatal" for issue in check_clock(session, arm))
+
+
+def _inertia_ratio(states: States) -> float | None:
+    """Inertial torque over the model's where gravity's is one, the median of the loaded joints that surely tell it."""
+    loaded = states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm)
+    ratios = [ratio for j in np.flatnonzero(loaded) if (ratio := _sure_ratio(states, int(j))) is not None]
+    return float(np.median(ratios)) if ratios else None
 
 
 def _sure_ratio(states: States, joint: int) -> float | None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from ident.arrays import least_squares
+from ident.arrays import Array, least_squares
 from ident.checks.angles import speed
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.filtered_run import EFFORT_KIND as LIMIT
@@ -148,9 +148,17 @@ def check_rating(session: Session, arm: ArmModel, states: States) -> list[Teleme
     for key, mask in (("rating", beyond & ~in_unit), ("effort_limits", beyond & in_unit)):
         if mask.any():
             worst = int(np.argmax(np.where(mask, factor, 0.0)))
-            names = ", ".join(joints_at(session, mask))
-            issues.append(issue_of(key, session, mask, worst, seen=seen, factor=factor, rated=rated, names=names))
+            whole = is_whole(session) if key == "rating" else np.zeros(arm.n, dtype=bool)
+            counts = f"; whole numbers at {', '.join(joints_at(session, whole))}: counts?" if whole.any() else ""
+            seen_there = {"seen": seen, "factor": factor, "rated": rated, "counts": counts}
+            issues.append(issue_of(key, session, mask | whole, worst, **seen_there))
     return issues
+
+
+def is_whole(session: Session) -> Array:
+    """Which joints' efforts are whole numbers that change: counts, or per mille of a rating."""
+    effort = np.concatenate([run.effort for run in session.runs])
+    return np.asarray((effort == np.round(effort)).all(axis=0) & (np.ptp(effort, axis=0) > 0.0))
 
 
 def has_own_size(states: States, joint: int) -> bool:

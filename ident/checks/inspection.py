@@ -15,6 +15,8 @@ from ident.checks.arrangement import check_bodies
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     check_clock,
+    check_rate,
+    is_clock_wrong,
     mend_clock_jumps,
     mend_jitter,
     mend_order,
@@ -23,7 +25,7 @@ from ident.checks.clock import (
     mend_velocity,
     split_at_gaps,
 )
-from ident.checks.conventions.reread import read_conventions
+from ident.checks.conventions.reread import as_it_is, read_conventions
 from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import (
     Gains,
@@ -38,6 +40,7 @@ from ident.checks.effort_kind import (
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.report import TelemetryReport, as_mounted
+from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.series import SearchedRun, Series
@@ -169,17 +172,24 @@ def inspect_alone(
     if not session.samples or arm is None:
         issues += [] if not session.samples else check_clipping(session) + check_commands(session)
         return TelemetryReport(session, tuple(issues), arm)
-    reading = read_conventions(session, arm)
+    # Inertia is part of every torque: where the clock is wrong, nothing else can be read.
+    reading = (
+        as_it_is(session, arm) if is_clock_wrong(session, arm) else read_conventions(session, arm, settings.effort)
+    )
     session, arm, judged = reading.session, reading.arm, reading.judged
     issues += reading.issues
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
-    issues += told + check_clock(session, judged) + check_clipping(session) + check_commands(session)
+    issues += told + check_clock(session, judged) + check_rate(session)
+    issues += check_clipping(session) + check_commands(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
         torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
-        torque += check_placeholders(session, arm) + check_rating(session, judged, states)
+        torque += check_placeholders(session, arm)
+        # A torque that is off at all joints by one factor is told once.
+        in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
+        torque += check_rating(session, judged, states) if in_model_unit else []
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, judged, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
@@ -187,7 +187,7 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         what = f"no columns are named as torque or current of the {count} joints"
         remedy = f"name them in [columns] of session.toml yourself; there are: {listed(names)}"
         raise RecordingError(table.source, what, remedy)
-    wanted, joints, why = _joints(position, arm, count)
+    wanted, joints, why = _joints(position, arm, count, table.texts)
     columns = {}
     for channel, family in chosen.items():  # in the order of the position's joints, where the labels are the same
         own = dict(zip(family.labels, family.columns, strict=True))
@@ -219,8 +219,28 @@ def _choose(families: list[ColumnFamily], channel: str, arm: ArmModel | None, le
     return own[0] if own else None
 
 
-def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+def named_in_rows(labels: Sequence[str], texts: Mapping[str, str]) -> dict[str, str]:
+    """Joint's name by its label, where rows hold the names: `name0` beside `position0`; empty where they don't."""
+    found: dict[str, dict[str, str]] = defaultdict(dict)
+    for column, text in texts.items():
+        for template, label in _readings(column, {}):
+            found[template][label] = text
+    for by_label in found.values():
+        names = [by_label.get(label, "") for label in labels]
+        if all(names) and len(set(names)) == len(names):
+            return dict(zip(labels, names, strict=True))
+    return {}
+
+
+def _joints(
+    position: ColumnFamily, arm: ArmModel | None, count: int, texts: Mapping[str, str]
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
     """Labels of the joints that are taken, what they are called, and why."""
+    said = named_in_rows(position.labels, texts)
+    kept = [label for label, name in said.items() if arm is None or name in arm.joint_names]
+    if kept:
+        names = tuple(said[label] for label in kept)
+        return tuple(kept), names, f"the rows name them: {', '.join(said[label] for label in kept)}"
     labels, numbered = position.labels[:count], all(label.isdecimal() for label in position.labels)
     if arm is None:
         names = tuple(f"joint_{i + 1}" for i in range(count)) if numbered else labels

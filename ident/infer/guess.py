@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.recordings.lerobot import longest_episode
-from ident.recordings.load import is_dataset, open_run
+from ident.recordings.load import TEXTS, is_dataset, open_run
 from ident.recordings.recording import Recording
+from ident.recordings.text import constant_texts
 from ident.records import Record
 
 
@@ -24,6 +25,8 @@ class ForeignTable:
     columns: dict[str, Float[Array, " T"]]
     has_names: bool = True  # whether the file names its columns
     rate_hz: float | None = None  # rate that the file states [Hz], or None
+    # Columns that hold one and the same text: joints' names, in dumps of messages.
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_foreign(path: Path) -> ForeignTable:
@@ -41,7 +44,8 @@ def read_foreign(path: Path) -> ForeignTable:
     lengths = [len(values) for values in columns.values()]
     usual = max(set(lengths), key=lengths.count, default=0)
     kept = {name: one for name, one in columns.items() if len(one) == usual and np.isfinite(one).any()}
-    return ForeignTable(path, kept, has_names, rate)
+    texts = constant_texts(path) if path.suffix.lower() in TEXTS and path.is_file() else {}
+    return ForeignTable(path, kept, has_names, rate, texts)
 
 
 @dataclass(frozen=True)

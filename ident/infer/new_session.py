@@ -25,10 +25,9 @@ from ident.infer.units import (
     GAINS,
     angle_unit,
     check_velocity,
-    joint_order,
     sample_rate,
+    search_columns,
     slide_scales,
-    states_of,
     time_unit,
     torque_settings,
 )
@@ -169,14 +168,15 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     signals, velocity, refused = check_velocity(signals)
     reasons = [*signals.reasons, clock, rate_reason, turn, *sliding, velocity]
     nominal = next((name for name in MEASURED if name in signals.tables), "")
-    joints, channel, settings = signals.joints, nominal, dict[str, Any]()
+    joints = torques = signals.joints
+    channel, settings = nominal, dict[str, Any]()
     if arm is not None and nominal:
-        joints, order = joint_order(signals, arm)
+        read = search_columns(signals, arm)
+        joints, torques = read.joints, read.torques
         known = tuple(name for name in arm.joint_names if name in joints)
-        states = states_of(signals, arm, joints)
-        channel, found, seen = torque_settings(signals, arm, states, known, nominal)
-        settings |= found
-        reasons += [order, *seen]
+        channel, found, seen = torque_settings(signals, arm, read.states, known, nominal)
+        settings |= read.settings | found
+        reasons += [*read.reasons, *seen]
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
         reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
@@ -186,8 +186,8 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     settings |= {"slide_scale": slides} if slides else {}
     columns = {} if signals.clock is None else {signals.clock: TIME}
     for name, own in signals.columns.items():
-        native = channel if name == nominal else name
-        columns.update({column: f"{joint}/{native}" for column, joint in zip(own, joints, strict=True)})
+        native, names = (channel, torques) if name == nominal else (name, joints)
+        columns.update({column: f"{joint}/{native}" for column, joint in zip(own, names, strict=True)})
     left = [] if refused is None else [f"velocity {refused}"]
     left += [] if nominal else ["no torque or current: a session for `ident servo` alone"]
     unused = [name for name in table.columns if name not in columns]

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ident.checks.arrangement import hang_by_current
+from ident.checks.conventions.find import find_conventions, is_changed
+from ident.checks.conventions.reread import describe, in_words, reread
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.effort_kind import fit_scale
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
-from ident.infer.columns import follow, words_of
+from ident.infer.columns import words_of
 from ident.infer.guess import Reason, Signals
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import ANGLE_UNITS, TIME_UNITS
@@ -122,18 +125,49 @@ def states_of(signals: Signals, arm: ArmModel, joints: Sequence[str]) -> States 
     return collect_states(Session("guess", (run.select(present),)), arm.keeping(run.joints))
 
 
-def joint_order(signals: Signals, arm: ArmModel) -> tuple[tuple[str, ...], Reason | None]:
-    """The robot's order or the alphabetical one, in which ROS drivers publish: whichever explains the torque."""
-    orders = [signals.joints, tuple(sorted(signals.joints))]
-    if orders[0] == orders[1] or set(signals.joints) != set(arm.joint_names):
-        return signals.joints, None
-    shares = []
-    for order in orders:
-        states = states_of(signals, arm, order)
-        shares.append(0.0 if states is None else follow(states)[0])
-    seen = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
-    best = orders[1] if shares[1] > shares[0] + LIMIT.clearly_more else orders[0]
-    return best, Reason("joints", ", ".join(best), seen)
+class Reread(NamedTuple):
+    """How columns are to be read beside their names, and why."""
+
+    joints: tuple[str, ...]  # of the position's columns and all others but the torque's
+    torques: tuple[str, ...]  # of the torque's columns
+    settings: dict[str, Any]  # tables of session.toml
+    states: States | None  # the motion and torque so read
+    reasons: list[Reason]
+
+
+def search_columns(signals: Signals, arm: ArmModel) -> Reread:
+    """Order, directions, zeros and units of the columns by the search of all conventions (`ident.checks.conventions`).
+
+    Signs and gains of the torque are asked for after it.
+    """
+    same = Reread(signals.joints, signals.joints, {}, states_of(signals, arm, signals.joints), [])
+    run = signals.run(signals.tables["effort" if "effort" in signals.tables else "current"])
+    present = [name for name in arm.joint_names if name in run.joints]
+    if not present:
+        return same
+    session, own = Session("guess", (run.select(present),)), arm.keeping(run.joints)
+    found = find_conventions(session, own)
+    if found is None or not is_changed(found):
+        return same
+    hypothesis = replace(found.best.hypothesis, effort_sign=(1,) * own.n)
+    others = [found.as_it_is] if found.second is None else [found.second, found.as_it_is]
+    named = dict.fromkeys(in_words(scored, session.joints) for scored in (found.best, *others))
+    why = "; else ".join(named)
+    known = describe(hypothesis, session.joints)
+    settings = {key: known[key] for key in ("direction", "zero_rad", "unit", "gravity_mps2") if key in known}
+    joints = _moved(signals.joints, present, hypothesis.order)
+    torques = _moved(signals.joints, present, hypothesis.effort_order)
+    reasons = [Reason(key, json.dumps(value), why) for key, value in settings.items()]
+    if joints != signals.joints or torques != signals.joints:
+        reasons.append(Reason("joints", ", ".join(joints), why))
+    turned = own if isinstance(hypothesis.gravity, str) else own.with_gravity(np.array(hypothesis.gravity))
+    return Reread(joints, torques, settings, collect_states(reread(session, hypothesis), turned), reasons)
+
+
+def _moved(joints: tuple[str, ...], present: Sequence[str], order: Sequence[int]) -> tuple[str, ...]:
+    """The joints' names, of which those that are the robot's stand where a hypothesis has them."""
+    renamed = {present[column]: present[j] for j, column in enumerate(order)}
+    return tuple(renamed.get(name, name) for name in joints)
 
 
 def torque_settings(

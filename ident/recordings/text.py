@@ -248,6 +248,24 @@ def open_text(path: Path) -> NamedColumns:
     return NamedColumns(layout.names, lambda chosen: _read(path, layout, chosen), numbers)
 
 
+def constant_texts(path: Path) -> dict[str, str]:
+    """The text of each column that holds one and the same in all of the first rows, such as a joint's name.
+
+    Raises:
+        RecordingError: The file is empty.
+    """
+    layout = sniff(path)
+    with path.open("rb") as stream:
+        head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
+    rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
+    found = {}
+    for i, name in enumerate(layout.names):
+        cells = {row[i] for row in rows if row[i]}
+        if len(cells) == 1 and not is_number(text := cells.pop()):
+            found[name] = text
+    return found
+
+
 def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
         return {}, ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ident.checks.conventions.hypothesis import Hypothesis
 from ident.checks.conventions.masses import variants
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.conventions.search import LIMIT, Scored, Search
-from ident.checks.filtered_run import filter_run
+from ident.checks.filtered_run import USUAL_EFFORT, filter_run
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 
@@ -65,12 +65,14 @@ def _refined(search: Search, scored: Sequence[Scored]) -> list[Scored]:
     refined = []
     few = [one for one in scored if one.hypothesis == plain] + list(scored[: LIMIT.refined])
     for one in dict.fromkeys(few):
-        for hypothesis, more, sizes in variants(one.hypothesis, search.log, search.model):
-            values = tuple(float(size) for size in sizes)
-            refined.append(replace(one, hypothesis=hypothesis, cost=one.cost + more, sizes=values))
+        for variant in variants(one.hypothesis, search.log, search.model):
+            costs, sizes = tuple(variant.costs.tolist()), tuple(variant.sizes.tolist())
+            cost = one.cost + variant.more
+            refined.append(Scored(variant.hypothesis, cost, costs, sizes))
     return refined
 
 
-def is_changed(found: Conventions) -> bool:
-    """Whether log or URDF is surely to be read otherwise than it says."""
-    return bool(found.best.hypothesis.changes) and found.gain > LIMIT.sure_gain
+def is_changed(found: Conventions, least: float = USUAL_EFFORT.sign_explains) -> bool:
+    """Whether log or URDF is surely to be read otherwise than it says: then what is read explains so much at least."""
+    sure = found.gain > LIMIT.sure_gain and found.best.explains >= least
+    return bool(found.best.hypothesis.changes) and sure

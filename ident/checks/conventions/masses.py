@@ -133,22 +133,35 @@ def end_body(reading: Reading) -> Float[Array, " 4"]:
     return np.asarray(found)
 
 
-def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[tuple[Hypothesis, float, Float[Array, " n"]]]:
-    """A hypothesis and what may be beside it: each with what it costs more or less, and the joints' sizes."""
+class Variant(NamedTuple):
+    """A reading with what may be said of the masses beside it."""
+
+    hypothesis: Hypothesis
+    more: float  # what it costs more, or less, than the reading alone [nats]
+    costs: Float[Array, " n"]  # of each joint
+    sizes: Float[Array, " n"]  # of each joint's torque over the model's
+
+
+def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant]:
+    """A reading alone; with one factor of all masses; with other units of single efforts; with a body at the end."""
     reading = read_as(log, model, hypothesis)
     costs, sizes = cost_at(reading, reading.rigid)
-    yield hypothesis, 0.0, sizes
+    yield Variant(hypothesis, 0.0, costs, sizes)
     factor, gain = common_factor(reading)
     if abs(np.log(factor)) > np.log(LIMIT.usual_factor) and hypothesis.mass_factor == 1.0:
-        yield replace(hypothesis, mass_factor=factor), LIMIT.factor_cost - gain, sizes
+        at_factor, sizes_then = cost_at(reading, factor * reading.rigid)
+        yield Variant(replace(hypothesis, mass_factor=factor), LIMIT.factor_cost - gain, at_factor, sizes_then)
     logs, variance = free_sizes(reading)
     off = (np.abs(logs) > np.log(LIMIT.other_unit)) & (variance < LIMIT.scatter)
     if off.any():
+        rest = reading.tau - np.exp(logs)[:, None] * reading.rigid
+        free = np.log((rest**2).mean(axis=1) / np.maximum(reading.variance, 1e-300) + READING.floor)
+        at_scale = np.where(off, free, costs)
         scales = tuple((int(j), float(np.exp(logs[j]))) for j in np.flatnonzero(off))
-        saved = float((READING.size_cost * np.log(sizes[off]) ** 2).sum())
-        yield replace(hypothesis, effort_scale=scales), LIMIT.scale_cost * len(scales) - saved, sizes
+        more = LIMIT.scale_cost * len(scales) + float((at_scale - costs).sum())
+        yield Variant(replace(hypothesis, effort_scale=scales), more, at_scale, sizes)
     body = end_body(reading)
     with_body, sizes_then = cost_at(reading, reading.rigid + reading.body @ body)
-    gain = float((costs - with_body).sum())
     mass, *moment = (float(value) for value in body)
-    yield replace(hypothesis, body=(mass, *moment)), LIMIT.body_cost - gain, sizes_then
+    more = LIMIT.body_cost + float((with_body - costs).sum())
+    yield Variant(replace(hypothesis, body=(mass, *moment)), more, with_body, sizes_then)

@@ -55,7 +55,7 @@ class Sums(NamedTuple):
     friction: Float[Array, "k n 3 m"]  # coefficient of Coulomb and viscous friction and of the rotor, by column
     spread: Float[Array, "k n 3"]  # variance of each coefficient for a residual of variance one
     variance: Float[Array, " n"]  # of each column of effort
-    beyond: Float[Array, " k"]  # joints out of their limits
+    beyond: Float[Array, " k"]  # joints out of their limits, or of which another unit leaves no motion
 
 
 class Model:
@@ -106,7 +106,9 @@ def read(log: Log, model: Model, readings: Sequence[Hypothesis]) -> Sums:
     coefficients = inverse @ cross
     left = rest - cross.transpose(0, 1, 3, 2) @ coefficients
     spread = np.diagonal(inverse, axis1=-2, axis2=-1)[..., :3]
-    return Sums(left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q))
+    has_unit = np.array([[unit != "" for unit in reading.unit] for reading in readings])
+    still = (has_unit & (np.ptp(q, axis=1) < LIMIT.least_travel)).sum(axis=1)
+    return Sums(left, coefficients[..., :3, :], spread, log.tau.var(axis=0), model.beyond_limits(q) + still)
 
 
 def unexplained(

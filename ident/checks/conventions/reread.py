@@ -12,9 +12,9 @@ from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, QUARTER, UNITS, Hypothesis
-from ident.checks.conventions.search import Scored
+from ident.checks.conventions.search import MASSES, Scored
 from ident.checks.effort import collect_states
-from ident.checks.filtered_run import compare_velocities
+from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -127,13 +127,24 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         severity: Severity = "warning" if low < factor < high else "fatal"
         weight = float(arm.inertial_parameters[::10].sum())
         figures = {"factor": factor, "weight": weight, "right": factor * weight}
-        issues.append(issue_of("mass_factor", session, joints, severity=severity, **figures, **seen))
+        key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
+        issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
     if "body" in known:
         key = "body_lacks" if best.body is not None and best.body[0] > 0.0 else "body_too_much"
         mass, *moment = best.body or (0.0, 0.0, 0.0, 0.0)
         centre = ", ".join(f"{value / mass:.2f}" for value in moment) if mass else ""
         issues.append(issue_of(key, session, joints[-1:], mass=abs(mass), centre=centre, link=arm.links[-1], **seen))
     return issues
+
+
+def weighs_better(arm: ArmModel, factor: float) -> bool:
+    """Whether an arm of its length weighs rather what it would with its masses multiplied than what its URDF says."""
+    steps = [float(np.linalg.norm(placement.translation)) for placement in list(arm.model.jointPlacements)[2:]]
+    last = arm.inertial_parameters[-10:-6]
+    reach = sum(steps) + float(np.linalg.norm(last[1:])) / max(float(last[0]), 1e-9)
+    usual = MASSES.usual_density * max(reach, 1e-3) ** 3
+    weight = float(arm.inertial_parameters[::10].sum())
+    return bool(abs(np.log(factor * weight / usual)) < abs(np.log(weight / usual)))
 
 
 def _columns_in_words(known: dict[str, Any]) -> str:
@@ -181,7 +192,12 @@ class Reading:
     conventions: tuple[dict[str, Any], ...]  # for JSON, the best two
 
 
-def read_conventions(session: Session, arm: ArmModel) -> Reading:
+def as_it_is(session: Session, arm: ArmModel) -> Reading:
+    """A session read as it says."""
+    return Reading(session, arm, arm, [], False, ())
+
+
+def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> Reading:
     """Searches a session's conventions, tells what they are, and reads it so.
 
     Gravity that session.toml states stands; so does what it says of the effort.
@@ -189,10 +205,10 @@ def read_conventions(session: Session, arm: ArmModel) -> Reading:
     stated_kind = session.effort_kind is not None
     found = find_conventions(session, arm) if session.effort_kind != "gravity_compensated" else None
     if found is None:
-        return Reading(session, arm, arm, [], False, ())
+        return as_it_is(session, arm)
     kept = tuple(each for each in (found.best, found.second) if each is not None)
     record = tuple({"hypothesis": describe(s.hypothesis, session.joints), "explains": s.explains} for s in kept)
-    if not is_changed(found):
+    if not is_changed(found, settings.sign_explains):
         return Reading(session, arm, arm, [], False, record)
     hypothesis = found.best.hypothesis
     reread_session = reread(session, hypothesis)

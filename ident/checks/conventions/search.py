@@ -164,7 +164,8 @@ class Search:
     def unlikely(self, hypothesis: Hypothesis) -> float:
         """What the changes of a hypothesis cost together."""
         names = [name.partition(" ")[0] for name in hypothesis.changes]
-        cost = LIMIT.change_cost * sum(name in ("direction", "zero", "unit", "gravity") for name in names)
+        cost = LIMIT.change_cost * sum(name in ("direction", "zero", "gravity") for name in names)
+        cost += LIMIT.unit_cost * names.count("unit")
         cost += LIMIT.sign_cost * names.count("effort_sign")
         cost += MASSES.factor_cost * names.count("mass_factor")
         moved = sum(column != j for j, column in enumerate(hypothesis.order))
@@ -184,12 +185,20 @@ class Search:
             order = list(reading.order)
             order[i], order[j] = order[j], order[i]
             yield replace(reading, order=tuple(order))
+        for columns in self._usual_orders():
+            yield replace(reading, order=columns)
         for unit in (*UNITS, ""):
             yield replace(reading, unit=(unit,) * self.n)
         for j in turning:
             for unit in ("deg", ""):
                 if unit != reading.unit[j]:
                     yield reading.with_entry("unit", int(j), unit)
+
+    def _usual_orders(self) -> list[tuple[int, ...]]:
+        """Orders in which logs have all columns otherwise: alphabetical, and from the tip on."""
+        names = self.model.arm.joint_names
+        alphabetical = tuple(sorted(names).index(name) for name in names)
+        return [alphabetical, tuple(reversed(range(self.n)))]
 
     def run(self) -> list[Scored]:
         """All readings that were scored, the likeliest first."""
@@ -201,9 +210,11 @@ class Search:
             for scored in kept:
                 motions += self.neighbours(_bare(scored.hypothesis, self.n))
             fresh = self.score(motions)
-            best = min((one.cost for one in every), default=np.inf)
+            best = min(every, key=lambda scored: scored.cost)
             every = sorted([*every, *fresh], key=lambda scored: scored.cost)
-            if not fresh or min(one.cost for one in fresh) > best + LIMIT.patience:
+            # Where much is left, two changes may help only together.
+            patience = 0.0 if best.explains > LIMIT.well_explained else LIMIT.patience
+            if not fresh or min(one.cost for one in fresh) > best.cost + patience:
                 break
             kept = _apart(every)[: LIMIT.beam]
         return every

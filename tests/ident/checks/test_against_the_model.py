@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ident.api.inspecting import inspect as inspect_files
-from ident.checks.arrangement import check_bodies, mend_mount
+from ident.checks.arrangement import check_bodies
+from ident.checks.conventions.reread import read_conventions
 from ident.checks.effort import collect_states
 from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone as found
@@ -19,7 +20,7 @@ from ident.errors import RecordingError
 from ident.fitting.fit import fit_hybrid
 from ident.model.hybrid import HybridModel
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.robot.chain import compute_joint_poses
@@ -49,6 +50,12 @@ def changed(session: Session, channel: str, change: object) -> Session:
     return session.replace(runs=[run.replace(**{channel: change(getattr(run, channel))}) for run in session.runs])
 
 
+def mounted(session: Session, arm: ArmModel) -> tuple[ArmModel, list[TelemetryIssue]]:
+    """The arm as the search finds it mounted, and what is told of that."""
+    reading = read_conventions(session, arm)
+    return reading.arm, [issue for issue in reading.issues if issue.issue == "mounting"]
+
+
 def angle_between(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.degrees(np.arccos(one @ other / np.linalg.norm(one) / np.linalg.norm(other))))
 
@@ -59,7 +66,8 @@ def require_mounts(session: Session, arm: ArmModel) -> None:
     assert not as_it_is.find("mounting")
     for turn in Rotation.random(30, random_state=np.random.RandomState(7)):
         report = found(session, arm.with_gravity(turn.apply(GRAVITY)))
-        assert {issue.issue for issue in report.fatal} <= {issue.issue for issue in as_it_is.fatal}
+        # A mount is proposed, and nothing else is refused for it.
+        assert {issue.issue for issue in report.fatal} <= {issue.issue for issue in as_it_is.fatal} | {"mounting"}
         # A tilt below 20° as it is measured is for a diagnosis to find.
         assert report.find("mounting") or angle_between(turn.apply(GRAVITY), GRAVITY) < 23.0
         for issue in report.find("mounting"):
@@ -69,9 +77,10 @@ def require_mounts(session: Session, arm: ArmModel) -> None:
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 @pytest.mark.parametrize("degrees", [6.0, 14.0, 24.0, 80.0])
-def test_no_turn_of_the_base_is_refused(degrees: float, axis: str, session: Session, arm: ArmModel) -> None:
+def test_no_turn_of_the_base_is_refused_as_anything_else(degrees: float, axis: str, session: Session, arm: ArmModel) -> None:
     """Joint 1 of an upright arm then has a gravity torque in the model, and none in its recording."""
-    assert found(session, arm.with_gravity(Rotation.from_euler(axis, degrees, degrees=True).apply(GRAVITY))).is_fit
+    report = found(session, arm.with_gravity(Rotation.from_euler(axis, degrees, degrees=True).apply(GRAVITY)))
+    assert {issue.issue for issue in report.fatal} <= ({"mounting"} if degrees > 20.0 else set())
 
 
 def test_a_mount_is_read_from_joints_that_move(session: Session, arm: ArmModel) -> None:
@@ -80,7 +89,7 @@ def test_a_mount_is_read_from_joints_that_move(session: Session, arm: ArmModel) 
     still = run.replace(name="still", position=run.position[::-1], velocity=np.zeros_like(run.position))
     held = np.arange(len(run)) // 200 * 200
     still = still.replace(position=still.position[held], effort=run.effort[held] + 15.0 * np.sign(run.position[held]))
-    turned, issues = mend_mount(session.replace(runs=[*session.runs, still]), arm.with_gravity([9.81, 0.0, 0.0]))
+    turned, issues = mounted(session.replace(runs=[*session.runs, still]), arm.with_gravity([9.81, 0.0, 0.0]))
     assert issues
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 3.0
 
@@ -94,7 +103,7 @@ def test_a_rotor_bends_no_scale() -> None:
     states = collect_states(made, arm)
     heavy = map(int, np.flatnonzero(states.heavy))
     assert [fit_scale(states, joint)[0] for joint in heavy] == pytest.approx([1.0] * int(states.heavy.sum()), abs=0.03)
-    turned, _ = mend_mount(made, arm.with_gravity(np.array([9.81, 0.0, 0.0])))
+    turned, _ = mounted(made, arm.with_gravity(np.array([9.81, 0.0, 0.0])))
     assert angle_between(np.array(turned.model.gravity.linear), GRAVITY) < 1.0
 
 
@@ -107,8 +116,8 @@ def test_a_planar_arm_with_a_spring_stands_as_it_stands() -> None:
     spring = np.array([0.3, 0.0])
     law = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + spring * q + 0.8 * np.tanh(dq / 0.01)  # noqa: E731
     made = made_session(arm, law, [3, 4], duration=20.0)
-    assert not mend_mount(made, arm)[1]
-    turned, issues = mend_mount(made, arm.with_gravity([9.81, 0.0, 0.0]))
+    assert not mounted(made, arm)[1]
+    turned, issues = mounted(made, arm.with_gravity([9.81, 0.0, 0.0]))
     assert issues
     along, across, down = turned.model.gravity.linear
     assert angle_between(np.array([along, 0.0, down]), GRAVITY) < 3.0

@@ -1,0 +1,41 @@
+"""Bodies of a URDF that none can be: inertias that are negative or impossible, links without a mass.
+
+An inertia about the centre of mass has positive principal moments, and none is larger than the other two together:
+simulators refuse any other. What such a URDF says of masses and centres may be right all the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.filtered_run import ARRANGEMENT as LIMIT
+from ident.checks.report import issue_of
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+
+
+def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Names links of which the inertia or the mass is no body's."""
+    masses, _, inertias = arm.chain[-3:]
+    links, joints = np.array(arm.links), np.array(arm.joint_names)
+    moments = np.linalg.eigvalsh(inertias)
+    issues = []
+    impossible = is_impossible(moments) & (masses > 0.0)
+    if impossible.any():
+        worst = moments[impossible][0]
+        seen = {"links": ", ".join(links[impossible]), "moments": ", ".join(f"{value:.3g}" for value in worst)}
+        issues.append(issue_of("impossible_inertia", session, joints[impossible].tolist(), **seen))
+    bare = masses <= 0.0
+    if bare.any():
+        seen = {"links": ", ".join(links[bare]), "weight": float(masses.sum())}
+        issues.append(issue_of("massless_links", session, joints[bare].tolist(), **seen))
+    return issues
+
+
+def is_impossible(moments: Float[Array, "n 3"]) -> Array:
+    """Which principal moments, in rising order, no body has; rounding of URDFs' few digits is allowed for."""
+    allowed = LIMIT.inertia_rounding * np.maximum(np.abs(moments).max(axis=1), 1e-12)
+    negative = moments[:, 0] < -allowed
+    uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + allowed
+    return np.asarray(negative | uneven)
