@@ -318,11 +318,10 @@ def revise(model: ModelSums, chosen: Sequence[Group], warm: bool = True) -> Comp
         warm: Whether discrepancies begin at their present variances.
     """
     before, evidence = model.components, model.sums.evidence
-    variances = [discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)]
-    fresh = replace(before, discrepancy=np.stack(variances))
-    model = ModelSums(model.sums, model.names, model.baseline, fresh)
-    error = max(urdf_errors(), key=lambda one: model.log_evidence(chosen, one))
-    model.components = replace(fresh, urdf=error)
+    variances = {j: discrepancy_at(model, j, chosen, warm)[0] for j in range(evidence.layout.n)}
+    model = model.with_discrepancy(variances)
+    error = max(urdf_errors(), key=lambda tried: model.log_evidence(chosen, tried))
+    model = model.with_urdf(error)
     left = model.residual(chosen)
     seen = evidence.with_run_spread(before.friction).with_dispersion(before.dispersion)
     friction = estimate_run_spread(seen, left.weights)
