@@ -94,16 +94,30 @@ class ModelSums:
             sums.of_joint(j, float(components.friction[j])) / components.dispersion[j]
             for j in range(layout.n)
         ]
-        self.gram = np.zeros((layout.size + 1, layout.size + 1))
+        # The discrepancies' columns come last, before the torque.
+        flexible = [group.columns[0] for blocks in layout.flexible for group in blocks]
+        self.last = int(min(flexible, default=layout.size))
+        self.gram = np.zeros((self.last + 1, self.last + 1))
         self.fixed_nats = -0.5 * float(sums.evidence.samples @ np.log(components.dispersion))
         self.log_determinants = np.zeros(layout.n)
         self.reduced = []
-        for j, local in enumerate(layout.local):
+        for j in range(layout.n):
             reduced, nats = self._without_discrepancy(j, components.discrepancy[j])
-            self.gram[np.ix_(local, local)] += reduced
+            self._add(j, reduced)
             self.reduced.append(reduced)
             self.log_determinants[j] = nats
             self.fixed_nats += sums.friction_nats(j, float(components.friction[j]))
+
+    def _named(self, joint: int) -> tuple[Int[Array, " q"], Int[Array, " q"]]:
+        """Where the columns of a joint's rows that are no discrepancy stand, there and in `gram`."""
+        layout = self.sums.evidence.layout
+        named = np.setdiff1d(np.arange(len(layout.local[joint])), layout.flexible_places[joint])
+        return named, np.minimum(layout.local[joint][named], self.last)
+
+    def _add(self, joint: int, sums: Float[Array, "p p"]) -> None:
+        """Adds a joint's sums, without its discrepancy's columns, to those of all joints."""
+        named, columns = self._named(joint)
+        self.gram[np.ix_(columns, columns)] += sums[np.ix_(named, named)]
 
     def with_discrepancy(self, changed: Mapping[int, Float[Array, " b"]]) -> ModelSums:
         """The same with other variances of the discrepancies of some joints.
@@ -120,9 +134,8 @@ class ModelSums:
         )
         for joint, of_blocks in changed.items():
             variances[joint] = of_blocks
-            local = self.sums.evidence.layout.local[joint]
             reduced, nats = self._without_discrepancy(joint, of_blocks)
-            other.gram[np.ix_(local, local)] += reduced - self.reduced[joint]
+            other._add(joint, reduced - self.reduced[joint])
             other.reduced[joint] = reduced
             other.log_determinants[joint] = nats
         other.components = replace(self.components, discrepancy=variances)
@@ -267,16 +280,25 @@ class ModelSums:
     def beside(self, joint: int, chosen: Sequence[Group]) -> Float[Array, "k k"]:
         """Sums of a joint's discrepancy columns and the torque after a set of effects."""
         layout = self.sums.evidence.layout
-        local, smooth = layout.local[joint], layout.flexible_places[joint]
+        smooth = layout.flexible_places[joint]
         inside, _ = self.information(chosen, self.prior())
-        columns = np.concatenate([inside, local[smooth], [layout.size]])
-        position = {int(column): k for k, column in enumerate(columns)}
-        everything = self.gram[np.ix_(columns, columns)].copy()
-        at = np.array([position.get(int(column), -1) for column in local])
-        seen = np.flatnonzero(at >= 0)
-        change = self.whole[joint] - self.reduced[joint]
-        everything[np.ix_(at[seen], at[seen])] += change[np.ix_(seen, seen)]
         width = len(inside)
+        # In this order: the model's columns, the discrepancy's, the torque.
+        ends = np.append(np.arange(width), width + len(smooth))
+        everything = np.zeros((len(ends) + len(smooth), len(ends) + len(smooth)))
+        kept = np.append(inside, self.last)
+        everything[np.ix_(ends, ends)] = self.gram[np.ix_(kept, kept)]
+        named, columns = self._named(joint)
+        where = {int(column): int(end) for column, end in zip(kept, ends, strict=True)}
+        seen = np.array([k for k, column in enumerate(columns) if int(column) in where])
+        into = np.array([where[int(columns[k])] for k in seen])
+        own = named[seen]
+        change = self.whole[joint] - self.reduced[joint]
+        everything[np.ix_(into, into)] += change[np.ix_(own, own)]
+        between = np.arange(width, width + len(smooth))
+        everything[np.ix_(between, between)] = self.whole[joint][np.ix_(smooth, smooth)]
+        everything[np.ix_(between, into)] = self.whole[joint][np.ix_(smooth, own)]
+        everything[np.ix_(into, between)] = self.whole[joint][np.ix_(own, smooth)]
         inner = everything[:width, :width].copy()
         self._add_priors(inner, chosen, self.prior())
         across = everything[:width, width:]

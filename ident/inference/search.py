@@ -61,7 +61,8 @@ class SetSearch:
         across = model.gram[:tuned, tuned:]
         half = solve_triangular(factor, across, lower=True, check_finite=False)
         rest = model.gram[tuned:, tuned:] - half.T @ half
-        return cls(model.names, layout.n, tuned, rest, model.sums.evidence.scale[tuned:])
+        scale = np.append(model.sums.evidence.scale[tuned : model.last], 1.0)
+        return cls(model.names, layout.n, tuned, rest, scale)
 
     @cached_property
     def _batches(self) -> dict[int | None, list[Batch]]:
