@@ -55,12 +55,15 @@ def test_integrating_a_discrepancy_out_is_solving_with_its_columns(sprung: Analy
     own = np.full(len(smooth), variances[0])
     inside, small = off.information(chosen, off.prior())
     columns = np.concatenate([inside, smooth])
-    large = off.gram[np.ix_(columns, columns)].copy()
+    whole = np.zeros((layout.size + 1, layout.size + 1))
+    for local, sums in zip(layout.local, off.whole, strict=True):
+        whole[np.ix_(local, local)] += sums
+    large = whole[np.ix_(columns, columns)].copy()
     large[: len(inside), : len(inside)] = small
     large[len(inside) :, len(inside) :] += np.diag(1.0 / own)
 
     def nats_of(information: np.ndarray, at: np.ndarray) -> float:
-        target = off.gram[at, -1]
+        target = whole[at, -1]
         along = float(target @ np.linalg.solve(information, target))
         return 0.5 * (along - float(np.linalg.slogdet(information)[1]))
 
