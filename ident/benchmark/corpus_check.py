@@ -17,11 +17,10 @@ from ident.arrays import Array, Float
 from ident.benchmark.calibrate import (
     current_commit,
     fit_calibration,
-    read_calibration,
     read_signs,
-    summary_lines,
     write_fit,
 )
+from ident.benchmark.calibration_file import read_calibration, summary_lines
 from ident.benchmark.corpus import INDEX, count_kinds, make_index, make_real, read_index
 from ident.benchmark.corpus_run import run_all
 from ident.benchmark.corpus_table import CANDIDATE, FINDING, Table, load_table, store
@@ -133,7 +132,7 @@ def calibrate_corpus(folder: Path, seed: int | None) -> CorpusReport:
     table = load_table(folder / "table", CANDIDATE)
     path = folder / SIGNS_FILE
     signs = read_signs(path if path.is_file() else None)
-    fitted = fit_calibration(table, sorted(table.features), signs)
+    fitted = fit_calibration(table, sorted(table.features), signs, select=True)
     date = datetime.now(UTC).strftime("%Y-%m-%d")
     origin = {"seed": seed or 0, "commit": current_commit(), "date": date}
     record = write_fit(table, fitted, folder / CALIBRATION_FILE, folder / "table", origin)

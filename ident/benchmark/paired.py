@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from ident.benchmark.outcomes import Outcome
+from ident.benchmark.outcomes import SessionOutcome
 
 Row = dict[str, Any]
-CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[Outcome], bool]]] = {
+CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[SessionOutcome], bool]]] = {
     "single named": (("single",), lambda outcome: len(outcome.matched) > 0),
     "single named first": (("single",), lambda outcome: outcome.strict),
     "single without a wrong name": (("single",), lambda outcome: not outcome.wrong),
@@ -29,7 +29,7 @@ CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[Outcome], bool]]] = {
 """What is compared, of which kinds of session (all but controls if none is named)."""
 
 
-def compare(before: Mapping[str, Outcome], after: Mapping[str, Outcome]) -> Row:
+def compare(before: Mapping[str, SessionOutcome], after: Mapping[str, SessionOutcome]) -> Row:
     """Case by case: how many are right only before, and only after, with the exact probability of
     so uneven a split.
 

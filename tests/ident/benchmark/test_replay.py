@@ -10,7 +10,7 @@ from made_up_corpus import candidate, entry, truth, write_result
 from ident.benchmark.corpus import Truth
 from ident.benchmark.corpus_table import FINDING, load_table, store
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG, Name, label
-from ident.benchmark.outcomes import Outcome, apply_rule
+from ident.benchmark.outcomes import SessionOutcome, apply_rule
 from ident.benchmark.paired import CRITERIA, compare
 from ident.benchmark.score_table import score
 
@@ -65,7 +65,7 @@ def test_what_others_measured_on_an_arm_is_neither_right_nor_wrong() -> None:
     assert label(named("spring_torque", "a3"), session) == WRONG
 
 
-def outcomes_of(folder: Path, probability: float, rival: float = 0.1) -> dict[str, Outcome]:
+def outcomes_of(folder: Path, probability: float, rival: float = 0.1) -> dict[str, SessionOutcome]:
     """Two sessions with a spring, a healthy one and one untouched, each with two candidates."""
     folder.mkdir()
     figures = {"stiffness_Nm_rad": {"value": 3.1, "low": 2.8, "high": 3.4}}
