@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import tomli_w
 
 from ident.arrays import Array, Bool, Float
+from ident.benchmark.calibration_file import SCHEMA, summary_lines, write_calibration
 from ident.benchmark.corpus import Entry, read_index
 from ident.benchmark.corpus_run import result_path
 from ident.benchmark.corpus_table import CANDIDATE, REAL, Table, load_table, use_index
@@ -46,7 +46,7 @@ from ident.benchmark.leave_out import (
     score_ridges,
     select_features,
 )
-from ident.benchmark.logistic import Logistic, Scaling, fit_logistic, log_score
+from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.benchmark.outcomes import KNOWN_FROM, NAMED_FROM
 from ident.benchmark.scoring import auroc, calibration_curve
 from ident.benchmark.tempering import choices, fit_temper
@@ -56,7 +56,6 @@ from ident.files import atomic_write
 from ident.inference.calibration import sizes_of
 from ident.safe_read import read_toml
 
-SCHEMA = "ident.calibration/1"
 SIGNS = Path(__file__).with_name("signs.toml")
 HELD_OUT_FILE = "held_out.parquet"
 BODIES = {effect.id for effect in CATALOGUE if effect.as_change.body}
@@ -374,22 +373,6 @@ def _terms(model: Logistic) -> dict[str, dict[str, float]]:
     }
 
 
-def write_calibration(path: Path, record: Mapping[str, Any]) -> None:
-    """Writes the file that the diagnosis reads, whole or not at all."""
-    with atomic_write(path) as temporary:
-        text = "# Written by `python -m ident.benchmark.calibrate fit`; no figure is set by hand.\n"
-        temporary.write_text(text + tomli_w.dumps(_without_none(record)), encoding="utf-8")
-
-
-def _without_none(value: Any) -> Any:
-    """What TOML can hold."""
-    if isinstance(value, Mapping):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, (list, tuple)):
-        return [_without_none(item) for item in value]
-    return value
-
-
 def write_fit(
     table: Table,
     fitted: Fitted,
@@ -408,24 +391,6 @@ def write_fit(
     return record
 
 
-def read_calibration(path: Path) -> Logistic:
-    """The regression of a calibration's file.
-
-    Raises:
-        InputError: Another file.
-    """
-    record = read_toml(path, "fit one: python -m ident.benchmark.calibrate fit")
-    if record.get("schema") != SCHEMA:
-        raise InputError(
-            path, f"its schema is {record.get('schema')!r}", f"give a file of {SCHEMA}"
-        )
-    features: dict[str, dict[str, float]] = record["feature"]
-    centre = np.array([values["centre"] for values in features.values()])
-    scale = np.array([values["scale"] for values in features.values()])
-    weights = np.array([values["weight"] for values in features.values()])
-    return Logistic(tuple(features), Scaling(centre, scale), weights, float(record["intercept"]))
-
-
 def chosen_features(table: Table, asked: str) -> list[str]:
     """Features by name, or all that the table has."""
     names = [name for name in asked.split(",") if name]
@@ -440,51 +405,6 @@ def read_signs(path: Path) -> dict[str, int]:
     signs.update({str(name): -1 for name in record.get("decreasing", ())})
     signs.update({str(name): 0 for name in record.get("either", ())})
     return signs
-
-
-def summary_lines(record: Mapping[str, Any]) -> list[str]:
-    """A calibration in words."""
-    origin = record["origin"]
-    lines = [
-        f"{origin['sessions']} sessions of {len(origin['units'])} units; "
-        f"candidates right {origin['right']}, "
-        f"wrong {origin['wrong']}, unknown {origin['unknown']}; ridge {record['ridge']:.1e}",
-        f"intercept {record['intercept']:+.3f}",
-    ]
-    ordered = sorted(record["feature"].items(), key=lambda pair: -abs(pair[1]["weight"]))
-    lines += [f"  {values['weight']:+8.3f}  {name}" for name, values in ordered]
-    lines.append(
-        "held out, by group: log score, area under the curve, names right and wrong; "
-        "what was said: share right (rows)"
-    )
-    for group, score in record["held_out"].items():
-        bins = ", ".join(
-            f"{row['said']:.2f}: {row['right']:.2f} ({row['count']})" for row in score["bins"]
-        )
-        names = f"{score['names_right']} and {score['names_wrong']}"
-        head = f"  {group}: {score['log_score']}, {score['auc']}, {names}"
-        lines.append(f"{head}; {bins}")
-    if "gap" in record:
-        gap = record["gap"]["held_out"]
-        lines.append(
-            f"joints with a cause without a name told so: {gap['told']:.3f} of {gap['open']}, "
-            f"others: {gap['false']:.3f} of {gap['closed']} (units left out); "
-            f"temper {record['temper']:.3f}; even odds at {record['even_nats']:.1f} nats"
-        )
-    if "widths" in record:
-        widths = record["widths"]
-        lines.append(
-            f"intervals of {widths['count']} parameters: factor {widths['factor']:.2f}, law's share "
-            f"{widths['common']:.3f}; they hold {widths['coverage_held_out']:.3f} on units left out"
-        )
-    if "interval_width" in record:
-        width = record["interval_width"]
-        lines.append(
-            f"intervals of {width['count']} parameters hold {width['coverage']:.3f} as they are; "
-            f"0.95 if {width['factor']:.2f} times as wide "
-            f"(on units left out: {width['coverage_held_out']:.3f})"
-        )
-    return lines
 
 
 def current_commit() -> str:

@@ -20,6 +20,7 @@ import hashlib
 import json
 import os
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -39,17 +40,10 @@ INDEX = "index.json"
 KEPT_INDEX = "kept.json"
 KINDS = {"null": "healthy"}
 """Kinds of session, where a simulator calls them otherwise."""
-# Figures of other simulators by effect: their name, the catalogue's, and the factor between them.
-FIGURES = {
-    "payload": ("size", "mass_kg", 1.0),
-    "spring_torque": ("size", "stiffness_Nm_rad", 1.0),
-    "torque_delay": ("size", "delay_s", 1.0),
-    "torque_offset": ("size", "offset_Nm", 1.0),
-    "stribeck_friction": ("size", "amplitude_Nm", 1.0),
-    "load_dependent_friction": ("size", "mu", 1.0),
-    "torque_ripple": ("size", "amplitude_Nm", 1.0),
-    "encoder_offset": ("size", "offset_rad", -1.0),
-}
+FIGURES: dict[str, dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("other_figures.toml").read_text(encoding="utf-8")
+)
+"""Figures of other simulators by effect: their name, ours, and the factor between them."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +153,9 @@ def _truth_of_others(values: Mapping[str, Any]) -> Truth:
     known = KNOWN.get(effect)
     whole = known is not None and known.scope == "arm"
     parameters: dict[str, float | str] = {}
-    if effect in FIGURES:
-        theirs, ours, factor = FIGURES[effect]
-        if theirs in values:
-            parameters[ours] = factor * float(values[theirs])
+    figure = FIGURES.get(effect)
+    if figure is not None and figure["theirs"] in values:
+        parameters[figure["ours"]] = figure["factor"] * float(values[figure["theirs"]])
     visible = values.get("visible")
     shows_at = values.get("shows_at")
     return Truth(

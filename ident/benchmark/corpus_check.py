@@ -20,12 +20,11 @@ from ident.benchmark.calibrate import (
     fit_calibration,
     fit_further,
     further_record,
-    read_calibration,
     read_results,
     read_signs,
-    summary_lines,
     write_fit,
 )
+from ident.benchmark.calibration_file import read_calibration, summary_lines
 from ident.benchmark.corpus import INDEX, count_kinds, make_index, make_real, read_index
 from ident.benchmark.corpus_run import run_all
 from ident.benchmark.corpus_table import CANDIDATE, FINDING, Table, load_table, store

@@ -31,7 +31,7 @@ class Said:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SessionOutcome:
     """One session under a rule."""
 
     session: SessionRow
@@ -69,20 +69,20 @@ class Outcome:
         return not self.wrong and not self.session.error
 
 
-def apply_rule(table: Table, probability: Float[Array, " N"]) -> dict[str, Outcome]:
+def apply_rule(table: Table, probability: Float[Array, " N"]) -> dict[str, SessionOutcome]:
     """Outcomes of all sessions, by case."""
     p = np.where(np.isfinite(probability), probability, 0.0)
     labels = table.labels(p >= KNOWN_FROM)
     rows_of: dict[str, list[int]] = {case: [] for case in table.sessions}
     for number, row in enumerate(table.rows):
         rows_of[row["case"]].append(number)
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, SessionOutcome] = {}
     for case, rows in rows_of.items():
         said = names_of(table, rows, p, labels)
         sure = [name for name in said if name.probability >= NAMED_FROM]
         matched = frozenset(table.rows[name.row]["matched"] for name in sure if name.label == RIGHT)
         strict = bool(sure) and bool(table.rows[sure[0].row]["strict"])
-        outcomes[case] = Outcome(table.sessions[case], tuple(said), matched, strict)
+        outcomes[case] = SessionOutcome(table.sessions[case], tuple(said), matched, strict)
     return outcomes
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
-from ident.benchmark.outcomes import Outcome
+from ident.benchmark.outcomes import SessionOutcome
+from ident.benchmark.score_table import is_visible_single
 
 Row = dict[str, Any]
-CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[Outcome], bool]]] = {
+CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[SessionOutcome], bool]]] = {
     "single named": (("single",), lambda outcome: len(outcome.matched) > 0),
     "single named first": (("single",), lambda outcome: outcome.strict),
     "single without a wrong name": (("single",), lambda outcome: not outcome.wrong),
@@ -26,10 +27,10 @@ CRITERIA: dict[str, tuple[tuple[str, ...], Callable[[Outcome], bool]]] = {
     "outside without a name": (("outside",), lambda outcome: not outcome.wrong),
     "as it should be": ((), lambda outcome: outcome.good),
 }
-"""What is compared, of which kinds of session (all but controls if none is named)."""
+"""What is compared, of which kinds of session; of all if none is named."""
 
 
-def compare(before: Mapping[str, Outcome], after: Mapping[str, Outcome]) -> Row:
+def compare(before: Mapping[str, SessionOutcome], after: Mapping[str, SessionOutcome]) -> Row:
     """Case by case: how many are right only before, and only after, with the exact probability of
     so uneven a split.
 
@@ -38,9 +39,7 @@ def compare(before: Mapping[str, Outcome], after: Mapping[str, Outcome]) -> Row:
     common = sorted(set(before) & set(after))
     record: Row = {"cases": len(common)}
     for word, (kinds, criterion) in CRITERIA.items():
-        cases = [case for case in common if before[case].session.kind in kinds]
-        if not kinds:
-            cases = [case for case in common if before[case].session.kind != "control"]
+        cases = [case for case in common if is_compared(before[case], kinds)]
         pairs = [(case, criterion(before[case]), criterion(after[case])) for case in cases]
         lost = [case for case, first, second in pairs if first and not second]
         won = [case for case, first, second in pairs if second and not first]
@@ -63,6 +62,14 @@ def compare(before: Mapping[str, Outcome], after: Mapping[str, Outcome]) -> Row:
         if known:
             record[key] = {"median after over before": round(float(np.median(known)), 3)}
     return record
+
+
+def is_compared(outcome: SessionOutcome, kinds: Sequence[str]) -> bool:
+    """Whether a session is of some kinds; effects that hardly show and controls are of none."""
+    kind = outcome.session.kind
+    if kind == "control" or (kind == "single" and not is_visible_single(outcome)):
+        return False
+    return kind in kinds or not kinds
 
 
 def _ratio(before: float | None, after: float | None) -> float | None:

@@ -21,7 +21,8 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
-from ident.benchmark.calibrate import HELD_OUT_FILE, read_calibration
+from ident.benchmark.calibrate import HELD_OUT_FILE
+from ident.benchmark.calibration_file import read_calibration
 from ident.benchmark.corpus_table import CANDIDATE, FINDING, Table, load_table
 from ident.benchmark.outcomes import apply_rule
 from ident.benchmark.paired import compare, comparison_lines

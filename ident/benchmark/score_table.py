@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.benchmark.corpus_table import SessionRow, Table
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG
-from ident.benchmark.outcomes import NAMED_FROM, Outcome
+from ident.benchmark.outcomes import NAMED_FROM, SessionOutcome
 from ident.benchmark.scoring import Score, calibration_curve, mean, share
 
 BINS = 5
@@ -23,7 +23,7 @@ BY = ("by unit", "by effect", "intervals")
 Row = dict[str, Any]
 
 
-def score(table: Table, outcomes: Mapping[str, Outcome]) -> Row:
+def score(table: Table, outcomes: Mapping[str, SessionOutcome]) -> Row:
     """All scores, each with its interval and count."""
     everything = list(outcomes.values())
     record: Row = {"cases": len(everything), "all": score_some(everything)}
@@ -38,7 +38,7 @@ def score(table: Table, outcomes: Mapping[str, Outcome]) -> Row:
     return record
 
 
-def score_some(outcomes: Sequence[Outcome]) -> Row:
+def score_some(outcomes: Sequence[SessionOutcome]) -> Row:
     """Scores of some sessions."""
     record: Row = {}
     singles = _of_kind(outcomes, "single")
@@ -71,7 +71,7 @@ def score_some(outcomes: Sequence[Outcome]) -> Row:
     return record
 
 
-def score_names(outcomes: Iterable[Outcome]) -> Row:
+def score_names(outcomes: Iterable[SessionOutcome]) -> Row:
     """Names that are right or wrong, and how often what was said at a probability is right."""
     judged = [
         name
@@ -95,7 +95,7 @@ def score_names(outcomes: Iterable[Outcome]) -> Row:
     }
 
 
-def score_intervals(table: Table, outcomes: Iterable[Outcome]) -> Row:
+def score_intervals(table: Table, outcomes: Iterable[SessionOutcome]) -> Row:
     """Coverage of right names' intervals, and the median of half-width over size, by parameter."""
     collected: dict[str, list[Row]] = {}
     everything: list[Row] = []
@@ -136,24 +136,24 @@ def size_of(session: SessionRow) -> str:
     return next(word for word, (low, high) in SIZES.items() if low <= size < high)
 
 
-def is_visible_single(outcome: Outcome) -> bool:
+def is_visible_single(outcome: SessionOutcome) -> bool:
     """Whether it is of one effect that shows."""
     return outcome.session.kind == "single" and size_of(outcome.session) != "below"
 
 
-def is_refused(outcome: Outcome) -> bool:
+def is_refused(outcome: SessionOutcome) -> bool:
     """Whether it is told that no name explains it, and given none that is wrong."""
     return outcome.session.verdict in REFUSING and not outcome.wrong
 
 
-def _of_kind(outcomes: Iterable[Outcome], kind: str) -> list[Outcome]:
+def _of_kind(outcomes: Iterable[SessionOutcome], kind: str) -> list[SessionOutcome]:
     return [outcome for outcome in outcomes if outcome.session.kind == kind]
 
 
 def _grouped(
-    outcomes: Iterable[Outcome], key: Callable[[Outcome], str]
-) -> dict[str, list[Outcome]]:
-    groups: dict[str, list[Outcome]] = {}
+    outcomes: Iterable[SessionOutcome], key: Callable[[SessionOutcome], str]
+) -> dict[str, list[SessionOutcome]]:
+    groups: dict[str, list[SessionOutcome]] = {}
     for outcome in outcomes:
         groups.setdefault(key(outcome), []).append(outcome)
     return dict(sorted(groups.items()))
@@ -162,17 +162,17 @@ def _grouped(
 # Shares
 
 
-def _named(outcomes: Iterable[Outcome]) -> Row:
+def _named(outcomes: Iterable[SessionOutcome]) -> Row:
     return _share(len(outcome.matched) > 0 for outcome in outcomes)
 
 
-def _wrong(outcomes: Iterable[Outcome]) -> Row:
+def _wrong(outcomes: Iterable[SessionOutcome]) -> Row:
     return _share(outcome.wrong for outcome in outcomes)
 
 
-def _good(outcomes: Iterable[Outcome]) -> Row:
+def _good(outcomes: Iterable[SessionOutcome]) -> Row:
     """Share of sessions that went as they should; controls and effects that do not show apart."""
-    judged: list[Outcome] = []
+    judged: list[SessionOutcome] = []
     for outcome in outcomes:
         hidden = outcome.session.kind == "single" and not is_visible_single(outcome)
         if outcome.session.kind != "control" and not hidden:

@@ -15,10 +15,9 @@ from ident.benchmark.calibrate import (
     calibration_record,
     fit_calibration,
     judged,
-    read_calibration,
     row_weights,
-    write_calibration,
 )
+from ident.benchmark.calibration_file import read_calibration, write_calibration
 from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
 from ident.benchmark.interval_widths import fit_width

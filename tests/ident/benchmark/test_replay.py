@@ -1,5 +1,6 @@
 """Laws of labels, decision rules and paired comparisons."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ from made_up_corpus import candidate, entry, truth, write_result
 from ident.benchmark.corpus import Truth
 from ident.benchmark.corpus_table import FINDING, load_table, store
 from ident.benchmark.labels import RIGHT, UNKNOWN, WRONG, Name, label
-from ident.benchmark.outcomes import Outcome, apply_rule
-from ident.benchmark.paired import CRITERIA, compare
+from ident.benchmark.outcomes import SessionOutcome, apply_rule
+from ident.benchmark.paired import CRITERIA, compare, is_compared
 from ident.benchmark.score_table import score
 
 SPRING = truth("spring_torque", "joint_2", stiffness_Nm_rad=3.0)
@@ -65,7 +66,7 @@ def test_what_others_measured_on_an_arm_is_neither_right_nor_wrong() -> None:
     assert label(named("spring_torque", "a3"), session) == WRONG
 
 
-def outcomes_of(folder: Path, probability: float, rival: float = 0.1) -> dict[str, Outcome]:
+def outcomes_of(folder: Path, probability: float, rival: float = 0.1) -> dict[str, SessionOutcome]:
     """Two sessions with a spring, a healthy one and one untouched, each with two candidates."""
     folder.mkdir()
     figures = {"stiffness_Nm_rad": {"value": 3.1, "low": 2.8, "high": 3.4}}
@@ -121,6 +122,16 @@ def test_sides_of_a_comparison_change_places(tmp_path: Path) -> None:
     assert there["single named"]["won"] == ["other/case_0", "real/case_1"]
     assert there["single named"]["won"] == back["single named"]["lost"]
     assert there["single named"]["p"] == back["single named"]["p"]
+
+
+def test_effects_that_hardly_show_are_not_compared(tmp_path: Path) -> None:
+    """Nor are untouched recordings that others are judged against."""
+    outcomes = outcomes_of(tmp_path / "a", 0.9)
+    spring = outcomes["other/case_0"]
+    tiny = replace(spring.session, truths=({**spring.session.truths[0], "asked": 0.3},))
+    assert is_compared(spring, ("single",))
+    assert not is_compared(replace(spring, session=tiny), ("single",))
+    assert not is_compared(outcomes["real/control"], ())
 
 
 def test_scores_count_what_the_outcomes_say(tmp_path: Path) -> None:
