@@ -264,7 +264,7 @@ def _finding(
     return Finding(
         estimate=name.estimate,
         evaluated=name,
-        joints=tuple(joints[j] for j in name.affected_joints),
+        joints=tuple(joints[j] for j in name.named_joints),
         rms_before={joints[j]: float(old[j]) for j in acts},
         rms_after={joints[j]: float(new[j]) for j in acts},
         energy_before=float(improvement.energy_before[acts].sum()),

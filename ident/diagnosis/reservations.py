@@ -45,7 +45,7 @@ class Reservation:
         estimate = name.estimate
         against = [reason.what for reason in estimate.reasons if reason.weight < 0.0][:REASONS_TOLD]
         words = " and ".join(against) or "nothing speaks for it"
-        where = tuple(joints[j] for j in name.affected_joints)
+        where = joints_of(name, joints)
         probability = estimate.class_probability
         return cls(
             name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons
@@ -65,7 +65,7 @@ class Reservation:
         }
 
 
-def joints_of(item: Evaluated, joints: Sequence[str]) -> tuple[str, ...]:
+def joints_of(item: Evaluated | Named, joints: Sequence[str]) -> tuple[str, ...]:
     """Names of an effect's own joint, or of the joints that an effect of the whole arm affects."""
     return tuple(joints[j] for j in item.named_joints)
 

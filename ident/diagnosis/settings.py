@@ -13,7 +13,7 @@ from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 
 class VerdictSettings(Settings, table="verdict"):
-    """What of a joint's error counts as loud, for the map and the page."""
+    """What of a joint's error counts as loud, and as explained, for the map and the page."""
 
 
 USUAL_VERDICT = VerdictSettings()

@@ -31,6 +31,8 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
+# Keys of a parameter beside its value and its ends: which ends are open, and where they lie if the URDF may be off.
+FURTHER_ENDS = {"open", "low_with_urdf", "high_with_urdf"}
 # Ends of names of parameters that no body or gear has below zero.
 POSITIVE = re.compile("(stribeck_velocity_rad_s|displacement_rad|time_constant_s|gap_rad|limit_Nm|mass_kg|delay_s)$")
 # A loss that a solver left just below zero is zero, in its own unit.
@@ -319,7 +321,7 @@ def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str
     """A finding as an effect; a parameter that the law can't take is refused here."""
     effect, where, parameters = finding["effect"], tuple(finding["joints"]), {}
     for name, value in finding["parameters"].items():
-        if not isinstance(value, dict) or set(value) - {"open"} != {"value", "low", "high"}:
+        if not isinstance(value, dict) or set(value) - FURTHER_ENDS != {"value", "low", "high"}:
             raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
         middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
         found = Interval(middle, low, high)

@@ -60,6 +60,12 @@ class Named:
         return list(self.described.joints)
 
     @property
+    def named_joints(self) -> list[int]:
+        """Its own joint, or of the whole arm those where it shows."""
+        own = self.group.effect.scope == "joint"
+        return [self.group.joint] if own else self.affected_joints
+
+    @property
     def log_score(self) -> tuple[float, float]:
         """Gain of log score on parts that the fit never saw, and its standard error [nats]."""
         return self.described.view.after.gain_over(self.described.view.before)

@@ -236,7 +236,7 @@ def _explains(finding: Mapping[str, Any], joint: str, record: Mapping[str, Any])
     figures = finding.get("heldout") or {}
     before, after = (figures.get(key, {}).get(joint, math.inf) for key in ("rms_before_Nm", "rms_after_Nm"))
     floor = record.get("gap", {}).get(joint, {}).get("noise_floor_Nm", math.inf)
-    left = (1.0 - USUAL_VERDICT.named_from) * (before**2 - floor**2)
+    left = (1.0 - USUAL_VERDICT.explained) * (before**2 - floor**2)
     return floor < before < math.inf and after**2 - floor**2 <= left
 
 

@@ -56,7 +56,7 @@ def test_what_is_less_likely_than_not_is_a_reservation(short_arm: ArmModel) -> N
     told = {(one.effect, one.joints): one for one in analysis.diagnosis.reservations if one.probability is not None}
     joints = short_arm.joint_names
     weighed = [
-        (name.group.effect.id, tuple(joints[j] for j in name.affected_joints)) for name in analysis.conclusion.unlikely
+        (name.group.effect.id, tuple(joints[j] for j in name.named_joints)) for name in analysis.conclusion.unlikely
     ]
     assert set(told) == set(weighed)
     for one in told.values():
