@@ -1,6 +1,6 @@
 """The whole diagnosis: from smoothed motions and an arm to a verdict with its evidence.
 
-    tune the arm -> sum the columns of all candidates -> infer causes -> measure what is left -> verdict
+tune the arm -> sum the columns of all candidates -> infer causes -> measure what is left -> verdict
 """
 
 from __future__ import annotations
@@ -25,12 +25,16 @@ from ident.diagnosis.remaining import (
     joint_gaps,
     measure_remaining,
 )
-from ident.diagnosis.reservations import link_reservations, replay_reservation, unlikely_reservations
+from ident.diagnosis.reservations import (
+    link_reservations,
+    replay_reservation,
+    unlikely_reservations,
+)
 from ident.diagnosis.result import Details, Diagnosis, Finding, HeldOutGain
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import decide, score_outside
 from ident.effects.base import Effect, SessionContext
-from ident.inference.conclusion import Conclusion, Named, conclude
+from ident.inference.conclusion import EVEN_ODDS, Conclusion, Named, conclude
 from ident.inference.features import evidence_of
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
@@ -102,7 +106,12 @@ def diagnose(
     shrink = measure_shrink(old, new, remaining.floors) if findings else 0.0
     places = find_places(arm, maps, models, remaining, findings, telemetry, settings)
     far = replay_reservation(
-        remaining.improvement.forward, remaining.series, arm.joint_names, new, remaining.floors, settings
+        remaining.improvement.forward,
+        remaining.series,
+        arm.joint_names,
+        new,
+        remaining.floors,
+        settings,
     )
     tuned_joints = _tuned_joints(conclusion, baseline, models)
     identified = _identify(conclusion, baseline, session, remaining, tuned_joints)
@@ -238,13 +247,17 @@ def _identify(
 def _findings(
     conclusion: Conclusion, arm: ArmModel, remaining: Remaining, models: Models
 ) -> tuple[Finding, ...]:
-    """The names, those that close most first."""
+    """The names: those that are likelier than all others of their class first, then what closes most."""
     improvement = remaining.improvement
     findings = []
     for k, (name, share) in enumerate(zip(conclusion.names, improvement.shares, strict=True)):
         finding = _finding(name, conclusion.groups[:k], arm, remaining, models)
         findings.append(replace(finding, share=float(share)))
-    return tuple(sorted(findings, key=lambda finding: -finding.closed))
+    return tuple(sorted(findings, key=_place_of))
+
+
+def _place_of(finding: Finding) -> tuple[bool, float]:
+    return finding.estimate.probability < EVEN_ODDS, -finding.closed
 
 
 def _finding(

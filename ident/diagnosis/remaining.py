@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.checks.report import MISREAD
-from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
+from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling, share_repeated
 from ident.diagnosis.gap.gap_map import Place, View
 from ident.diagnosis.gap.improvement import Improvement, energy_spread, measure_improvement, run_energy
 from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
@@ -100,14 +100,17 @@ def measure_remaining(
     series = compute_residuals(session, baseline, evidence, views, models.groups, conclusion.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     last = conclusion.ladder[-1].rms
-    probability = conclusion.gap_probability()
+    repeated = [share_repeated(steady, j, settings.gap.ceiling) for j in range(session.n)]
+    probability = conclusion.gap_probability(repeated)
     ceilings = []
-    for j in range(session.n):
+    for j, again in enumerate(repeated):
         left = conclusion.joints.get(j)
-        seen = probability[j] >= EVEN_ODDS
-        share = left.share if left is not None and seen else 0.0
-        kind = left.kind if left is not None and seen else None
-        ceilings.append(measure_ceiling(steady, j, share, kind, settings.gap.ceiling))
+        share, kind = (0.0, None) if left is None else (left.share, left.kind)
+        if again > share:
+            share, kind = again, "state"
+        is_open = probability[j] >= EVEN_ODDS
+        ceiling = measure_ceiling(steady, j, share if is_open else 0.0, kind if is_open else None)
+        ceilings.append(ceiling)
     # Of a joint without a cause that has no name, whatever is left is noise.
     shown = np.array([ceiling.ratio for ceiling in ceilings]) * last
     noise = np.minimum(evidence.floor, last)

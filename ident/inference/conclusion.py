@@ -9,7 +9,7 @@ and what speaks against them; nothing is struck out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -119,12 +119,18 @@ class Conclusion:
         """Scores beside tuned inertias."""
         return self.scorers.tuned
 
-    def gap_probability(self) -> Float[np.ndarray, " n"]:
-        """For each joint the probability that a cause without a name is left there."""
+    def gap_probability(self, repeated: Sequence[float] = ()) -> Float[np.ndarray, " n"]:
+        """For each joint the probability that a cause without a name is left there.
+
+        Args:
+            repeated: For each joint the share of its residual squares that the same angles of other
+                runs predict: a function of the state, too, though no smooth one. None if empty.
+        """
         n = self.evidence.layout.n
         probability = np.zeros(n)
         for joint, left in self.joints.items():
-            probability[joint] = self.calibration.gaps.probability(left.features)
+            again = repeated[joint] if len(repeated) else 0.0
+            probability[joint] = self.calibration.gaps.probability(left.with_repeated(again))
         return probability
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Float
-from ident.effects.base import Interval, SessionContext
+from ident.effects.base import Interval, SessionContext, impossible
 from ident.inference.calibration import Calibration, Widths, sizes_of
 from ident.inference.components import ModelSums
 from ident.inference.features import FEATURE_WORDS, Described
@@ -30,6 +30,8 @@ from ident.regression.design import Group
 
 # Odds within which two effects are told as one class (the method's own definition).
 CLASS_ODDS = 20.0
+# Share of a posterior that a 95 % interval leaves on one side at the most.
+OUTSIDE = 0.025
 # Divisor of the URDF's tolerance at which its inertias are as good as fixed.
 FIXED = 1e3
 
@@ -111,6 +113,8 @@ def estimate(
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
+        if impossible(one.group.effect, session, one.group.joint, given) is not None:
+            sure *= OUTSIDE  # a 95 % interval that lies wholly beyond what arms have
         shares, odds, places = _shares(one, calibration.temper)
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(

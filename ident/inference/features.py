@@ -355,6 +355,19 @@ class JointLeft:
         """Share of the joint's squares that its discrepancy explains."""
         return self.features["smooth_share"]
 
+    def with_repeated(self, share: float) -> dict[str, float]:
+        """The features where what repeats by the angle explains a share of the squares.
+
+        A share r of N squares of noise is worth −½ N log (1 − r) nats.
+        """
+        features = dict(self.features)
+        if share > self.share:
+            nats_a_row = -0.5 * float(np.log1p(-min(share, 1.0 - 1e-12)))
+            features["smooth_share"] = share
+            again = float(np.log1p(1e3 * nats_a_row))
+            features["log_smooth_nats_a_row"] = max(features["log_smooth_nats_a_row"], again)
+        return features
+
 
 def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
     """What is left at each joint that has rows, beside some of the chosen effects.

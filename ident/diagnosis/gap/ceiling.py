@@ -33,35 +33,41 @@ class Ceiling:
 
 
 def measure_ceiling(
-    series: Sequence[RunResidual],
-    joint: int,
-    share: float,
-    kind: str | None,
-    settings: CeilingSettings = USUAL_CEILING,
+    series: Sequence[RunResidual], joint: int, share: float, kind: str | None
 ) -> Ceiling:
     """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
         series, joint: Residuals of all runs, and index of the joint.
-        share, kind: What a discrepancy explains of its squares, and which block of it most; nothing where it is chance.
-        settings: Thresholds of significance.
+        share, kind: What a flexible function explains of its squares, and the kind of its inputs;
+            nothing where it is chance.
+    """
+    left = np.concatenate([item.after[item.valid[:, joint], joint] for item in series])
+    before = float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
+
+
+def share_repeated(
+    series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING
+) -> float:
+    """Share of a joint's residual squares that the same angles of other runs predict.
+
+    Args:
+        series, joint, settings: Residuals of all runs, index of the joint, and how it is tested.
     """
     moving = [item.valid[:, joint] for item in series]
-    y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
-    q = np.concatenate(
-        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
+    pairs = list(zip(series, moving, strict=True))
+    left = np.concatenate([item.after[inside, joint] for item, inside in pairs])
+    if len(left) == 0:
+        return 0.0
+    angle = np.concatenate(
+        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in pairs]
     )
-    dq = np.concatenate([item.speed[inside, joint] for item, inside in zip(series, moving, strict=True)])
-    piece = np.concatenate(
-        [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
-    )
-    before = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
+    speed = np.concatenate([item.speed[inside, joint] for item, inside in pairs])
+    piece = np.concatenate([np.full(int(inside.sum()), item.index) for item, inside in pairs])
     # Samples of opposite motion are no neighbours.
-    each_way = q + np.where(dq < 0.0, 2.0 * np.ptp(q), 0.0) if len(q) else q
-    repeated = _share_repeated_by_angle(each_way, y, piece, settings)
-    if repeated > share:
-        share, kind = repeated, "state"
-    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
+    each_way = angle + np.where(speed < 0.0, 2.0 * np.ptp(angle), 0.0)
+    return _share_repeated_by_angle(each_way, left, piece, settings)
 
 
 def _share_repeated_by_angle(
