@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import RecordingError
 from ident.recordings.lerobot import longest_episode
 from ident.recordings.load import is_dataset, open_run
 from ident.recordings.recording import Recording
@@ -41,6 +42,8 @@ def read_foreign(path: Path) -> ForeignTable:
     lengths = [len(values) for values in columns.values()]
     usual = max(set(lengths), key=lengths.count, default=0)
     kept = {name: one for name, one in columns.items() if len(one) == usual and np.isfinite(one).any()}
+    if not kept:
+        raise RecordingError(path, "has no row with a number", "give a table with samples")
     return ForeignTable(path, kept, has_names, rate)
 
 

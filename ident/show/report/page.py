@@ -102,6 +102,8 @@ EPOCH_FROM = 1e9
 # Sessions that are named under a title.
 MOST_STAMPS = 4
 UNKNOWN = "not recorded"
+# What a page tells of a result's origin as it stands in its record.
+PAST = ("command", "version", "commit", "units")
 SEVERITIES = ("fatal", "warning", "note")
 
 
@@ -152,9 +154,14 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
     """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
     past = record.get("provenance") or {}
-    facts: dict[str, Any] = {name: past[name] for name in ("command", "version") if past.get(name)}
+    facts: dict[str, Any] = {name: past[name] for name in PAST if past.get(name)}
+    if past.get("engines"):
+        facts["engines"] = ", ".join(f"{name} {number}" for name, number in past["engines"].items())
     for stamp in past.get("sessions", []):
-        facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
+        words = [session_dates(stamp), f"SHA-256 {stamp['sha256']}"]
+        words += [f"of its content {stamp['content']}"] if stamp.get("content") else []
+        words += [f"torque's scale {stamp['scale']}"] if stamp.get("scale") else []
+        facts[f"session {stamp['path']}"] = "; ".join(words)
     settings = dict(past.get("settings", {}))
     if isinstance(settings.get("diagnosis"), Mapping):
         settings["diagnosis"] = _unusual(settings["diagnosis"], USUAL.to_dict())
