@@ -39,6 +39,14 @@ def own_version() -> str:
         return "unknown"
 
 
+def made_by() -> str:
+    """What made a page, in a line: version, commit, engines and units."""
+    commit = code_commit()
+    code = f"armgap {own_version()}" + (f", commit {commit[:RUN_DIGITS]}" if commit else "")
+    engines = ", ".join(f"{name} {number}" for name, number in engine_versions().items())
+    return f"{code}; {engines}. Units: {UNITS}."
+
+
 # Digits of a file's hash by which it is known again.
 RUN_DIGITS = 12
 

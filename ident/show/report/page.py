@@ -15,6 +15,7 @@ from ident.diagnosis.settings import USUAL
 from ident.errors import plural
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
+from ident.results import made_by
 from ident.show import palette
 from ident.show.report import words
 
@@ -82,7 +83,9 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         for one in sections
         if one is not None
     ]
-    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=bodies)
+    return environment.get_template("page.html").render(
+        title=title, subtitle=subtitle, sections=bodies, made_by=made_by()
+    )
 
 
 def breakable(name: str) -> Markup:
@@ -133,6 +136,7 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
             ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
             ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
             ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
+            ("commit of the code", past.get("commit", UNKNOWN)),
             ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
         ]
         if past.get("accepted"):
