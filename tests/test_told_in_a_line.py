@@ -74,6 +74,20 @@ def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, tmp_
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000
 
 
+def test_a_mesh_names_no_corner_that_is_not_there(tmp_path: Path) -> None:
+    """Law: the reader below Python would read beyond its memory; of a scene and of a URDF."""
+    path = tmp_path / "shape.ply"
+    for text in (
+        PLY.format(corners=1, faces=4),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0 9"),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0 -1"),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=r"not there|no whole"):
+            read_mesh(path, SCALE, hull=False)
+
+
 def test_an_honest_mesh_is_read(tmp_path: Path) -> None:
     path = tmp_path / "shape.ply"
     path.write_text(PLY.format(corners=4, faces=4))

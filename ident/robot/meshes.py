@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from ident.errors import InputError, RobotError
+import numpy as np
+
+from ident.errors import InputError, RobotError, first_line
 from ident.robot.names import example_robots_folder
 
 # Larger mesh files are no collision geometry [bytes].
@@ -50,6 +53,8 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
     if (size := path.stat().st_size) > LARGEST:
         raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
     require_honest_header(path, where, place, error)
+    if path.suffix.lower() == ".ply":
+        require_sound_ply(path, where, place, error)
     for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
         material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
         if material.exists() and not (material.is_file() and material.is_relative_to(path.parent.resolve())):
@@ -71,6 +76,27 @@ def require_honest_header(path: Path, where: str | Path, place: str, error: type
         announced = STL_TRIANGLE * int.from_bytes(head[STL_HEAD - 4 : STL_HEAD], "little")
     if announced > size:
         what = f"{place}speaks of more than its {size} bytes can hold"
+        raise error(where, what, "mend or replace the mesh")
+
+
+def require_sound_ply(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+    """Raises for a .ply whose triangles name corners that are not there: its reader would read beyond them."""
+    from plyfile import PlyData, PlyListProperty  # few meshes are of this kind
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read = PlyData.read(str(path))
+        corners = len(read["vertex"])
+        faces = next(element for element in read.elements if element.name == "face")
+        lists = [faces[name.name] for name in faces.properties if isinstance(name, PlyListProperty)]
+        named = [np.asarray(one) for column in lists for one in column if len(one)]
+        numbers = np.concatenate([np.zeros(1), *named])
+    except Exception as failed:  # the package raises its own, and whatever NumPy raises at odd numbers
+        what = f"{place}is no whole .ply ({first_line(failed)})"
+        raise error(where, what, "mend or replace the mesh") from None
+    if not np.isfinite(numbers).all() or numbers.min() < 0 or numbers.max() >= max(corners, 1):
+        what = f"{place}has triangles of corners that are not there"
         raise error(where, what, "mend or replace the mesh")
 
 
