@@ -38,6 +38,18 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
+# As much of a place, a fault and a remedy as is told: together they fill a screen [characters].
+LONGEST_PART = 600
+
+
+def shortened(text: str, longest: int = LONGEST_PART) -> str:
+    """A text with its middle left out where it is longer than a part of a message may be."""
+    if len(text) <= longest:
+        return text
+    half = longest // 2
+    return f"{text[:half]} … {text[-half:]}"
+
+
 class ArmgapError(Exception):
     """Base of all errors raised by armgap."""
 
@@ -53,7 +65,8 @@ class InputError(ArmgapError):
 
     def __init__(self, where: str | Path, what: str, remedy: str) -> None:
         self.where, self.what, self.remedy = str(where), what, remedy
-        super().__init__(visible(f"{self.where}: {what}; {remedy}"))
+        parts = (shortened(visible(part)) for part in (self.where, what, remedy))
+        super().__init__("{}: {}; {}".format(*parts))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         return type(self), (self.where, self.what, self.remedy)

@@ -10,7 +10,7 @@ import shutil
 import socket
 import sys
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
@@ -31,6 +31,8 @@ from ident.records import as_json
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
+# How formulas of spreadsheets begin.
+FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 # Ending of what was there before, while a new folder takes its place without an exchange.
 RETIRED = ".old"
 # The system's own faults: full disks and quotas, broken devices, no handles or memory left. No other name helps.
@@ -116,6 +118,18 @@ def atomic_folder(path: str | Path, kind: str) -> Iterator[Path]:
             _put_in_place(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def require_plain_header(names: Iterable[str], where: str | Path) -> None:
+    """Passes if no name would be a formula where a text table is opened by a spreadsheet.
+
+    Raises:
+        InputError: One begins as formulas do.
+    """
+    formula = next((name for name in names if name.startswith(FORMULAS)), None)
+    if formula is not None:
+        what = f"a column would be called {formula!r}, which a spreadsheet runs as a formula"
+        raise InputError(where, what, "rename the joint, or write .parquet")
 
 
 def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:

@@ -7,6 +7,7 @@ import errno
 import gc
 import importlib
 import os
+import re
 import signal
 import sys
 import warnings
@@ -59,6 +60,8 @@ UNMAPPED = ("map segment", "annot allocate memory")
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 # As much of a name as a line shows [characters].
 LONGEST_NAME = 200
+# The name under which a file is written before it is whole, and the beginning of its own name in it.
+TEMPORARY = re.compile(r"\.([^/]*)\.armgap-[0-9a-f]{8}-\d+-[0-9a-f]{8}\.part([^/]*)")
 MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
@@ -100,6 +103,7 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         return USER
     except OSError as error:
         file = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
+        file = TEMPORARY.sub(r"\1\2", file)
         place = (file if len(file) <= LONGEST_NAME else file[:LONGEST_NAME] + "…") + ": " * bool(file)
         named, remedy = error.errno in NO_NAME, "free what is full or broken, then run the command again"
         say(f"{place}{error.strerror or error}; {'give the name of a file or folder' if named else remedy}")

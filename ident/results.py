@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ident.files import write_record
+from ident.origin import UNITS, code_commit, engine_versions
 from ident.records import Record, as_record
 
 if TYPE_CHECKING:
@@ -38,6 +39,14 @@ def own_version() -> str:
         return "unknown"
 
 
+def made_by() -> str:
+    """What made a page, in a line: version, commit, engines and units."""
+    commit = code_commit()
+    code = f"armgap {own_version()}" + (f", commit {commit[:RUN_DIGITS]}" if commit else "")
+    engines = ", ".join(f"{name} {number}" for name, number in engine_versions().items())
+    return f"{code}; {engines}. Units: {UNITS}."
+
+
 # Digits of a file's hash by which it is known again.
 RUN_DIGITS = 12
 
@@ -49,6 +58,8 @@ class SessionStamp(Record):
     Attributes:
         path: Its folder or file; its name where it never was a file.
         sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
+        content: SHA-256 of what its runs hold, whatever their files: times, positions, torques and other channels.
+        scale: What the torque's scale rests on: see `SCALES`.
         first, last: Times of the first and the last sample on the session's clock [s]; None without any.
         runs: First digits of each file's hash, and of that of every known recording that it holds in another form:
             whether two results were made from a common recording.
@@ -59,6 +70,24 @@ class SessionStamp(Record):
     first: float | None
     last: float | None
     runs: tuple[str, ...] = ()
+    content: str = ""
+    scale: str = ""
+
+
+# What anchors the scale of a session's torque.
+SCALES = {
+    "recorded": "as recorded: a sensor's or the drive's own torque",
+    "given": "drive gains given with the recording",
+    "guessed": "drive gains guessed: gravity alone tells the scale",
+}
+
+
+def scale_of(session: Session) -> str:
+    """What the scale of a session's torque rests on."""
+    if session.guessed_gains:
+        return SCALES["guessed"]
+    currents = any(run.current is not None for run in session.runs)
+    return SCALES["given" if currents else "recorded"]
 
 
 @dataclass(frozen=True)
@@ -68,6 +97,9 @@ class Provenance(Record):
     Attributes:
         command: What was run: `ident diagnose`, or the Python function of the same job.
         version: Of armgap.
+        commit: Of the code, where it is a checkout.
+        engines: Versions of the libraries that reckon.
+        units: Of all figures.
         settings: Options that decide the result, by name.
         sessions: The recordings.
     """
@@ -76,6 +108,9 @@ class Provenance(Record):
     version: str = field(default_factory=own_version)
     settings: Mapping[str, Any] = field(default_factory=dict)
     sessions: tuple[SessionStamp, ...] = ()
+    commit: str | None = field(default_factory=code_commit)
+    engines: Mapping[str, str] = field(default_factory=engine_versions)
+    units: str = UNITS
 
 
 def runs_of(stamps: Iterable[SessionStamp]) -> frozenset[str]:
@@ -139,7 +174,7 @@ class StampLedger:
         for session in sessions:
             if session.path is None or not self._open or self._open[-1].path != str(session.path):
                 self._open.append(_Stamping(session.name, str(session.path or ""), self._known))
-            self._open[-1].take(session.runs)
+            self._open[-1].take(session)
             yield session
             del session
 
@@ -151,16 +186,19 @@ class _Stamping:
         self.name, self.path = name, path
         self._known = known
         self._files: dict[Path, bytes] = {}
-        self._digest = hashlib.sha256()
+        self._digest, self._content = hashlib.sha256(), hashlib.sha256()
+        self._scale = ""
         self._runs: dict[str, None] = {}
         self._names: dict[str, str] = {}
         self._series: dict[str, list[Series]] = {}
         self._times: list[float] = []
 
-    def take(self, runs: Iterable[Recording]) -> None:
+    def take(self, session: Session) -> None:
         from ident.recordings.series import SearchedRun, Series
 
-        for run in runs:
+        self._scale = scale_of(session)
+        for run in session.runs:
+            self._content.update(content_of(run))
             digest = self._digest_of(run)
             self._digest.update(digest)
             self._runs[digest.hex()[:RUN_DIGITS]] = None
@@ -193,14 +231,21 @@ class _Stamping:
                 with run.source.open("rb") as stream:
                     self._files[run.source] = hashlib.file_digest(stream, "sha256").digest()
             return self._files[run.source]
-        digest = hashlib.sha256(run.time.tobytes())
-        for name, values in run.channels().items():
-            digest.update(name.encode() + values.tobytes())
-        return digest.digest()
+        return content_of(run)
 
     def stamp(self) -> SessionStamp:
         first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        return SessionStamp(self.path or self.name, self._digest.hexdigest(), first, last, tuple(self._runs))
+        name, files, content = self.path or self.name, self._digest.hexdigest(), self._content.hexdigest()
+        return SessionStamp(name, files, first, last, tuple(self._runs), content, self._scale)
+
+
+def content_of(run: Recording) -> bytes:
+    """SHA-256 of what a run holds: its joints in alphabetical order, times and channels as doubles."""
+    order = sorted(range(len(run.joints)), key=lambda index: run.joints[index])
+    digest = hashlib.sha256("\0".join(sorted(run.joints)).encode() + run.time.tobytes())
+    for name, values in run.channels().items():
+        digest.update(name.encode() + values[:, order].tobytes())
+    return digest.digest()
 
 
 # What every result can do: tell itself in words, as a record, as a picture, and in a notebook.

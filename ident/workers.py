@@ -10,13 +10,13 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import CancelledError, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor
 
-from ident.errors import InputError
+from ident.errors import InputError, first_line
 from ident.own_settings import keep_own_settings
 
 T = TypeVar("T")
@@ -109,10 +109,19 @@ def _run_on_cluster(
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error) or type(error).__name__
         raise InputError("--scheduler", f"{scheduler} can't be reached ({reason})", "give tcp://HOST:PORT") from None
+    finished = 0
     with client, client.as_current():
-        futures = client.map(function, list(tasks), pure=False)
         try:
+            futures = client.map(function, list(tasks), pure=False)
             for _, name in as_dask_completed(futures, with_results=True):
                 done(name)
+                finished += 1
         except KilledWorker as error:
             raise LostWorker(f"{error.task} lost its worker too often: is there memory enough?") from None
+        except Exception as error:
+            # A scheduler that goes away shows as a future that is cancelled, a closed connection, or a TypeError
+            # of the client's own.
+            if client.status == "running" and not isinstance(error, CancelledError):
+                raise
+            what = f"the scheduler is gone; {finished} of {len(tasks)} tasks are done ({first_line(error)})"
+            raise InputError("--scheduler", what, "start it, then run the command again: it goes on") from None

@@ -6,7 +6,8 @@ from ident.errors import InputError
 from ident.schemas.publish import list_kinds, make_schema
 from tests.schemas import check_record
 
-EMPTY = {"command": "ident view", "version": "0", "settings": {}, "sessions": []}
+EMPTY = {"command": "ident view", "version": "0", "commit": None, "engines": {}, "units": "SI"}
+EMPTY |= {"settings": {}, "sessions": []}
 
 
 @pytest.mark.parametrize(("package", "name"), [(one, name) for one in ("ident", "plan") for name in list_kinds(one)])

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from ident.command_options import FilterOptions, FitOptions
 from ident.fitting import fit as fitting
 from ident.fitting.fit import FitResults, read_named_laws
@@ -50,7 +52,9 @@ def fit_hybrid(
         else open_sessions(source, robot, **{**vars(read), "accept": accept}, motion=options.motion)
     )
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
-    found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
+    # Sums over threads differ in their last digits from one number of threads to another.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)

@@ -18,7 +18,9 @@ ROUNDING = 1e-4
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the samples in which a position or torque is frozen; refuses where too little is left to judge anything."""
     found, lost = Findings(session), 0
-    coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
+    # One value a run, another in the next, is a dead channel, not a coarse one.
+    dead = np.all([np.ptp(run.effort, axis=0) == 0.0 for run in session.runs], axis=0)
+    coarse = is_coarse(np.concatenate([run.effort for run in session.runs])) & ~dead
     for run in session.runs:
         positions = stuck_positions(run)
         frozen = positions | (stuck_efforts(run) & ~coarse)

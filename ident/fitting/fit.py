@@ -23,6 +23,7 @@ from ident.model.inertia import InertiaResults
 from ident.model.loss import LossResults, loss_figures
 from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded
+from ident.origin import UNITS, code_commit
 from ident.progress import stage
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -262,4 +263,6 @@ def _provenance(
         "data": list(data),
         "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
         "versions": read_versions(),
+        **({} if code_commit() is None else {"commit": code_commit()}),
+        "units": UNITS,
     }

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import RecordingError
 from ident.recordings.lerobot import longest_episode
 from ident.recordings.load import TEXTS, is_dataset, open_run
 from ident.recordings.recording import Recording
@@ -44,6 +45,8 @@ def read_foreign(path: Path) -> ForeignTable:
     lengths = [len(values) for values in columns.values()]
     usual = max(set(lengths), key=lengths.count, default=0)
     kept = {name: one for name, one in columns.items() if len(one) == usual and np.isfinite(one).any()}
+    if not kept:
+        raise RecordingError(path, "has no row with a number", "give a table with samples")
     texts = constant_texts(path) if path.suffix.lower() in TEXTS and path.is_file() else {}
     return ForeignTable(path, kept, has_names, rate, texts)
 

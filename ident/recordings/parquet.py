@@ -160,7 +160,14 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     size = require_regular(path, "give a table", RecordingError)
     file = pq.ParquetFile(path)  # not read_table: that loads all of pyarrow's data sets, at half a second
     require_unpacked(size, 8 * count_values(path))
-    return file
+    # A text that stands in a million cells stands once in the file, and is to stand once in memory.
+    texts = [field.name for field in file.schema_arrow if is_text(field.type)]
+    return pq.ParquetFile(path, read_dictionary=texts) if texts else file
+
+
+def is_text(kind: pa.DataType) -> bool:
+    """Whether a column holds texts or bytes."""
+    return any(test(kind) for test in (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary))
 
 
 def load_columns(path: Path, labels: Mapping[str, Sequence[str]] | None = None) -> dict[str, Column]:
@@ -215,6 +222,8 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
         RecordingError: It holds no numbers.
     """
     try:
+        if pa.types.is_dictionary(column.type):
+            return _dictionary_numbers(column, name, where)
         if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
             zoned = len(column) and ZONE.search(str(column[0]))
             column = column.cast(pa.timestamp("ns", "UTC" if zoned else None))  # ISO 8601
@@ -236,3 +245,15 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
     except (pa.ArrowException, ValueError, TypeError) as error:
         what = f"holds no numbers ({first_line(error)})"
         raise RecordingError(f"{where}, column {name}", what, "write it as numbers") from None
+
+
+def _dictionary_numbers(column: Column, name: str, where: str | Path) -> Float[Array, " T"]:
+    """The same of a column whose chunks hold each value once, and where it stands; each value is read once."""
+    parts = [np.empty(0)]
+    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
+        if len(chunk):
+            values = column_numbers(chunk.dictionary, name, where)
+            if chunk.null_count or not len(values):
+                raise RecordingError(f"{where}, column {name}", "holds empty cells", "write every cell out")
+            parts.append(values[np.asarray(chunk.indices)])
+    return np.concatenate(parts)

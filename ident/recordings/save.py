@@ -12,7 +12,7 @@ import pyarrow.csv as pacsv
 import tomli_w
 
 from ident.errors import RecordingError
-from ident.files import atomic_folder, atomic_write
+from ident.files import atomic_folder, atomic_write, require_plain_header
 from ident.outputs import SESSION_KIND
 from ident.recordings.columns import TIME
 from ident.recordings.recording import Recording, Session
@@ -30,6 +30,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in (".parquet", ".csv"):
         raise RecordingError(path, f"can't write {path.suffix!r}", "choose a name that ends in .parquet or .csv")
+    if path.suffix == ".csv":
+        require_plain_header(recording.joints, path)
     columns = {TIME: recording.time}
     for channel, values in recording.channels().items():
         columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)})

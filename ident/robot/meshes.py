@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from ident.errors import InputError, RobotError
+import numpy as np
+
+from ident.errors import InputError, RobotError, first_line
 from ident.robot.names import example_robots_folder
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000
 READABLE = (".stl", ".obj", ".dae", ".ply")
+# What the header of a mesh says is in it: elements of a .ply, numbers of a .dae's arrays.
+ELEMENTS = re.compile(rb"(?m)^[ \t]*element[ \t]+\S+[ \t]+(\d+)")
+COUNTS = re.compile(rb"""\bcount\s*=\s*["'](\d+)["']""")
+HEADER_BYTES = 1 << 16
+# Bytes of a binary .stl before its triangles, and of one of them.
+STL_HEAD, STL_TRIANGLE = 84, 50
+LONGEST_COUNT = 20
 # The files in which an .obj's materials stand, which its reader opens, too.
 MATERIALS = re.compile(rb"(?m)^\s*mtllib\s+(\S.*?)\s*$")
 
@@ -42,11 +52,57 @@ def require_mesh(path: Path, where: str | Path, place: str, error: type[InputErr
         raise error(where, f"{place}is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
     if (size := path.stat().st_size) > LARGEST:
         raise error(where, f"{place}has {size / 1e6:.0f} MB", "give a simplified mesh")
+    require_honest_header(path, where, place, error)
+    if path.suffix.lower() == ".ply":
+        require_sound_ply(path, where, place, error)
     for name in MATERIALS.findall(path.read_bytes()) if path.suffix.lower() == ".obj" else ():
         material = (path.parent / os.fsdecode(name).lstrip("/")).resolve()
         if material.exists() and not (material.is_file() and material.is_relative_to(path.parent.resolve())):
             what = f"{place}names {os.fsdecode(name)!r}, no plain file beside it"
             raise error(where, what, "take the line mtllib out: a shape needs no materials")
+
+
+def require_honest_header(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+    """Raises for a mesh whose header speaks of more than its file can hold: its reader would make room for it."""
+    kind, size = path.suffix.lower(), path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read() if kind == ".dae" else stream.read(HEADER_BYTES)
+    announced = 0
+    if kind == ".ply":
+        announced = max(map(_whole, ELEMENTS.findall(head)), default=0)
+    elif kind == ".dae":
+        announced = max(map(_whole, COUNTS.findall(head)), default=0)
+    elif kind == ".stl" and not head.lstrip().startswith(b"solid") and len(head) >= STL_HEAD:
+        announced = STL_TRIANGLE * int.from_bytes(head[STL_HEAD - 4 : STL_HEAD], "little")
+    if announced > size:
+        what = f"{place}speaks of more than its {size} bytes can hold"
+        raise error(where, what, "mend or replace the mesh")
+
+
+def require_sound_ply(path: Path, where: str | Path, place: str, error: type[InputError]) -> None:
+    """Raises for a .ply whose triangles name corners that are not there: its reader would read beyond them."""
+    from plyfile import PlyData, PlyListProperty  # few meshes are of this kind
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read = PlyData.read(str(path))
+        corners = len(read["vertex"])
+        faces = next(element for element in read.elements if element.name == "face")
+        lists = [faces[name.name] for name in faces.properties if isinstance(name, PlyListProperty)]
+        named = [np.asarray(one) for column in lists for one in column if len(one)]
+        numbers = np.concatenate([np.zeros(1), *named])
+    except Exception as failed:  # the package raises its own, and whatever NumPy raises at odd numbers
+        what = f"{place}is no whole .ply ({first_line(failed)})"
+        raise error(where, what, "mend or replace the mesh") from None
+    if not np.isfinite(numbers).all() or numbers.min() < 0 or numbers.max() >= max(corners, 1):
+        what = f"{place}has triangles of corners that are not there"
+        raise error(where, what, "mend or replace the mesh")
+
+
+def _whole(digits: bytes) -> int:
+    """A count as its header writes it; of very many digits only so many as tell that it is too large."""
+    return int(digits[:LONGEST_COUNT])
 
 
 def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str:

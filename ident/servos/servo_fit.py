@@ -24,7 +24,7 @@ from ident.errors import RecordingError
 from ident.motion.filter import USUAL_MOTION
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.recordings.load import load_session
-from ident.recordings.recording import Session
+from ident.recordings.recording import Recording, Session
 from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -59,7 +59,9 @@ def load_goals(path: str | Path | Session) -> Session:
     """
     session = path if isinstance(path, Session) else load_session(path, with_effort=False)
     where = str(session.path or session.name)
-    for run in session.runs:
+    runs = [_with_numbers(run, where) for run in session.runs]
+    session = session.replace(runs=tuple(runs))
+    for run in runs:
         if run.position_command is None:
             what = f"{run.name} has no goal: no column <joint>/position_command of every joint"
             raise RecordingError(where, what, "log the goal that each servo is given, or map it in [columns]")
@@ -71,6 +73,23 @@ def load_goals(path: str | Path | Session) -> Session:
             what = f"{run.name}: the goal of {joint} is its position, sample for sample"
             raise RecordingError(where, what, "log the goal that was sent, not the position read")
     return session
+
+
+def _with_numbers(run: Recording, where: str) -> Recording:
+    """The rows of a run in which goal and position of every joint are numbers.
+
+    Raises:
+        RecordingError: Hardly any are.
+    """
+    if run.position_command is None:
+        return run
+    sound = np.isfinite(run.position) & np.isfinite(run.position_command)
+    worst = int(np.argmin(sound.mean(axis=0))) if len(run) else 0
+    if not len(run) or sound[:, worst].mean() < LIMIT.least_sound:
+        what = f"{run.name}: goal or position of {run.joints[worst]} is no number in most rows"
+        raise RecordingError(where, what, "log both as numbers in every row")
+    whole = sound.all(axis=1)
+    return run if whole.all() else run.at(whole)
 
 
 def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[GoalRun, ...]:

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, RobotError, first_line
-from ident.files import atomic_write
+from ident.files import atomic_write, require_plain_header
 from ident.recordings.load import require_readable_size
 from ident.recordings.parquet import open_parquet
 from ident.robot.arm import ArmModel
@@ -30,6 +30,8 @@ SUFFIXES = (".csv", ".parquet")
 THINNING = 4
 # Commands that stand farther apart than this say too little of what lies between them [s].
 LARGEST_STEP_S = 0.05
+# A motion of fewer ticks is none: it has no acceleration that could be told [s].
+SHORTEST_S = 10 * TICK_S
 
 
 def read_commands(path: str | Path, arm: ArmModel) -> tuple[ReferenceMotion, ...]:
@@ -48,6 +50,7 @@ def read_commands(path: str | Path, arm: ArmModel) -> tuple[ReferenceMotion, ...
 def write_commands(motions: Sequence[ReferenceMotion], joints: Sequence[str], folder: str | Path) -> tuple[Path, ...]:
     """Writes one file a motion at 250 Hz: positions [rad] and velocities [rad/s] from rest to rest."""
     folder = Path(folder)
+    require_plain_header(joints, folder)
     folder.mkdir(parents=True, exist_ok=True)
     width = max(len(str(len(motions))), 2)
     written = []
@@ -97,6 +100,9 @@ def _check(path: Path, time: Float[Array, " T"], q: Float[Array, "T n"], arm: Ar
         worst = int(np.argmin(steps) if steps.min() <= 0.0 else np.argmax(steps))
         what, remedy = f"time goes on by {steps[worst]:.4g} s", f"let time rise by at most {LARGEST_STEP_S:g} s"
         raise RecordingError(path, f"line {worst + 3}: {what}", f"{remedy} from row to row")
+    if time[-1] - time[0] < SHORTEST_S:
+        what = f"its motion takes {time[-1] - time[0]:.3g} s"
+        raise RecordingError(path, what, f"give a motion of {SHORTEST_S:g} s or more, time in seconds")
     limits = arm.known_limits
     outside = np.argwhere((q < limits.lower) | (q > limits.upper))
     if len(outside):

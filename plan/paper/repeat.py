@@ -17,6 +17,7 @@ from ident.arrays import Array
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.progress import stage
+from ident.results import made_by
 from plan.command_options import PaperOptions, SolveOptions, TaskOptions
 from plan.geometry.solids import Box, Solid
 from plan.initial.starts import from_vias
@@ -238,6 +239,7 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         full=PaperOptions(),
         tables=repeat.tables,
         inf=np.inf,
+        made_by=made_by(),
         pictures={name: words for name, words in PICTURES.items() if name in drawn},
     )
     with atomic_write(out / PAGE) as part:

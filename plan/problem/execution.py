@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.files import atomic_write
+from ident.files import atomic_write, require_plain_header
 from ident.outputs import WRITER, mark_file
 from plan.problem.controllers import SAMPLED, Controller, load_controllers
 from plan.problem.result import PlanResult
@@ -49,6 +49,8 @@ class Execution:
 
     def save(self, path: Path) -> None:
         """Writes the motion in the format of the path's suffix, whole or not at all."""
+        if path.suffix == ".csv":
+            require_plain_header(self.joints, path)
         with atomic_write(path) as part:
             if path.suffix == ".parquet":
                 pq.write_table(self.table(), part)

@@ -26,7 +26,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.request import Answer, TrueEffect, seal
-from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, WORLD, XACRO, obj, stl
+from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, WORLD, XACRO, obj, ply, stl
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
@@ -142,6 +142,7 @@ def _store(folder: Path) -> None:
 def _scenes(folder: Path, arm: ArmModel) -> None:
     (folder / "cube.stl").write_text(stl())
     (folder / "cube.obj").write_text(obj())
+    (folder / "cube.ply").write_text(ply())
     corners = np.array(CUBE, dtype=np.float32)
     rows = np.array([tuple(corner) for corner in corners], dtype=[(axis, "f4") for axis in "xyz"])
     PlyData([PlyElement.describe(rows, "vertex")]).write(str(folder / "scan.ply"))

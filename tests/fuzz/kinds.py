@@ -168,8 +168,10 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
     found += [Kind("csv", folder / "run.csv", load, check_loaded, 0.3)]
     found += [Kind("foreign text", folder / "foreign.txt", load, check_loaded, 0.1)]
     found += [Kind(path.suffix[1:], path, load, check_loaded, 0.5) for path in bags]
-    metadata = folder / f"bag_{StoragePlugin.MCAP.name}" / "metadata.yaml"
-    return [*found, Kind("metadata.yaml", metadata, bag, check_loaded, 0.5)]
+    for one, name in ((StoragePlugin.MCAP, "metadata.yaml"), (StoragePlugin.SQLITE3, "metadata.yaml of a .db3")):
+        metadata = folder / f"bag_{one.name}" / "metadata.yaml"
+        found.append(Kind(name, metadata, bag, check_loaded, 0.5))
+    return found
 
 
 def _skipped(path: Path) -> bool:
@@ -268,6 +270,7 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
+        Kind("ply", folder / "cube.ply", mesh, check_mesh, 0.5),
         *(Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3) for end in (".ply", ".pcd", ".npy")),
     ]
 

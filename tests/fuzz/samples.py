@@ -127,6 +127,15 @@ def stl() -> str:
     return "\n".join([*lines, "endsolid cube\n"])
 
 
+def ply() -> str:
+    """The cube as a mesh in text."""
+    head = ["ply", "format ascii 1.0", f"element vertex {len(CUBE)}"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"element face {len(FACES)}", "property list uchar int vertex_indices", "end_header"]
+    corners = [f"{x} {y} {z}" for x, y, z in CUBE]
+    return "\n".join([*head, *corners, *(f"3 {a} {b} {c}" for a, b, c in FACES), ""])
+
+
 def obj() -> str:
     corners = [f"v {x} {y} {z}" for x, y, z in CUBE]
     return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])

@@ -16,7 +16,15 @@ Rng = np.random.Generator
 Spoil = Callable[[bytes, Rng], bytes]
 
 NUMBERS = ["nan", "inf", "-inf", "1e282", "-1e308", "1e-320", "0", "-1", "1e9", "9" * 400, "1.7e9", "0x10", "1,5", ""]
+NUMBERS += ["2.443 ", " 2", "2_443", "٢.٤", "２", "+1", "1e", "1d3", "1e-400", "2\n", "2\t"]
 TEXTS = ["\x00", "\x1b[31m", '"""', "$(touch RUN)", "[x]", "é\u202e", "a" * 5000, "\n", "../..", "=1+1", "';--", "{}"]
+# Numbers of elements in headers of meshes and clouds; names of files in a bag's metadata; schemas of records.
+COUNT = re.compile(rb"(?:element \w+ |POINTS |WIDTH |count=\")(\d+)")
+FILE_NAME = re.compile(rb"[\w./%-]+\.(?:db3|mcap)")
+FILE_NAMES = ["%2e%2e%2frun.db3", "../run.db3", "..", ".", "/etc/passwd", "a?b.db3", "a#b.db3", "metadata.yaml", ""]
+FILE_NAMES += ["%2e%2e%2f%2e%2e%2fetc%2fpasswd", "x.db3?mode=rwc", "file:run.db3", "\x00.db3", "run.db3/", "a" * 300]
+SCHEMA_NAME = re.compile(rb"(?:ident|plan|armgap)\.\w+/\d+")
+SCHEMA_NAMES = ["ident.diagnosis/2", "ident.diagnosis/0", "ident.model/99", "plan.result/1", "ident.fit/1", "none", "1"]
 EXPRESSION = re.compile(rb"\$\{[^}]*\}|\$\([^)]*\)")
 # Nobody's description needs any of these; `touch RUN` and the files that are named show what was done.
 EXPRESSIONS = ["__import__('os').system('touch RUN')", "[x for x in ().__class__.__bases__[0].__subclasses__()]"]
@@ -315,26 +323,62 @@ def lengthen(data: bytes, rng: Rng) -> bytes:
     return data[:at] + number.to_bytes(8, "little", signed=True) + data[at + 8 :]
 
 
+def open_quote(data: bytes, rng: Rng) -> bytes:
+    """A quotation mark that nobody closes, somewhere or at the very beginning."""
+    at = 0 if rng.random() < 0.2 else int(rng.integers(0, len(data) + 1))
+    return data[:at] + b'"' + data[at:]
+
+
+def change_count(data: bytes, rng: Rng) -> bytes:
+    """A header claims another number of elements than follow."""
+    found = list(COUNT.finditer(data))
+    if not found:
+        return data
+    one = found[int(rng.integers(len(found)))]
+    number = int(rng.choice([0, 1, 1000, 2**31 - 1, 2**32])) if rng.random() < 0.5 else 10 ** int(rng.integers(3, 40))
+    return data[: one.start(1)] + str(number).encode() + data[one.end(1) :]
+
+
+def change_file_name(data: bytes, rng: Rng) -> bytes:
+    """A name of a file in a bag's metadata becomes a way out of its folder, or means something to a URI."""
+    found = list(FILE_NAME.finditer(data))
+    if not found:
+        return data
+    one = found[int(rng.integers(len(found)))]
+    name = str(rng.choice(FILE_NAMES))
+    return data[: one.start()] + json.dumps(name).encode() + data[one.end() :]
+
+
+def change_schema(data: bytes, rng: Rng) -> bytes:
+    """Another version or kind of a record of ours."""
+    found = list(SCHEMA_NAME.finditer(data))
+    if not found:
+        return data
+    one = found[int(rng.integers(len(found)))]
+    kind = str(rng.choice(SCHEMA_NAMES)).encode()
+    return data[: one.start()] + kind + data[one.end() :]
+
+
 BYTES: tuple[Spoil, ...] = (cut_short, flip_bytes, repeat_part, insert_noise, nothing_left)
 BY_KIND: dict[str, tuple[Spoil, ...]] = {
-    "csv": (change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
-    "txt": (change_words, change_words, change_rows, *BYTES),
+    "csv": (open_quote, change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
+    "txt": (open_quote, change_words, change_words, change_rows, *BYTES),
     "npz": (change_archive, change_archive, change_archive, lengthen, *BYTES),
     "parquet": (change_table, change_table, change_table, lengthen, *BYTES),
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
     "bag": (lengthen, *BYTES),
-    "yaml": (change_words, change_words, change_rows, *BYTES),
-    "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
+    "yaml": (change_file_name, change_file_name, change_words, change_words, change_rows, *BYTES),
+    "toml": (change_schema, change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),
     "xacro": (change_expression, change_expression, change_tag, change_tag, change_values, change_chain, nest, *BYTES),
     "xml": (change_values, change_values, change_words, change_chain, nest, *BYTES),
     "srdf": (change_values, change_values, change_words, nest, *BYTES),
-    "json": (change_json, change_json, change_json, change_json, nest, *BYTES),
+    "json": (change_schema, change_json, change_json, change_json, change_json, nest, *BYTES),
     "safetensors": (change_header, change_header, change_header, *BYTES),
     "npy": (change_words, lengthen, *BYTES),
-    "ply": (change_words, change_words, change_rows, lengthen, *BYTES),
-    "pcd": (change_words, change_words, change_rows, lengthen, *BYTES),
+    "ply": (change_count, change_count, change_words, change_words, change_rows, lengthen, *BYTES),
+    "pcd": (change_count, change_count, change_words, change_words, change_rows, lengthen, *BYTES),
     "stl": (change_words, change_words, change_rows, lengthen, *BYTES),
     "obj": (change_words, change_words, change_rows, *BYTES),
     "py": (change_words, change_rows, *BYTES),

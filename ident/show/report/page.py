@@ -15,6 +15,7 @@ from ident.diagnosis.settings import USUAL
 from ident.errors import plural
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
+from ident.results import made_by
 from ident.show import palette
 from ident.show.report import words
 
@@ -82,7 +83,9 @@ def render_page(title: str, sections: Sequence[Section | None], subtitle: str = 
         for one in sections
         if one is not None
     ]
-    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=bodies)
+    return environment.get_template("page.html").render(
+        title=title, subtitle=subtitle, sections=bodies, made_by=made_by()
+    )
 
 
 def breakable(name: str) -> Markup:
@@ -102,6 +105,8 @@ EPOCH_FROM = 1e9
 # Sessions that are named under a title.
 MOST_STAMPS = 4
 UNKNOWN = "not recorded"
+# What a page tells of a result's origin as it stands in its record.
+PAST = ("command", "version", "commit", "units")
 SEVERITIES = ("fatal", "warning", "note")
 
 
@@ -131,6 +136,7 @@ def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
             ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
             ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
             ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
+            ("commit of the code", past.get("commit", UNKNOWN)),
             ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
         ]
         if past.get("accepted"):
@@ -152,9 +158,14 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
 def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
     """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
     past = record.get("provenance") or {}
-    facts: dict[str, Any] = {name: past[name] for name in ("command", "version") if past.get(name)}
+    facts: dict[str, Any] = {name: past[name] for name in PAST if past.get(name)}
+    if past.get("engines"):
+        facts["engines"] = ", ".join(f"{name} {number}" for name, number in past["engines"].items())
     for stamp in past.get("sessions", []):
-        facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
+        words = [session_dates(stamp), f"SHA-256 {stamp['sha256']}"]
+        words += [f"of its content {stamp['content']}"] if stamp.get("content") else []
+        words += [f"torque's scale {stamp['scale']}"] if stamp.get("scale") else []
+        facts[f"session {stamp['path']}"] = "; ".join(words)
     settings = dict(past.get("settings", {}))
     if isinstance(settings.get("diagnosis"), Mapping):
         settings["diagnosis"] = _unusual(settings["diagnosis"], USUAL.to_dict())

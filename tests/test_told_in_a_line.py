@@ -1,0 +1,246 @@
+"""Inputs that ended in a traceback, took gigabytes, or told what nobody can read: each is told in a line now."""
+
+import errno
+import re
+import resource
+import subprocess
+import sys
+from concurrent.futures import CancelledError
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ident import workers
+from ident.errors import InputError
+from ident.files import atomic_write, require_plain_header
+from ident.infer.guess import read_foreign
+from ident.infer.new_session import guess_session
+from ident.monitor.store import Store
+from ident.process import TEMPORARY
+from ident.recordings.load import load_session
+from ident.recordings.parquet import load_columns
+from ident.recordings.recording import Recording
+from ident.recordings.save import write_recording
+from ident.robot.arm import ArmModel
+from ident.servos.servo_fit import load_goals
+from ident.show.report.page import Section, render_page
+from ident.trajectories.files import read_commands
+from plan.geometry.obstacle_files import read_mesh
+
+SCALE = np.ones(3)
+# A screen of 24 lines of 80 characters.
+SCREEN = 24 * 80
+MEMORY = 2_000_000_000
+PLY = """ply
+format ascii 1.0
+element vertex {corners}
+property float x
+property float y
+property float z
+element face {faces}
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 2 0 3
+"""
+HUGE = 10**20
+
+
+def within_memory(script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs Python that may have no more than `MEMORY` beyond what it has loaded."""
+    limited = f"import resource; resource.setrlimit(resource.RLIMIT_DATA, ({MEMORY}, {MEMORY}))\n{script}"
+    line = [sys.executable, "-c", limited, *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize(("corners", "faces"), [(HUGE, 4), (4, HUGE), (10**9, 4), (4, 2**31), (10**4, 4)])
+def test_a_mesh_does_not_claim_more_than_it_holds(corners: int, faces: int, tmp_path: Path) -> None:
+    """Law: its reader would make room for it before it looks."""
+    path = tmp_path / "shape.ply"
+    path.write_text(PLY.format(corners=corners, faces=faces))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match="more than its"):
+        read_mesh(path, SCALE, hull=False)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000
+
+
+def test_a_mesh_names_no_corner_that_is_not_there(tmp_path: Path) -> None:
+    """Law: the reader below Python would read beyond its memory; of a scene and of a URDF."""
+    path = tmp_path / "shape.ply"
+    for text in (
+        PLY.format(corners=1, faces=4),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0 9"),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0 -1"),
+        PLY.format(corners=4, faces=4).replace("3 2 0 3", "3 2 0"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=r"not there|no whole"):
+            read_mesh(path, SCALE, hull=False)
+
+
+def test_an_honest_mesh_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "shape.ply"
+    path.write_text(PLY.format(corners=4, faces=4))
+    assert read_mesh(path, SCALE, hull=True)[0] is not None
+    stl = tmp_path / "shape.stl"
+    stl.write_bytes(b"\0" * 80 + (2**31).to_bytes(4, "little") + b"\0" * 50)
+    dae = tmp_path / "shape.dae"
+    dae.write_text('<COLLADA><float_array count="99999999999999999999">0</float_array></COLLADA>')
+    for wrong in (stl, dae):
+        with pytest.raises(InputError, match="more than its"):
+            read_mesh(wrong, SCALE, hull=False)
+
+
+def test_text_that_stands_in_a_million_cells_stands_once_in_memory(tmp_path: Path) -> None:
+    """Law: a file of kilobytes whose text columns come to gigabytes is read for its numbers."""
+    rows = 1_000_000
+    text = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), pa.array(["x" * 100_000]))
+    table = pa.table({"time": np.arange(rows) * 1e-3, "note": text, "q": np.zeros(rows)})
+    pq.write_table(table, tmp_path / "run.parquet", compression="zstd")
+    script = """
+import sys
+from pathlib import Path
+from ident.infer.guess import read_foreign
+print(sorted(read_foreign(Path(sys.argv[1])).columns))
+"""
+    done = within_memory(script, tmp_path / "run.parquet")
+    assert done.stdout.strip() == "['q', 'time']", done.stderr[-500:]
+
+
+def test_stamps_in_a_dictionary_are_numbers(tmp_path: Path) -> None:
+    """Law: text of times, each value once in the file, is read as it was."""
+    stamps = [f"2026-01-01T00:00:{second:02d}" for second in (0, 1, 2, 3, 3, 2)]
+    table = pa.table({"time": pa.array(stamps).dictionary_encode(), "a/position": np.zeros(6), "a/effort": np.zeros(6)})
+    pq.write_table(table, tmp_path / "run.parquet")
+    time = load_session(tmp_path / "run.parquet").runs[0].time
+    np.testing.assert_allclose(time - time[0], [0, 1, 2, 3, 3, 2])
+
+
+def test_a_table_without_rows_is_told(tmp_path: Path, tm5: ArmModel) -> None:
+    pq.write_table(pa.table({"a": pa.array([], pa.float64())}), tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="no row with a number"):
+        guess_session(tmp_path / "run.parquet", tm5, None)
+    with pytest.raises(InputError, match="no row with a number"):
+        read_foreign(tmp_path / "run.parquet")
+    assert len(load_columns(tmp_path / "run.parquet")["a"]) == 0
+
+
+@pytest.mark.parametrize("cell", [np.inf, -np.inf, np.nan, None])
+def test_goals_without_a_number_are_told(cell: float | None, tmp_path: Path) -> None:
+    time = np.arange(3000) * 0.01
+    goals = pa.array([cell] * len(time), pa.float64())
+    table = pa.table({"time": time, "a/position": np.sin(time), "a/position_command": goals})
+    pq.write_table(table, tmp_path / "run.parquet")
+    with pytest.raises(InputError, match=r"no number in most rows|has no goal"):
+        load_goals(tmp_path / "run.parquet")
+
+
+@pytest.mark.parametrize("step", [2e-10, 1e-300, 1e-5])
+def test_commands_of_no_time_are_told(step: float, tm5: ArmModel, tmp_path: Path) -> None:
+    names = [f"{name}/position_command" for name in tm5.joint_names]
+    columns = {"time": np.arange(20) * step, **dict.fromkeys(names, np.full(20, 0.1))}
+    pq.write_table(pa.table(columns), tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="its motion takes"):
+        read_commands(tmp_path / "run.parquet", tm5)
+
+
+class GoneClient:
+    """A client of a scheduler that goes away while the tasks run."""
+
+    def __init__(self, error: Exception, status: str) -> None:
+        self.error, self.status = error, status
+
+    def __call__(self, *_: Any, **__: Any) -> "GoneClient":
+        return self
+
+    def __enter__(self) -> "GoneClient":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def as_current(self) -> "GoneClient":
+        return self
+
+    def map(self, *_: Any, **__: Any) -> list[Any]:
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [TypeError("no"), CancelledError("gone"), OSError("closed")])
+def test_a_scheduler_that_goes_away_is_told(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", GoneClient(error, "closed"))
+    with pytest.raises(InputError, match="the scheduler is gone; 0 of 2"):
+        workers.run_tasks(str, [1, 2], scheduler="tcp://nowhere:1")
+
+
+def test_an_own_fault_in_a_task_is_no_lost_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", GoneClient(TypeError("our own"), "running"))
+    with pytest.raises(TypeError, match="our own"):
+        workers.run_tasks(str, [1, 2], scheduler="tcp://nowhere:1")
+
+
+@pytest.mark.parametrize("length", [10, 10_000, 10_000_000])
+def test_a_message_fits_on_a_screen(length: int) -> None:
+    """Law: with its beginning and its end, whatever names stand in it; its parts are whole in the error."""
+    error = InputError("a" * length, "b" * length, "c" * length)
+    assert len(str(error)) < SCREEN
+    assert (len(error.where), error.what[-1]) == (length, "b")
+    assert str(error).endswith("c")
+    assert len(str(InputError("\x1b" * length, "\x00" * length, "\u202e" * length))) < SCREEN
+
+
+def test_names_of_temporary_files_are_not_told(tmp_path: Path) -> None:
+    """Law: an error names the file that was to be written."""
+    with atomic_write(tmp_path / "plan.json") as part:
+        assert TEMPORARY.sub(r"\1\2", str(part)) == str(tmp_path / "plan.json")
+        part.write_text("")
+    app = f"""
+import typer
+from ident.files import atomic_write
+app = typer.Typer()
+@app.command()
+def work():
+    with atomic_write({str(tmp_path / "result.json")!r}) as part:
+        raise OSError({errno.ENOSPC}, "No space left on device", str(part))
+"""
+    (tmp_path / "failing_app.py").write_text(app)
+    run = "from ident.process import run_command; run_command('ident', 'failing_app')"
+    line = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {run}"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert "result.json: No space left" in done.stderr
+    assert "armgap-" not in done.stderr
+
+
+@pytest.mark.parametrize("arm", ["plain", "a b", "50%", "é?#", "../up", "=1+1", "x" * 300])
+def test_links_of_the_index_lead_to_the_pages(arm: str, tmp_path: Path) -> None:
+    """Law: a browser that unquotes the link asks for the file that is there."""
+    from urllib.parse import unquote
+
+    store = Store(tmp_path)
+    rows = {"effect": {arm: "joint_1"}}.items()
+    section = Section("effects", "Effects", "watch_effects.html", {"rows": rows, "count": 1, "store": store})
+    (link,) = re.findall(r'href="(arm-[^"]*)"', render_page("Arms", [section], ""))
+    store.page(arm).write_text("")
+    assert (tmp_path / unquote(link)).is_file()
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+1", "-1", "@sum", "\tx"])
+def test_no_cell_of_a_text_table_is_a_formula(name: str, tmp_path: Path) -> None:
+    """Law: it is refused by name, and nothing is written; Parquet takes it."""
+    run = Recording("run", (name,), np.arange(5) * 0.1, np.zeros((5, 1)), np.zeros((5, 1)))
+    with pytest.raises(InputError, match="formula"):
+        write_recording(run, tmp_path / "run.csv")
+    assert not (tmp_path / "run.csv").exists()
+    write_recording(run, tmp_path / "run.parquet")
+    require_plain_header(["a=1", "joint_1"], tmp_path)
