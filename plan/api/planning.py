@@ -41,7 +41,7 @@ def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None =
         TypeError: No such option.
     """
     chosen, began = SolveOptions(**options), processor_seconds()
-    result = open_task(scene, model, chosen).solve(chosen, planner)
+    result = open_task(scene, model, chosen).solve(chosen, planner, began=began)
     return replace(result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began))  # all since the call
 
 
@@ -90,24 +90,39 @@ class OpenedTask:
         return chosen
 
     def solve(
-        self, options: SolveOptions, planner: Planner | None = None, controller: Controller | None = None
+        self,
+        options: SolveOptions,
+        planner: Planner | None = None,
+        controller: Controller | None = None,
+        began: float | None = None,
     ) -> PlanResult:
         """Solves it, with a planner of one's own if one is given, for the options' controller or a given one.
+
+        Args:
+            options: How.
+            planner: A planner in place of a method.
+            controller: Who executes the plan.
+            began: Processor time of the process at which the seconds that may be spent began to count [s]; now if None.
 
         Raises:
             InputError: No such method, or not for this task; no such controller.
         """
+        began = processor_seconds() if began is None else began
         controller = controller or self.controller(options)
         problems = self.problems
         if controller is not None:
             problems = tuple(replace(problem, limits=controller.within(problem.limits)) for problem in problems)
-        problem, note = cheapest_goal(problems, self.task.pose is not None, options.budget, options.seed)
+        most, seconds = options.budget
+        left = max(seconds - (processor_seconds() - began), 0.0)
+        problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)
         stage("searching for a motion")
-        result = solve_problem(problem, options, planner, controller=controller)
+        spent = processor_seconds() - began
+        result = solve_problem(problem, options, planner, controller=controller, spent=spent)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
         executed = None if controller is None else controller.name
         origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
-        return replace(result, notes=(*note, *result.notes)).with_provenance(origin)
+        result = replace(result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began)
+        return result.with_provenance(origin)
 
     def compare(self, options: CompareOptions) -> Comparison:
         """Compares methods on it.

@@ -70,7 +70,7 @@ def solve(
     if options.beyond:  # before anything is planned
         console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, f"solve by {options.method}"):
-        result = opened.solve(options, controller=controller)
+        result = opened.solve(options, controller=controller, began=0.0)  # from the process's own start
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     written = []
