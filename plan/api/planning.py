@@ -117,7 +117,12 @@ class OpenedTask:
         problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)
         stage("searching for a motion")
         spent = processor_seconds() - began
-        result = solve_problem(problem, options, planner, controller=controller, spent=spent)
+        if problem.longest is None:
+            result = solve_problem(problem, options, planner, controller=controller, spent=spent)
+        else:
+            from plan.solving.free_duration import solve_free_duration
+
+            result = solve_free_duration(problem, options, planner, controller, spent)
         asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
         executed = None if controller is None else controller.name
         origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
@@ -132,6 +137,8 @@ class OpenedTask:
         """
         from plan.solving.compare import compare as compare_methods
 
+        if self.problem.longest is not None:
+            raise InputError(self.task.source, "methods are compared at one duration", "give task.duration_s")
         problem, _ = cheapest_goal(self.problems, self.task.pose is not None, USUAL_BUDGET, 0)
         table = compare_methods(problem, self.task.source.stem, options)
         asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}

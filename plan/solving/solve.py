@@ -116,6 +116,7 @@ def solve(
     starts: Starts | None = None,
     controller: Controller | None = None,
     spent: float = 0.0,
+    known: Candidate | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
@@ -127,6 +128,7 @@ def solve(
         controller: Who executes the plan: it is put on the controller's step, and the curve that the controller makes
             of it is certified. None for a plan by itself.
         spent: Processor time that was spent on the task before, of the seconds that it may take [s].
+        known: A motion of the task that is known already.
 
     Raises:
         InputError: No such method, or not for this task.
@@ -156,6 +158,8 @@ def solve(
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
     ledger = _ledger(options, spent)
+    if known is not None:
+        ledger.offer(known)
     if starts is None:
         seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
         starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
