@@ -44,6 +44,7 @@ class SolveOptions(TaskOptions):
         None, "Processor time that all may take, from the start to the certificate [s].", min=0.0
     )
     gap: bool = option(True, "Run the default method too and report the gap to it.")
+    workers: int = option(1, "Processes that search at once, each from its own chance.", min=1, max=64)
     controller: str | None = option(
         None,
         "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, ur_servoj or "

@@ -123,7 +123,7 @@ class OpenedTask:
             from plan.solving.free_duration import solve_free_duration
 
             result = solve_free_duration(problem, options, planner, controller, spent)
-        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
+        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds", "workers")}
         executed = None if controller is None else controller.name
         origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
         result = replace(result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began)

@@ -22,6 +22,7 @@ from plan.problem.ramps import find_time_law
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.solving.bound import least_energy, least_time
 from plan.solving.set_up import find_obstruction
+from plan.solving.workers import search_together
 from plan.spline import Splines
 
 # Evaluations for each start of the energy search from whose result time is shortened.
@@ -163,7 +164,10 @@ def solve(
     if starts is None:
         seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
         starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
-    planner.run(starts[0], ledger, rng)
+    if options.workers > 1:
+        search_together(planner, starts[0], ledger, options.seed, options.workers)
+    else:
+        planner.run(starts[0], ledger, rng)
     splines, found = _certified(ledger, rng, controller)
     verdict = _judge(found, ledger, starts[1], problem.known)
     result = replace(
