@@ -40,8 +40,11 @@ class SolveOptions(TaskOptions):
     method: str = option(DEFAULT_METHOD, "sqp, reference, cma, ppo, ga, brute, compress or toppra.")
     seed: int = option(0, "Seed of all randomness.", min=0)
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
-    seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
+    seconds: float | None = option(
+        None, "Processor time that all may take, from the start to the certificate [s].", min=0.0
+    )
     gap: bool = option(True, "Run the default method too and report the gap to it.")
+    workers: int = option(1, "Processes that search at once, each from its own chance.", min=1, max=64)
     controller: str | None = option(
         None,
         "Who executes the plan: its curve is certified. tmscript, tm_ros2, ros2_control, ur_spline, ur_servoj or "

@@ -41,7 +41,7 @@ def solve(scene: Scene, model: Model | None = None, *, planner: Planner | None =
         TypeError: No such option.
     """
     chosen, began = SolveOptions(**options), processor_seconds()
-    result = open_task(scene, model, chosen).solve(chosen, planner)
+    result = open_task(scene, model, chosen).solve(chosen, planner, began=began)
     return replace(result, cpu_seconds=max(result.cpu_seconds, processor_seconds() - began))  # all since the call
 
 
@@ -90,24 +90,44 @@ class OpenedTask:
         return chosen
 
     def solve(
-        self, options: SolveOptions, planner: Planner | None = None, controller: Controller | None = None
+        self,
+        options: SolveOptions,
+        planner: Planner | None = None,
+        controller: Controller | None = None,
+        began: float | None = None,
     ) -> PlanResult:
         """Solves it, with a planner of one's own if one is given, for the options' controller or a given one.
+
+        Args:
+            options: How.
+            planner: A planner in place of a method.
+            controller: Who executes the plan.
+            began: Processor time of the process at which the seconds that may be spent began to count [s]; now if None.
 
         Raises:
             InputError: No such method, or not for this task; no such controller.
         """
+        began = processor_seconds() if began is None else began
         controller = controller or self.controller(options)
         problems = self.problems
         if controller is not None:
             problems = tuple(replace(problem, limits=controller.within(problem.limits)) for problem in problems)
-        problem, note = cheapest_goal(problems, self.task.pose is not None, options.budget, options.seed)
+        most, seconds = options.budget
+        left = max(seconds - (processor_seconds() - began), 0.0)
+        problem, note = cheapest_goal(problems, self.task.pose is not None, (most, left), options.seed)
         stage("searching for a motion")
-        result = solve_problem(problem, options, planner, controller=controller)
-        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds")}
+        spent = processor_seconds() - began
+        if problem.longest is None:
+            result = solve_problem(problem, options, planner, controller=controller, spent=spent)
+        else:
+            from plan.solving.free_duration import solve_free_duration
+
+            result = solve_free_duration(problem, options, planner, controller, spent)
+        asked = {name: getattr(options, name) for name in ("seed", "evaluations", "seconds", "workers")}
         executed = None if controller is None else controller.name
         origin = self._origin("plan solve", method=result.method, controller=executed, **asked)
-        return replace(result, notes=(*note, *result.notes)).with_provenance(origin)
+        result = replace(result, notes=(*note, *result.notes), cpu_seconds=processor_seconds() - began)
+        return result.with_provenance(origin)
 
     def compare(self, options: CompareOptions) -> Comparison:
         """Compares methods on it.
@@ -117,6 +137,8 @@ class OpenedTask:
         """
         from plan.solving.compare import compare as compare_methods
 
+        if self.problem.longest is not None:
+            raise InputError(self.task.source, "methods are compared at one duration", "give task.duration_s")
         problem, _ = cheapest_goal(self.problems, self.task.pose is not None, USUAL_BUDGET, 0)
         table = compare_methods(problem, self.task.source.stem, options)
         asked = {name: getattr(options, name) for name in ("methods", "seeds", "evaluations", "seconds")}

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from ident.cli.shared import JsonFile, Writes, commands_of, console, hand_over, make_app
+from ident.errors import InputError
 from ident.outputs import check_outputs, remove_own_file
 from ident.process import run_command
 from ident.show.console import progress_line
@@ -39,6 +40,11 @@ def solve(
         Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG)."), Writes()
     ] = None,
     rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording."), Writes()] = None,
+    curve: Annotated[
+        Path | None,
+        typer.Option(help="Where the duration is free: least energy over duration, as PNG, SVG or CSV."),
+        Writes(),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -65,12 +71,18 @@ def solve(
         from plan.show.pictures import draw_motion, require_picture, save_figure
 
         require_picture(picture)
+    if curve is not None:
+        from plan.show.pictures import require_curve, save_energy_curve
+
+        require_curve(curve)
     opened = open_task(task, model, options)
+    if curve is not None and opened.problem.longest is None:
+        raise InputError("--curve", "the task's duration is fixed", "give task.at_most_s or standby_W in its place")
     controller = opened.controller(options, out)
     if options.beyond:  # before anything is planned
         console.print(opened.problem.notes[0], soft_wrap=True, highlight=False)
     with progress_line(console, f"solve by {options.method}"):
-        result = opened.solve(options, controller=controller)
+        result = opened.solve(options, controller=controller, began=0.0)  # from the process's own start
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     written = []
@@ -78,9 +90,11 @@ def solve(
     def write_pictures() -> None:
         """Only of a motion; none of an earlier one is left in their place."""
         if result.splines is None or result.stands:
-            for path in filter(None, (picture, rrd)):
+            for path in filter(None, (picture, rrd, curve)):
                 remove_own_file(path)
             return
+        if curve is not None:
+            save_energy_curve(result, curve)
         if picture is not None:
             save_figure(draw_motion(opened.problem, result), picture)
         if rrd is not None:

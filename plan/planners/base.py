@@ -80,6 +80,8 @@ class Ledger:
 
     most: int  # trajectories that may be evaluated; the search ends with these or with the time
     most_seconds: float  # processor time that may be spent, which a busy machine does not stretch [s]
+    # Beyond that, for the certificate and for mending what it finds [s].
+    kept_back: float = 0.0
     shown: bool = False  # whether whoever listens is told how much of the budget is spent
     evaluations: int = 0
     best: Candidate | None = None
@@ -108,6 +110,11 @@ class Ledger:
         if now - self._looked > LOOK_EVERY:
             self._looked, self._spent = now, self.cpu_seconds
         return self.most_seconds - self._spent
+
+    @property
+    def whole_left(self) -> float:
+        """The same with what is kept back [s]."""
+        return self.seconds_left + self.kept_back
 
     @property
     def remaining(self) -> int:

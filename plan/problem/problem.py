@@ -115,6 +115,9 @@ class PlanningProblem:
     carried: tuple[dict[str, object], ...] = ()
     way: WayRules = NO_RULES  # what the motion has to keep on its way beside limits and clearance
     notes: tuple[str, ...] = ()  # what is to be said of the task in its result
+    # Longest duration where it is free and energy is the objective [s]; None where it is fixed, or time the objective.
+    longest: float | None = None
+    standby: float = 0.0  # power that the cell takes all the while [W]
     known: str = ""  # what its limits keep it inside of, in words; nothing where they are the arm's own
     # Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     not_the_arms: frozenset[str] = frozenset()

@@ -278,6 +278,9 @@ class PlanResult(Result):
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)  # positions of the joints that stand still [rad or m]
     carried: tuple[dict[str, object], ...] = ()  # what the arm carries, and the frame on which each of it hangs
+    standby: float = 0.0  # power that the cell takes all the while [W]
+    # Where the duration was free: durations that were looked at [s], and the least energy found for each [J].
+    energy_curve: tuple[tuple[float, float], ...] = ()
 
     @property
     def stands(self) -> bool:
@@ -296,23 +299,34 @@ class PlanResult(Result):
 
     @property
     def cost(self) -> float:
-        """Energy by the metric [J] or duration [s]; infinite without a plan."""
+        """Energy by the metric, and of the cell's standby [J], or duration [s]; infinite without a plan."""
         if self.certificate is None or self.splines is None or not self.solved:
             return float("inf")
-        return float(self.splines.total[0]) if self.objective == "time" else self.certificate.energy[self.metric]
+        duration = float(self.splines.total[0])
+        if self.objective == "time":
+            return duration
+        return self.certificate.energy[self.metric] + self.standby * duration
 
     @property
     def executed_cost(self) -> float:
         """As `cost`, of the motion as a controller executes it, from rest to rest; infinite without a plan."""
         if self.objective == "time" and self.solved:
             return self.execution.duration
-        return dict(self.execution.energy).get(self.metric, self.cost) if self.solved else float("inf")
+        if not self.solved:
+            return float("inf")
+        known = dict(self.execution.energy)
+        if self.metric not in known:
+            return self.cost
+        return known[self.metric] + self.standby * self.execution.duration
 
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.result/1`; lengths in m, angles in rad."""
         head, tail = ({name: as_record(getattr(self, name)) for name in names} for names in (HEAD, REST))
         history = [list(row) for row in self.history if np.isfinite(row[2])]
-        return {"schema": SCHEMA, **head, **self._motion(), **tail, "history": history}
+        names = ("duration_s", "energy_J")
+        curve = [dict(zip(names, row, strict=True)) for row in self.energy_curve]
+        more = {"standby_W": self.standby, "energy_curve": curve}
+        return {"schema": SCHEMA, **head, **self._motion(), **more, **tail, "history": history}
 
     def _motion(self) -> dict[str, Any]:
         certificate, splines = self.certificate, self.splines

@@ -113,6 +113,8 @@ class Task(Surroundings):
     goal: Float[Array, " n"]
     # Duration of the motion [s]; where time is the objective it may be None, or is a first guess.
     duration: float | None = None
+    longest: float | None = None  # where the duration of least energy is to be found, the longest [s]
+    standby: float = 0.0  # power that the cell takes all the while [W]
     via_points: int = 2  # via points at least
     wrist: Float[Array, " k"] | None = None  # positions of the joints that do not move [rad]; zeros if None
     clearance: float = 0.005  # distance to keep [m]
@@ -180,6 +182,8 @@ def load_task(path: str | Path) -> Task:
         start=start,
         goal=goals[0],
         duration=task["duration_s"],
+        longest=task["at_most_s"],
+        standby=task["standby_W"],
         via_points=task["via_points"] if taught is None else len(taught),
         wrist=wrist,
         clearance=task["clearance_m"],

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.outputs import mark_file
 from plan.geometry.scene import FLOOR
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -45,6 +46,42 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     with atomic_write(path) as part, matplotlib.rc_context(SETTINGS):
         figure.savefig(part, dpi=130, bbox_inches="tight", metadata=MAKER[path.suffix.lower()])
     plt.close(figure)
+
+
+def draw_energy_curve(result: PlanResult) -> Figure:
+    """Least energy over duration, alone and with the cell's standby, and the plan that was taken."""
+    durations, energies = np.array(result.energy_curve).reshape(-1, 2).T
+    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    axes.plot(durations, energies, color=BEFORE, marker=".", label="motion")
+    if result.standby > 0.0:
+        whole = energies + result.standby * durations
+        axes.plot(durations, whole, color=AFTER, marker=".", label=f"with {result.standby:g} W standby")
+    if result.splines is not None:
+        axes.plot([float(result.splines.total[0])], [result.cost], "o", color=LIMIT, label="this plan")
+    axes.set_xlabel("duration [s]")
+    axes.set_ylabel(f"least {result.metric} energy [J]")
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def save_energy_curve(result: PlanResult, path: Path) -> None:
+    """The same as a picture, or as a table (.csv), by the path's suffix."""
+    if path.suffix.lower() != ".csv":
+        save_figure(draw_energy_curve(result), path)
+        return
+    lines = ["duration_s,energy_J,cost_J"]
+    for duration, energy in result.energy_curve:
+        lines.append(f"{duration:.6g},{energy:.6g},{energy + result.standby * duration:.6g}")
+    with atomic_write(path) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    mark_file(path)
+
+
+def require_curve(path: Path) -> None:
+    """Raises InputError for a name by which no curve can be written."""
+    known = (*MAKER, ".csv")
+    if path.suffix.lower() not in known:
+        raise InputError("--curve", f"{path.name!r} is no curve's name", f"end it in one of: {', '.join(known)}")
 
 
 def require_picture(path: Path) -> None:

@@ -78,11 +78,13 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
     if known == TRAINING and trained is not None:
         limits = stay_inside(limits, trained)
     require_known_rates(task, arm, limits, objective)
-    duration = task.duration
-    if duration is None and objective == "energy":
-        raise InputError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
+    duration, longest = task.duration, _longest(task, objective)
+    if duration is None and objective == "energy" and longest is None:
+        remedy = "add it, or at_most_s or standby_W; only --objective time does without"
+        raise InputError(task.source, "task.duration_s is missing", remedy)
     if duration is None:  # one that the limits allow; of a pose the way is unknown
         duration = 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0
+        duration = duration if longest is None else min(duration, longest)
     disabled = None if task.srdf is None else read_disabled(task.srdf, robot)
     said = say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None)
     return PlanningProblem(
@@ -104,7 +106,37 @@ def set_up(task: Task, model: HybridModel | None = None, options: TaskOptions = 
         not_the_arms=frozenset(robot.locked_joints),
         notes=(*leaving, *kept, *unknown, *said, *(() if model is not None else (NO_FRICTION,))),
         known=known,
+        longest=longest,
+        standby=task.standby,
     )
+
+
+def _longest(task: Task, objective: str) -> float | None:
+    """The longest duration of least energy; None where it is fixed, or time is the objective.
+
+    Raises:
+        InputError: Time is the objective, and something is said of energy.
+    """
+    if objective == "time":
+        given = ("at_most_s", task.longest is not None), ("standby_W", task.standby > 0.0)
+        for key, is_given in given:
+            if is_given:
+                raise InputError(task.source, f"task.{key} says nothing of least time", "drop it, or --objective time")
+        return None
+    if task.duration is not None and task.standby > 0.0:
+        remedy = "give at_most_s in place of duration_s, or drop it"
+        raise InputError(task.source, "task.standby_W says nothing where the duration is fixed", remedy)
+    if task.duration is not None:
+        return None
+    return task.longest if task.longest is not None else np.inf if task.standby > 0.0 else None
+
+
+def shortest_duration(problem: PlanningProblem) -> float:
+    """No motion from rest to rest is shorter than this by the limits of each joint's speed, acceleration, jerk [s]."""
+    needs = list(_need(problem.limits, np.abs(problem.goal - problem.start)).values())
+    if problem.way.speed is not None and problem.rules is not None:
+        needs.append(problem.rules.length / problem.way.speed)
+    return max(needs)
 
 
 def _known(task: Task, trained: TrainingRange | None, makers: MakersLimits | None, options: TaskOptions) -> str:

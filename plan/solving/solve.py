@@ -22,6 +22,7 @@ from plan.problem.ramps import find_time_law
 from plan.problem.result import Certificate, PlanResult, certify, certify_standing
 from plan.solving.bound import least_energy, least_time
 from plan.solving.set_up import find_obstruction
+from plan.solving.workers import search_together
 from plan.spline import Splines
 
 # Evaluations for each start of the energy search from whose result time is shortened.
@@ -33,6 +34,9 @@ STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
 # Times that a plan whose dense check fails is searched anew with tightened limits, by each way of searching; what each
 # may take in any case and at most [s], and trajectories at most. Where the budget is spent only one quick look is left.
 MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
+# Share of the time left that is kept back for the certificate and for mending, and the least that a search is given,
+# whatever was asked for [s].
+KEPT_BACK, LEAST_SECONDS = 0.1, 0.1
 # A mended motion that costs more than the found one by no more than this share ends the mending.
 HARDLY = 0.002
 # Factors by which a motion is slowed down to keep its limits between the search's samples.
@@ -112,6 +116,8 @@ def solve(
     planner: Planner | None = None,
     starts: Starts | None = None,
     controller: Controller | None = None,
+    spent: float = 0.0,
+    known: Candidate | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
@@ -122,6 +128,8 @@ def solve(
         starts: Initial trajectories, if they are known already.
         controller: Who executes the plan: it is put on the controller's step, and the curve that the controller makes
             of it is certified. None for a plan by itself.
+        spent: Processor time that was spent on the task before, of the seconds that it may take [s].
+        known: A motion of the task that is known already.
 
     Raises:
         InputError: No such method, or not for this task.
@@ -150,11 +158,16 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = Ledger(*options.budget, shown=True)
+    ledger = _ledger(options, spent)
+    if known is not None:
+        ledger.offer(known)
     if starts is None:
         seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.most_seconds)
         starts = ([problem], []) if planner.explores else find_starts(problem, rng, seconds)
-    planner.run(starts[0], ledger, rng)
+    if options.workers > 1:
+        search_together(planner, starts[0], ledger, options.seed, options.workers)
+    else:
+        planner.run(starts[0], ledger, rng)
     splines, found = _certified(ledger, rng, controller)
     verdict = _judge(found, ledger, starts[1], problem.known)
     result = replace(
@@ -171,6 +184,16 @@ def solve(
     if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, starts[0]))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+
+
+def _ledger(options: SolveOptions, spent: float) -> Ledger:
+    """What a search may spend: of seconds that were asked for, what is left, less something for the certificate."""
+    most, seconds = options.budget
+    if options.seconds is None:
+        return Ledger(most, seconds, shown=True)
+    left = max(seconds - spent, min(LEAST_SECONDS, seconds))
+    kept_back = KEPT_BACK * left
+    return Ledger(most, left - kept_back, kept_back, shown=True)
 
 
 def _history(
@@ -244,13 +267,21 @@ def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.r
         for turn in range(MENDS):
             if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
                 return
-            own, slack = Ledger(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS))), 1.002 + 0.01 * turn
+            own, slack = Ledger(10**9, _mending(ledger)), 1.002 + 0.01 * turn
             tighter = _tighter(limits, certificate, slack, 0.002 * (turn + 1) * near)
             planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)
             ledger.count(own.evaluations)
             found = own.best
             if found is not None and found.feasible:
                 yield Candidate(found.problem, found.x, found.cost, 0.0)
+
+
+def _mending(ledger: Ledger) -> float:
+    """Processor time for one search that mends [s]: no more than is left, where the user has said how much that is."""
+    least, most = MEND_SECONDS
+    if ledger.kept_back > 0.0:
+        least = min(least, ledger.kept_back)
+    return float(np.clip(ledger.whole_left, least, most))
 
 
 def _slower(best: Candidate) -> Iterator[Candidate]:
@@ -281,7 +312,9 @@ def _searched_on_step(
         moved = Splines(points[None], np.diff(shares * whole)[None])
         seen = certificate
         for turn in range(MENDS):
-            own = Ledger(10**9, float(np.clip(ledger.seconds_left, *MEND_SECONDS)))
+            if ledger.kept_back > 0.0 and ledger.whole_left <= 0.0:
+                return
+            own = Ledger(10**9, _mending(ledger))
             fixed = {"objective": "energy", "free": "vias", "label": "on the controller's step"}
             slack = 1.0 if turn == 0 else 1.0005 + 0.002 * turn
             tighter = _tighter(limits, seen, slack) if turn else limits

@@ -63,7 +63,7 @@ def test_a_torque_of_nought_is_unknown(tmp_path: Path) -> None:
     assert any("limits of torque of joint_2 are unknown" in note for note in found.notes)
     evaluation = found.initial_evaluation
     assert evaluation.torque[0] >= 0.0
-    with pytest.raises(InputError, match="how strong joint_2 may be.*torque_Nm or acceleration"):
+    with pytest.raises(InputError, match=r"how strong joint_2 may be.*torque_Nm or acceleration"):
         open_task(path, options=TaskOptions("time"))
     path = scene(tmp_path, robot, more="[limits]\nacceleration_deg_s2 = [90, 90, 90, 90, 90, 90]")
     assert open_task(path, options=TaskOptions("time")).problem.limits.acceleration is not None
@@ -152,7 +152,7 @@ def test_what_no_group_or_state_fits_is_refused(tmp_path: Path, ends: str, words
 
 def test_a_state_needs_its_file(tmp_path: Path) -> None:
     """Without an SRDF the key that needs one is named; more angles than joints are refused with the joints' names."""
-    with pytest.raises(InputError, match="task.start_state needs an SRDF"):
+    with pytest.raises(InputError, match=r"task\.start_state needs an SRDF"):
         load_task(scene(tmp_path, "tm5-900", 'start_state = "home"\ngoal_deg = [1, 2, 3]'))
     ends = "start_deg = [1, 2, 3, 4, 5, 6, 7]\ngoal_deg = [1, 2, 3, 4, 5, 6, 7]"
     with pytest.raises(InputError, match="7 angles, tm5_900 has 6 joints: joint_1, joint_2"):

@@ -14,7 +14,7 @@ from plan.dynamics.power import power_integral, section_nodes
 from plan.geometry.solids import Box
 from plan.initial.inverse_kinematics import reach_pose
 from plan.initial.starts import straight
-from plan.planners.base import Candidate
+from plan.planners.base import Candidate, processor_seconds
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.result import certify
@@ -22,7 +22,7 @@ from plan.problem.rules import Pose
 from plan.solving.bound import least_energy, least_time
 from plan.solving.compare import compare, cost_at
 from plan.solving.set_up import find_obstruction, from_taught
-from plan.solving.solve import _certified, find_starts, solve
+from plan.solving.solve import LEAST_SECONDS, _certified, _ledger, _mending, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
 # Two walls from 24 cm beside the base's axis outwards and far up; the wrist's far side is 29 cm from the axis in every
@@ -169,6 +169,24 @@ def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
     reached = float(found.total[0]) if objective == "time" else certificate.energy[tight.metric]
     assert reached <= 1.002 * cost
     assert own.evaluations < 300
+
+
+def test_seconds_hold_all_that_a_task_takes() -> None:
+    """Law: what was spent before, the search, and what is kept for the certificate are what was asked for."""
+    asked = SolveOptions(seconds=3.0)
+    for spent, left in ((0.0, 3.0), (1.0, 2.0), (5.0, LEAST_SECONDS)):
+        own = _ledger(asked, spent)
+        assert own.most_seconds + own.kept_back == pytest.approx(left)
+        assert own.kept_back > 0.0
+        assert _mending(own) <= max(left, own.kept_back)
+    own = _ledger(SolveOptions(), 5.0)  # where nothing is asked for, the search has its usual time
+    assert own.most_seconds == SolveOptions().budget[1]
+    assert own.kept_back == 0.0
+    spent = replace(asked, seconds=0.5)
+    result = open_task(Path(__file__).parents[1] / "data" / "obstacle.toml", None, replace(spent, beyond=True))
+    found = result.solve(replace(spent, beyond=True, gap=False), began=processor_seconds() - 10.0)
+    assert found.cpu_seconds >= 10.0  # what was spent before counts
+    assert found.evaluations < 2000
 
 
 def test_comparison_counts_alike() -> None:
