@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
-from ident.recordings.recording import Session, TelemetryIssue
+from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 
@@ -25,7 +25,9 @@ def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue
     if impossible.any():
         worst = moments[impossible][0]
         seen = {"links": ", ".join(links[impossible]), "moments": ", ".join(f"{value:.3g}" for value in worst)}
-        issues.append(issue_of("impossible_inertia", session, joints[impossible].tolist(), **seen))
+        severity: Severity = "warning" if bool((moments[impossible, 0] < 0.0).any()) else "note"
+        named = joints[impossible].tolist()
+        issues.append(issue_of("impossible_inertia", session, named, severity=severity, **seen))
     bare = masses <= 0.0
     if bare.any():
         seen = {"links": ", ".join(links[bare]), "weight": float(masses.sum())}

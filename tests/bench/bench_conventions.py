@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.checks.conventions.find import is_changed, search_conventions
-from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, Hypothesis
+from ident.checks.conventions.hypothesis import COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.masses import cost_at, read_as
 from ident.checks.conventions.readings import Log, Model
 from ident.checks.filtered_run import filter_run
@@ -190,7 +190,7 @@ def spoil(case: Case, truth: Hypothesis, rng: np.random.Generator) -> tuple[Log,
         torque[:, joint] *= scale
     for j, (column, effort) in enumerate(zip(truth.order, truth.effort_order, strict=True)):
         factor = truth.direction[j] * UNITS.get(truth.unit[j], 1.0)
-        q[:, column] = (case.log.q[:, j] - 0.5 * np.pi * truth.quarters[j]) / factor
+        q[:, column] = (case.log.q[:, j] - ZEROS[truth.quarters[j]]) / factor
         dq[:, column], ddq[:, column] = case.log.dq[:, j] / factor, case.log.ddq[:, j] / factor
         tau[:, effort] = truth.direction[j] * truth.effort_sign[j] * torque[:, j]
     arm, parameters = case.arm, np.array(case.arm.inertial_parameters)
@@ -253,7 +253,7 @@ def is_visible(log: Log, model: Model, truth: Hypothesis) -> bool:
 
 
 def is_same(log: Log, model: Model, found: Hypothesis, truth: Hypothesis, is_sound: bool) -> bool:
-    """Whether two hypotheses say the same: the same of the masses, where they are known, and the same torque of all else."""
+    """Whether two hypotheses say the same of the masses, where they are known, and mean the same torque beside."""
     masses = (
         []
         if not is_sound
@@ -303,6 +303,8 @@ def bench(folder: Path, count: int, seed: int) -> None:
         hits.update(cases=1, first=first, among=first or second)
         for kind in kinds:
             by_kind[kind].update(cases=1, first=first, among=first or second)
+        if drawn % 25 == 0:
+            print(f"{drawn}: first {hits['first']}, among {hits['among']}", flush=True)
         hits.update({f"cases of {len(kinds)}": 1, f"first of {len(kinds)}": int(first)})
         if not (first or second):
             seen = found.best.hypothesis.changes

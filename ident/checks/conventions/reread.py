@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
-from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, QUARTER, UNITS, Hypothesis
+from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import MASSES, Scored
 from ident.checks.effort import collect_states
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
@@ -33,7 +33,7 @@ def reread(session: Session, hypothesis: Hypothesis) -> Session:
     direction = np.array(hypothesis.direction, dtype=float)
     unit = np.array([UNITS.get(name, 1.0) for name in hypothesis.unit])
     rate = unit if _velocities_alike(session) else np.ones_like(unit)
-    zero = QUARTER * np.array(hypothesis.quarters)
+    zero = np.array(ZEROS)[list(hypothesis.quarters)]
     sign = direction * np.array(hypothesis.effort_sign)
 
     def changed(run: Recording) -> Recording:
@@ -72,7 +72,7 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if moved:
         found["effort_order"] = {joints[j]: joints[k] for j, k in moved}
     found["direction"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.direction) if sign < 0}
-    found["zero_rad"] = {joints[j]: round(_zero(k), 4) for j, k in enumerate(hypothesis.quarters) if k}
+    found["zero_rad"] = {joints[j]: round(ZEROS[k], 4) for j, k in enumerate(hypothesis.quarters) if k}
     found["unit"] = {joints[j]: unit for j, unit in enumerate(hypothesis.unit) if unit}
     found["effort_sign"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0}
     if hypothesis.gravity == COMPENSATED:
@@ -89,11 +89,6 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value != {}}
 
 
-def _zero(quarters: int) -> float:
-    """The angle of some quarters of a turn, the shorter way round [rad]."""
-    return QUARTER * (quarters if quarters <= 2 else quarters - 4)
-
-
 def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
     """A hypothesis in a few words, with what it explains."""
     found = describe(scored.hypothesis, joints)
@@ -104,8 +99,7 @@ def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """One issue a kind of change, each with what the best two readings explain and the line to write."""
     best, joints = found.best.hypothesis, session.joints
-    others = [found.as_it_is] if found.second is None else [found.second, found.as_it_is]
-    compared = "; ".join(dict.fromkeys(in_words(other, joints) for other in others))
+    compared = "; ".join(in_words(other, joints) for other in rivals(found))
     seen = {"explains": f"{found.best.explains:.1%}", "others": compared}
     known = describe(best, joints)
     issues = []
@@ -145,6 +139,12 @@ def weighs_better(arm: ArmModel, factor: float) -> bool:
     usual = MASSES.usual_density * max(reach, 1e-3) ** 3
     weight = float(arm.inertial_parameters[::10].sum())
     return bool(abs(np.log(factor * weight / usual)) < abs(np.log(weight / usual)))
+
+
+def rivals(found: Conventions) -> list[Scored]:
+    """What the best reading is compared with: the second best, and log and URDF as they say."""
+    second = [] if found.second is None else [found.second]
+    return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
 
 
 def _columns_in_words(known: dict[str, Any]) -> str:

@@ -77,7 +77,9 @@ def require_mounts(session: Session, arm: ArmModel) -> None:
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 @pytest.mark.parametrize("degrees", [6.0, 14.0, 24.0, 80.0])
-def test_no_turn_of_the_base_is_refused_as_anything_else(degrees: float, axis: str, session: Session, arm: ArmModel) -> None:
+def test_no_turn_of_the_base_is_refused_as_anything_else(
+    degrees: float, axis: str, session: Session, arm: ArmModel
+) -> None:
     """Joint 1 of an upright arm then has a gravity torque in the model, and none in its recording."""
     report = found(session, arm.with_gravity(Rotation.from_euler(axis, degrees, degrees=True).apply(GRAVITY)))
     assert {issue.issue for issue in report.fatal} <= ({"mounting"} if degrees > 20.0 else set())
