@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
-from ident.checks.conventions.search import MASSES, Scored
+from ident.checks.conventions.search import LIMIT, MASSES, Scored
 from ident.checks.effort import collect_states
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
@@ -215,13 +215,23 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     turned = arm
     if not isinstance(hypothesis.gravity, str) and session.gravity is None:
         gravity = followed_gravity(reread_session, arm, np.array(hypothesis.gravity))
-        x, y, z = (float(value) for value in gravity)
-        turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
-        best = replace(found.best, hypothesis=replace(hypothesis, gravity=(x, y, z)))
-        found = replace(found, best=best)
+        if is_tilt(gravity, arm):
+            hypothesis = replace(hypothesis, gravity=AS_STATED)
+        else:
+            x, y, z = (float(value) for value in gravity)
+            turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
+            hypothesis = replace(hypothesis, gravity=(x, y, z))
+        found = replace(found, best=replace(found.best, hypothesis=hypothesis))
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
     return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+
+
+def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
+    """Whether gravity lies so near to where the URDF has it that it is for a diagnosis to find."""
+    stated = np.array(arm.model.gravity.linear)
+    cosine = gravity @ stated / np.linalg.norm(gravity) / np.linalg.norm(stated)
+    return bool(cosine > np.cos(np.radians(LIMIT.nearest_deg)))
 
 
 def followed_gravity(session: Session, arm: ArmModel, found: Float[Array, " 3"]) -> Float[Array, " 3"]:

@@ -169,7 +169,9 @@ def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: Ar
     assert again.gravity == (0.0, 0.0, -9.81)
     opened = open_sessions(again, arm.with_gravity([9.81, 0.0, 0.0]))
     np.testing.assert_allclose(opened.arm.model.gravity.linear, GRAVITY)
-    wall = open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]))
+    with pytest.raises(RecordingError, match="gravity_mps2"):
+        open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]))
+    wall = open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]), accept=["mounting"])
     model = fit_hybrid(wall.motions, wall.arm, FitOptions(links=6, inertia="nominal", net="none"), []).model
     model.save(tmp_path / "model")
     loaded = HybridModel.load(tmp_path / "model")
