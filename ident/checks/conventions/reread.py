@@ -13,7 +13,7 @@ from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
 from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
 from ident.checks.conventions.search import LIMIT, MASSES, Scored
-from ident.checks.effort import collect_states
+from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
@@ -177,7 +177,9 @@ def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str
     words = named[0] if named else f"({', '.join(f'{part:.2f}' for part in axis)})"
     line = f"gravity_mps2 = [{', '.join(f'{value:.2f}' for value in gravity)}]"
     key = "mounted" if session.gravity is None else "mounted_otherwise"
-    return issue_of(key, session, turn=angle, axis=words, line=line, **seen)
+    # A few degrees are used, a mount is proposed.
+    severity: Severity = "fatal" if key == "mounted" and angle > LIMIT.nearest_deg else "warning"
+    return issue_of(key, session, severity=severity, turn=angle, axis=words, line=line, **seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +217,7 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     turned = arm
     if not isinstance(hypothesis.gravity, str) and session.gravity is None:
         gravity = followed_gravity(reread_session, arm, np.array(hypothesis.gravity))
-        if is_tilt(gravity, arm):
+        if is_tilt(gravity, arm) and not is_misread(reread_session, arm):
             hypothesis = replace(hypothesis, gravity=AS_STATED)
         else:
             x, y, z = (float(value) for value in gravity)
@@ -232,6 +234,17 @@ def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
     stated = np.array(arm.model.gravity.linear)
     cosine = gravity @ stated / np.linalg.norm(gravity) / np.linalg.norm(stated)
     return bool(cosine > np.cos(np.radians(LIMIT.nearest_deg)))
+
+
+def is_misread(session: Session, arm: ArmModel) -> bool:
+    """Whether a joint that carries much follows gravity at no size of a torque: it would be refused."""
+    states = collect_states(session, arm)
+    if states is None:
+        return False
+    low, high = states.settings.scale_low, states.settings.scale_high
+    joints = map(int, np.flatnonzero(states.heavy & states.alive & states.moving))
+    sizes = [max(fit_signed(states, j, sign) for sign in (1.0, -1.0)).gravity for j in joints]
+    return any(not low < size < high for size in sizes)
 
 
 def followed_gravity(session: Session, arm: ArmModel, found: Float[Array, " 3"]) -> Float[Array, " 3"]:
