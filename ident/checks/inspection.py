@@ -163,7 +163,8 @@ def inspect_alone(
     session, arm, judged = reading.session, reading.arm, reading.judged
     issues += reading.issues
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
-    issues += told + check_clock(session, judged) + check_rate(session)
+    has_clock = not any(issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues)
+    issues += told + check_clock(session, judged) + (check_rate(session) if has_clock else [])
     issues += check_clipping(session) + check_commands(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
     issues += check_gains(session)
