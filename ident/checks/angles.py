@@ -43,6 +43,10 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     fast = np.max([speed(run) for run in session.runs], axis=0)
     farthest, fastest = farthest_motion(session, arm)
     suspects = turning & ((far > farthest) | (fast > fastest))
+    # In degrees nearly any motion goes beyond what would be two turns; a fast joint alone may be fast.
+    is_far = far > LIMIT.farthest_rad
+    if arm is not None:
+        is_far |= is_limited(arm)
     if arm is not None and turning.any() and far[turning].max() < math.radians(TURN):
         wider = scale_angles(session, math.degrees(1.0), turning)
         if follows_gravity(wider, arm):
@@ -58,12 +62,17 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     tells = max(as_degrees, as_radians) > LIMIT.model_tells
     if tells and as_degrees > as_radians + 0.1:
         reason = f"the robot's model explains {as_degrees:.0%} of the torque in degrees, {as_radians:.0%} in radians"
-    elif tells or not (suspects & (fast > np.maximum(fastest, LIMIT.fastest_rad_s))).any():
+    elif tells or not (suspects & (fast > np.maximum(fastest, LIMIT.fastest_rad_s)) & is_far).any():
         return session, []
     else:
         reason = "no arm moves so fast in radians"
     worst = int(np.argmax(np.where(suspects, far, -1.0)))
     return converted, [issue_of("degrees", session, turning, worst, far=far, fast=fast, reason=reason)]
+
+
+def is_limited(arm: ArmModel) -> Bool[Array, " n"]:
+    """Joints of which the URDF says how fast they are."""
+    return np.isfinite(arm.known_limits.speed)
 
 
 def farthest_motion(session: Session, arm: ArmModel | None) -> tuple[Float[Array, " n"], Float[Array, " n"]]:

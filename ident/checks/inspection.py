@@ -172,20 +172,23 @@ def inspect_alone(
     if not session.samples or arm is None:
         issues += [] if not session.samples else check_clipping(session) + check_commands(session)
         return TelemetryReport(session, tuple(issues), arm)
-    # Inertia is part of every torque: where the clock is wrong, nothing else can be read.
-    reading = (
-        as_it_is(session, arm) if is_clock_wrong(session, arm) else read_conventions(session, arm, settings.effort)
-    )
+    # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
+    misplaced = check_bodies(session, arm)
+    if misplaced or is_clock_wrong(session, arm):
+        reading = as_it_is(session, arm)
+    else:
+        reading = read_conventions(session, arm, settings.effort)
     session, arm, judged = reading.session, reading.arm, reading.judged
     issues += reading.issues
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
-    issues += told + check_clock(session, judged) + check_rate(session)
+    has_clock = not any(issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues)
+    issues += told + check_clock(session, judged) + (check_rate(session) if has_clock else [])
     issues += check_clipping(session) + check_commands(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
-        torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
+        torque = misplaced + (check_absent(session, states, absent) if absent else [])
         torque += check_placeholders(session, arm)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)

@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import ARRANGEMENT as LIMIT
 from ident.checks.report import issue_of
-from ident.recordings.recording import Session, TelemetryIssue
+from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 
@@ -25,7 +25,9 @@ def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue
     if impossible.any():
         worst = moments[impossible][0]
         seen = {"links": ", ".join(links[impossible]), "moments": ", ".join(f"{value:.3g}" for value in worst)}
-        issues.append(issue_of("impossible_inertia", session, joints[impossible].tolist(), **seen))
+        severity: Severity = "warning" if is_negative(moments).any() else "note"
+        named = joints[impossible].tolist()
+        issues.append(issue_of("impossible_inertia", session, named, severity=severity, **seen))
     bare = masses <= 0.0
     if bare.any():
         seen = {"links": ", ".join(links[bare]), "weight": float(masses.sum())}
@@ -35,7 +37,15 @@ def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue
 
 def is_impossible(moments: Float[Array, "n 3"]) -> Array:
     """Which principal moments, in rising order, no body has; rounding of URDFs' few digits is allowed for."""
-    allowed = LIMIT.inertia_rounding * np.maximum(np.abs(moments).max(axis=1), 1e-12)
-    negative = moments[:, 0] < -allowed
-    uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + allowed
-    return np.asarray(negative | uneven)
+    uneven = moments[:, 2] > moments[:, 0] + moments[:, 1] + rounding(moments)
+    return np.asarray(is_negative(moments) | uneven)
+
+
+def is_negative(moments: Float[Array, "n 3"]) -> Array:
+    """Which principal moments, in rising order, are negative beyond rounding."""
+    return np.asarray(moments[:, 0] < -rounding(moments))
+
+
+def rounding(moments: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    """By how much a URDF's few digits may be off."""
+    return np.asarray(LIMIT.inertia_rounding * np.maximum(np.abs(moments).max(axis=1), 1e-12))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.checks.arrangement import hang_by_current
 from ident.checks.conventions.find import find_conventions, is_changed
-from ident.checks.conventions.reread import describe, in_words, reread
+from ident.checks.conventions.reread import describe, in_words, reread, rivals
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.effort_kind import fit_scale
 from ident.checks.filtered_run import USUAL_EFFORT, compare_velocities
@@ -150,9 +150,7 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
     if found is None or not is_changed(found):
         return same
     hypothesis = replace(found.best.hypothesis, effort_sign=(1,) * own.n)
-    others = [found.as_it_is] if found.second is None else [found.second, found.as_it_is]
-    named = dict.fromkeys(in_words(scored, session.joints) for scored in (found.best, *others))
-    why = "; else ".join(named)
+    why = "; else ".join(in_words(scored, session.joints) for scored in (found.best, *rivals(found)))
     known = describe(hypothesis, session.joints)
     settings = {key: known[key] for key in ("direction", "zero_rad", "unit", "gravity_mps2") if key in known}
     joints = _moved(signals.joints, present, hypothesis.order)

@@ -12,6 +12,7 @@ from ident.arrays import Array, Float
 
 # A zero that is off is off by quarters of a turn: what lies between is for a diagnosis to find [rad].
 QUARTER = 0.5 * math.pi
+ZEROS = (0.0, QUARTER, math.pi, -QUARTER)  # angles of 0 to 3 quarters, the shorter way round [rad]
 # Factors that make radians of what a log may hold, by the unit's name; radians read as degrees among them.
 UNITS = {"deg": math.radians(1.0), "turns": math.tau, "rad": math.degrees(1.0)}
 # Gravity is where the URDF's base has it.
@@ -26,7 +27,7 @@ class Hypothesis:
 
     The URDF's angle of joint j is
 
-        q_j = direction_j · unit_j · position[order_j] + quarters_j · 90°,
+        q_j = direction_j · unit_j · position[order_j] + zero_j,
 
     and its torque direction_j · effort_sign_j · effort[effort_order_j].
     """
@@ -81,7 +82,7 @@ class Hypothesis:
         """The URDF's angles of the log's positions [rad or m]; a slide has no unit and no turns."""
         factor = np.array([UNITS.get(unit, 1.0) for unit in self.unit])
         factor = np.where(sliding, 1.0, factor) * np.array(self.direction)
-        zero = np.where(sliding, 0.0, QUARTER * np.array(self.quarters))
+        zero = np.where(sliding, 0.0, np.array(ZEROS)[list(self.quarters)])
         return np.asarray(factor * position[:, list(self.order)] + zero)
 
     def rates(self, values: Float[Array, "T n"], sliding: Array) -> Float[Array, "T n"]:

@@ -11,9 +11,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.arrangement import GRAVITY, find_direction, pulls_of
 from ident.checks.conventions.find import Conventions, find_conventions, is_changed
-from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, QUARTER, UNITS, Hypothesis
-from ident.checks.conventions.search import MASSES, Scored
-from ident.checks.effort import collect_states
+from ident.checks.conventions.hypothesis import AS_STATED, COMPENSATED, UNITS, ZEROS, Hypothesis
+from ident.checks.conventions.search import LIMIT, MASSES, Scored
+from ident.checks.effort import collect_states, fit_signed
 from ident.checks.filtered_run import USUAL_EFFORT, EffortSettings, compare_velocities
 from ident.checks.report import WORDS, issue_of
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
@@ -33,7 +33,7 @@ def reread(session: Session, hypothesis: Hypothesis) -> Session:
     direction = np.array(hypothesis.direction, dtype=float)
     unit = np.array([UNITS.get(name, 1.0) for name in hypothesis.unit])
     rate = unit if _velocities_alike(session) else np.ones_like(unit)
-    zero = QUARTER * np.array(hypothesis.quarters)
+    zero = np.array(ZEROS)[list(hypothesis.quarters)]
     sign = direction * np.array(hypothesis.effort_sign)
 
     def changed(run: Recording) -> Recording:
@@ -72,7 +72,7 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     if moved:
         found["effort_order"] = {joints[j]: joints[k] for j, k in moved}
     found["direction"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.direction) if sign < 0}
-    found["zero_rad"] = {joints[j]: round(_zero(k), 4) for j, k in enumerate(hypothesis.quarters) if k}
+    found["zero_rad"] = {joints[j]: round(ZEROS[k], 4) for j, k in enumerate(hypothesis.quarters) if k}
     found["unit"] = {joints[j]: unit for j, unit in enumerate(hypothesis.unit) if unit}
     found["effort_sign"] = {joints[j]: -1 for j, sign in enumerate(hypothesis.effort_sign) if sign < 0}
     if hypothesis.gravity == COMPENSATED:
@@ -89,11 +89,6 @@ def describe(hypothesis: Hypothesis, joints: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value != {}}
 
 
-def _zero(quarters: int) -> float:
-    """The angle of some quarters of a turn, the shorter way round [rad]."""
-    return QUARTER * (quarters if quarters <= 2 else quarters - 4)
-
-
 def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
     """A hypothesis in a few words, with what it explains."""
     found = describe(scored.hypothesis, joints)
@@ -104,8 +99,7 @@ def in_words(scored: Scored, joints: tuple[str, ...]) -> str:
 def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     """One issue a kind of change, each with what the best two readings explain and the line to write."""
     best, joints = found.best.hypothesis, session.joints
-    others = [found.as_it_is] if found.second is None else [found.second, found.as_it_is]
-    compared = "; ".join(dict.fromkeys(in_words(other, joints) for other in others))
+    compared = "; ".join(in_words(other, joints) for other in rivals(found))
     seen = {"explains": f"{found.best.explains:.1%}", "others": compared}
     known = describe(best, joints)
     issues = []
@@ -147,6 +141,12 @@ def weighs_better(arm: ArmModel, factor: float) -> bool:
     return bool(abs(np.log(factor * weight / usual)) < abs(np.log(weight / usual)))
 
 
+def rivals(found: Conventions) -> list[Scored]:
+    """What the best reading is compared with: the second best, and log and URDF as they say."""
+    second = [] if found.second is None else [found.second]
+    return second + [found.as_it_is] * all(each.hypothesis.changes for each in second)
+
+
 def _columns_in_words(known: dict[str, Any]) -> str:
     """Which columns stand under another joint's name."""
     parts = [f"{joint} stands under {place}" for joint, place in known.get("order", {}).items()]
@@ -177,7 +177,9 @@ def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str
     words = named[0] if named else f"({', '.join(f'{part:.2f}' for part in axis)})"
     line = f"gravity_mps2 = [{', '.join(f'{value:.2f}' for value in gravity)}]"
     key = "mounted" if session.gravity is None else "mounted_otherwise"
-    return issue_of(key, session, turn=angle, axis=words, line=line, **seen)
+    # A few degrees are used, a mount is proposed.
+    severity: Severity = "fatal" if key == "mounted" and angle > LIMIT.nearest_deg else "warning"
+    return issue_of(key, session, severity=severity, turn=angle, axis=words, line=line, **seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,13 +217,34 @@ def read_conventions(session: Session, arm: ArmModel, settings: EffortSettings =
     turned = arm
     if not isinstance(hypothesis.gravity, str) and session.gravity is None:
         gravity = followed_gravity(reread_session, arm, np.array(hypothesis.gravity))
-        x, y, z = (float(value) for value in gravity)
-        turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
-        best = replace(found.best, hypothesis=replace(hypothesis, gravity=(x, y, z)))
-        found = replace(found, best=best)
+        if is_tilt(gravity, arm) and not is_misread(reread_session, arm):
+            hypothesis = replace(hypothesis, gravity=AS_STATED)
+        else:
+            x, y, z = (float(value) for value in gravity)
+            turned, reread_session = arm.with_gravity(gravity), reread_session.replace(gravity=(x, y, z))
+            hypothesis = replace(hypothesis, gravity=(x, y, z))
+        found = replace(found, best=replace(found.best, hypothesis=hypothesis))
     issues = tell(found, session, arm)
     compensated = hypothesis.gravity == COMPENSATED and not stated_kind
     return Reading(reread_session, turned, corrected_arm(turned, hypothesis), issues, compensated, record)
+
+
+def is_tilt(gravity: Float[Array, " 3"], arm: ArmModel) -> bool:
+    """Whether gravity lies so near to where the URDF has it that it is for a diagnosis to find."""
+    stated = np.array(arm.model.gravity.linear)
+    cosine = gravity @ stated / np.linalg.norm(gravity) / np.linalg.norm(stated)
+    return bool(cosine > np.cos(np.radians(LIMIT.nearest_deg)))
+
+
+def is_misread(session: Session, arm: ArmModel) -> bool:
+    """Whether a joint that carries much follows gravity at no size of a torque: it would be refused."""
+    states = collect_states(session, arm)
+    if states is None:
+        return False
+    low, high = states.settings.scale_low, states.settings.scale_high
+    joints = map(int, np.flatnonzero(states.heavy & states.alive & states.moving))
+    sizes = [max(fit_signed(states, j, sign) for sign in (1.0, -1.0)).gravity for j in joints]
+    return any(not low < size < high for size in sizes)
 
 
 def followed_gravity(session: Session, arm: ArmModel, found: Float[Array, " 3"]) -> Float[Array, " 3"]:

@@ -103,11 +103,9 @@ class Search:
 
     def is_apart(self, vector: Float[Array, " 3"]) -> bool:
         """Whether a direction is none of those that are tried anyway."""
-        known = [np.array(self.model.stated), *(each for each in self.vectors[1:-1])]
-        for k, other in enumerate(known):
+        for other in self.vectors[:-1]:
             cosine = vector @ other / max(float(np.linalg.norm(vector) * np.linalg.norm(other)), 1e-12)
-            nearest = LIMIT.nearest_deg if k == 0 else LIMIT.snap_deg
-            if cosine > np.cos(np.radians(nearest)):
+            if cosine > np.cos(np.radians(LIMIT.snap_deg)):
                 return False
         return True
 

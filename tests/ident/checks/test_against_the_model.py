@@ -77,7 +77,9 @@ def require_mounts(session: Session, arm: ArmModel) -> None:
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 @pytest.mark.parametrize("degrees", [6.0, 14.0, 24.0, 80.0])
-def test_no_turn_of_the_base_is_refused_as_anything_else(degrees: float, axis: str, session: Session, arm: ArmModel) -> None:
+def test_no_turn_of_the_base_is_refused_as_anything_else(
+    degrees: float, axis: str, session: Session, arm: ArmModel
+) -> None:
     """Joint 1 of an upright arm then has a gravity torque in the model, and none in its recording."""
     report = found(session, arm.with_gravity(Rotation.from_euler(axis, degrees, degrees=True).apply(GRAVITY)))
     assert {issue.issue for issue in report.fatal} <= ({"mounting"} if degrees > 20.0 else set())
@@ -167,7 +169,9 @@ def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: Ar
     assert again.gravity == (0.0, 0.0, -9.81)
     opened = open_sessions(again, arm.with_gravity([9.81, 0.0, 0.0]))
     np.testing.assert_allclose(opened.arm.model.gravity.linear, GRAVITY)
-    wall = open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]))
+    with pytest.raises(RecordingError, match="gravity_mps2"):
+        open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]))
+    wall = open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]), accept=["mounting"])
     model = fit_hybrid(wall.motions, wall.arm, FitOptions(links=6, inertia="nominal", net="none"), []).model
     model.save(tmp_path / "model")
     loaded = HybridModel.load(tmp_path / "model")
