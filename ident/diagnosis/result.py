@@ -19,6 +19,7 @@ from ident.diagnosis.heldout_gain import ReportedEffect
 from ident.diagnosis.identified import Identified
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
+from ident.diagnosis.saved import SavedParts
 from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
@@ -192,14 +193,8 @@ class Exportable(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class SavedDiagnosis(Exportable):
-    """A diagnosis read from its file, with the same sentences, picture, page and patch as the diagnosis itself."""
-
-    record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
-
-    @property
-    def verdict(self) -> str:
-        return str(self.record["verdict"])
+class SavedDiagnosis(SavedParts, Exportable):
+    """A diagnosis read from its file, with the parts, sentences, picture, page and patch of the diagnosis itself."""
 
     def to_dict(self) -> dict[str, Any]:
         return dict(self.record)
