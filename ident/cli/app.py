@@ -210,6 +210,23 @@ def view(
     hand_over(show(sessions, robot, model=model, rrd=rrd, **vars(options)), json_file, places={"timeline": rrd})
 
 
+@command
+def open_(
+    log: Annotated[Path | None, typer.Argument(help="Session folder or file; may be given on the page.")] = None,
+    robot: Annotated[str | None, typer.Argument(help="URDF path or name; may be given on the page."), READS] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; any free one if 0.", min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")] = True,
+) -> None:
+    """A page in your browser: drop a log and a URDF, check, diagnose, take the files. Runs on this machine alone."""
+    from ident.local_page.server import open_page
+
+    def tell(address: str) -> None:
+        console.print(f"{address}  (Ctrl-C ends it)", soft_wrap=True)
+        console.file.flush()
+
+    open_page(log, robot, port, browser, tell)
+
+
 @app.command()
 def schema(
     name: Annotated[str, typer.Argument(help="Kind of result file: diagnosis, fit, blind, …", show_default=False)],

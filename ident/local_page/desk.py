@@ -27,6 +27,7 @@ from ident.infer.new_session import guess_session
 from ident.progress import listening
 from ident.recordings.session_toml import KEYS
 from ident.recordings.session_toml import NAME as SESSION_FILE
+from ident.safe_read import toml_key
 from ident.sessions import load_robot
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
@@ -145,7 +146,7 @@ class Desk:
         for report in found.reports:
             for issue in report.issues:
                 record = issue.to_dict()
-                issues.append({**record, "lines": lines_of(record)})
+                issues.append({**record, "lines": lines_of(record, self._text())})
         runs = [run for report in found.reports for run in report.session.runs]
         return {
             "fit": all(report.is_fit for report in found.reports),
@@ -264,9 +265,15 @@ def plain_name(name: str) -> str:
     return last
 
 
-def lines_of(issue: Mapping[str, Any]) -> list[str]:
-    """Lines of session.toml that a telemetry issue's remedy asks for, to be put in by a click."""
+def lines_of(issue: Mapping[str, Any], text: str = "") -> list[str]:
+    """Lines of session.toml that a telemetry issue's remedy asks for, to be put in by a click.
+
+    Args:
+        issue: The issue's record.
+        text: The session.toml as it is: a sign that is there already is turned round.
+    """
+    signs = tomllib.loads(text).get(SIGN, {})
     lines = [f"{key} = {value}" for key, value in LINE.findall(issue["remedy"])]
     if SIGN in issue["remedy"] and not any(line.startswith(SIGN) for line in lines):
-        lines += [f"{SIGN}.{joint} = -1" for joint in issue["joints"]]
+        lines += [f"{SIGN}.{toml_key(joint)} = {-signs.get(joint, 1)}" for joint in issue["joints"]]
     return list(dict.fromkeys(lines))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import secrets
 import tempfile
 import webbrowser
@@ -112,7 +113,7 @@ class Act(Handler):
         self.write("{}")
 
 
-class Take_away(Handler):  # noqa: N801
+class Finished(Handler):
     """A finished file."""
 
     def get(self, name: str) -> None:
@@ -137,7 +138,7 @@ def make_application(desk: Desk, pool: ThreadPoolExecutor, token: str, hosts: se
             (rf"{begin}/state", State, known),
             (rf"{begin}/take/(log|robot)", Take, known),
             (rf"{begin}/({steps})", Act, known),
-            (rf"{begin}/files/([\w.]+)", Take_away, known),
+            (rf"{begin}/files/([\w.]+)", Finished, known),
         ]
     )
 
@@ -153,6 +154,8 @@ async def serve(desk: Desk, port: int, started: Callable[[str], None]) -> None:
     Raises:
         InputError: The port is taken.
     """
+    for name in ("tornado.access", "tornado.general"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # the page tells what is wrong
     try:
         sockets = bind_sockets(port, LOOPBACK)
     except OSError as error:
