@@ -25,8 +25,8 @@ ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
 BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# As much of what a snippet prints as a front page shows [lines].
-SHOWN = 5
+# As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
+SHOWN = 2
 HEAD = "<!-- written by docs/write.py -->\n"
 
 
@@ -53,8 +53,8 @@ def with_output(text: str) -> str:
     """The front page with the first lines that its first snippet prints now."""
     (snippet,) = (found[2] for found in SIXTY.finditer(text))
     done = subprocess.run([sys.executable, "-c", snippet], cwd=ROOT, capture_output=True, text=True, check=True)
-    lines = [line[:118] + "…" if len(line) > 119 else line for line in done.stdout.splitlines()[:SHOWN]]
-    shown = "\n".join([*lines, "  …"])
+    paragraphs = done.stdout.strip().split("\n\n")
+    shown = "\n\n".join([*paragraphs[:SHOWN], "…"])
     return SIXTY.sub(lambda block: f"{block[1]}\n```text\n{shown}\n```\n{block[3]}", text)
 
 

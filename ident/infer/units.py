@@ -110,7 +110,7 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
     if signals.clock is not None:
         return None, None
     if stated is not None:
-        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it")
+        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it, or the user does")
     if "velocity" not in signals.tables:
         return None, None
     steps, speed = np.gradient(signals.tables["position"], axis=0), signals.tables["velocity"]
