@@ -93,19 +93,24 @@ def fit(
 
 @command
 def evaluate(
-    sessions: Sessions,
-    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
+    sessions: Annotated[
+        list[Path], typer.Argument(help="Fitted models, then sessions, as folders or files.", show_default=False)
+    ],
     options: given.FilterOptions,
+    model: Annotated[
+        list[Path] | None, typer.Option(help="Folder of a fitted model, if not given first; several are compared.")
+    ] = None,
     html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
     from ident.api.fitting import Evaluations
     from ident.api.fitting import evaluate as score
-    from ident.model.hybrid import HybridModel
+    from ident.model.hybrid import HybridModel, split_models
     from ident.sessions import open_sessions
 
-    models = [(path.name, HybridModel.load(path)) for path in model]
+    folders, sessions = split_models(sessions, model or [])
+    models = [(path.name, HybridModel.load(path)) for path in folders]
     opened = [open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models]
     pairs = zip(models, opened, strict=True)
     results = Evaluations(tuple(score(data, loaded, name=name) for (name, loaded), data in pairs))

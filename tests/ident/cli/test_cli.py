@@ -67,6 +67,15 @@ def test_evaluate(run: Run, model: Path, tmp_path: Path) -> None:
     assert_untouched(tmp_path, "e.html", "e.json")
 
 
+def test_a_model_stands_before_the_sessions(run: Run, model: Path, tmp_path: Path) -> None:
+    """Law: as in `verify` and `export`; an evaluation is the same wherever its model is given."""
+    first = run("evaluate", model, E1, "--json", tmp_path / "first.json")
+    option = run("evaluate", E1, "--model", model, "--json", tmp_path / "option.json")
+    assert (first.status, option.status) == (0, 0), first.err + option.err
+    one, other = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("first", "option"))
+    assert one["models"][0]["pooled"] == other["models"][0]["pooled"]
+
+
 def test_view_saves_a_timeline(run: Run, model: Path, tmp_path: Path) -> None:
     """Law: --rrd writes a Rerun file and opens no window."""
     ended = run("view", E1, "--model", model, "--rrd", tmp_path / "v.rrd", "--json", tmp_path / "v.json")

@@ -21,7 +21,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from tests.accessible import BROWSERS
 
 # Longest time that the page may take for a step on a busy machine [s].
-PATIENCE = 300.0
+PATIENCE = 150.0
 CODES = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39}
 
 

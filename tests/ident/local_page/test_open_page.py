@@ -64,7 +64,7 @@ def test_drop_check_correct_diagnose_and_download(given: tuple[list[Path], Path]
         await tab.drop("#drop-log", runs)
         await tab.until("document.querySelector('#log-given').textContent.includes('run_05')")
         await tab.drop("#drop-robot", [urdf])
-        await tab.until("document.querySelector('#issues .line')")
+        await tab.until("!!document.querySelector('#issues .line')")
         assert "Not yet fit" in await tab.evaluate("document.querySelector('#checked').textContent")
         await tab.evaluate("document.querySelector('#issues .line').click()")
         await tab.until("document.querySelector('#checked').textContent.startsWith('Fit for a diagnosis: 6 runs')")
@@ -103,7 +103,7 @@ def test_the_keyboard_alone_will_do(given: tuple[list[Path], Path], tmp_path: Pa
         await tab.evaluate("document.querySelector('#robot-name').value = ''")
         await tab.type(str(urdf))
         await tab.press("Enter")
-        await tab.until("document.querySelector('#issues .line')")
+        await tab.until("!!document.querySelector('#issues .line')")
         await tab.press("Tab")
         for _step in range(20):
             if await tab.evaluate("document.activeElement.className") == "line":
@@ -113,7 +113,7 @@ def test_the_keyboard_alone_will_do(given: tuple[list[Path], Path], tmp_path: Pa
         await tab.until("document.querySelector('#checked').textContent.startsWith('Fit for')")
         await tab.tab_to("diagnose")
         await tab.press("Enter")
-        await tab.until("!document.querySelector('#working').hidden || document.querySelector('.headline')")
+        await tab.until("!document.querySelector('#working').hidden || !!document.querySelector('.headline')")
 
     use(desk, tmp_path, act)
 
