@@ -16,7 +16,7 @@ from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Improvement, spreads
 from ident.diagnosis.heldout_gain import ReportedEffect
-from ident.diagnosis.identified import Identified
+from ident.diagnosis.identified import IdentifiedNumbers
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.saved import SavedParts
@@ -155,7 +155,7 @@ class Details:
     outside_score: float
     leftover: Float[np.ndarray, " n"]
     tuned_links: Mapping[str, TunedLink]
-    identified: Identified
+    identified: IdentifiedNumbers
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, with joint names."""
