@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types docs fuzz clean install
+.PHONY: run test lint types docs fuzz wheel clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -30,6 +30,11 @@ docs: install
 SECONDS ?= 60
 fuzz: install
 	$(BIN)/python -m tests.fuzz.run --seconds $(SECONDS) $(if $(SEED),--seed $(SEED))
+
+# The package with its arm and recordings, in dist/.
+wheel: install
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+	ls dist/*.whl
 
 install: $(STAMP)
 

@@ -11,9 +11,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from ident import InputError, diagnose
+from ident import InputError
+from ident.api.diagnosing import examine
+from ident.command_options import DiagnoseOptions
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.laws import draw_laws
+from ident.show.report.traces import gather_traces
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,12 @@ SOURCES = (
 
 def show(arm: RealArm, real: Path, out: Path) -> str:
     """Diagnoses one arm, writes its page, and returns its row of the table."""
-    record = diagnose(real / arm.file, arm.robot).to_dict()
-    page = write_diagnosis_report(out / f"{arm.title.lower().replace(' ', '_')}.html", record)
+    found = examine(real / arm.file, arm.robot, DiagnoseOptions())
+    record = found.diagnosis.to_dict()
+    pictures = () if found.analysis is None else draw_laws(found.analysis)
+    traces = None if found.analysis is None else gather_traces(found.analysis)
+    file = out / f"{arm.title.lower().replace(' ', '_')}.html"
+    page = write_diagnosis_report(file, record, None, pictures, traces)
     return f"| [{arm.title}]({page.name}) | {diagnosis_headline(record)} | {arm.origin} |"
 
 

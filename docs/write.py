@@ -3,6 +3,7 @@
     python docs/write.py            # figures into README.md and docs/*.md, references into docs/reference/
     python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
     python docs/write.py --sixty    # runs README's first snippet, and writes what it prints below it
+    python docs/write.py --picture  # draws before and after of a shipped recording, for the front page
 
 Figures stand on a page between `<!-- figures: NAME -->` and `<!-- end of figures -->`; nobody types them there.
 """
@@ -25,8 +26,8 @@ ROOT = HERE.parent
 PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
 BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
 SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
-# As much of what a snippet prints as a front page shows [lines].
-SHOWN = 5
+# As much of what a snippet prints as a front page shows [paragraphs]: the verdict with what to do, and the numbers.
+SHOWN = 2
 HEAD = "<!-- written by docs/write.py -->\n"
 
 
@@ -53,9 +54,42 @@ def with_output(text: str) -> str:
     """The front page with the first lines that its first snippet prints now."""
     (snippet,) = (found[2] for found in SIXTY.finditer(text))
     done = subprocess.run([sys.executable, "-c", snippet], cwd=ROOT, capture_output=True, text=True, check=True)
-    lines = [line[:118] + "…" if len(line) > 119 else line for line in done.stdout.splitlines()[:SHOWN]]
-    shown = "\n".join([*lines, "  …"])
+    paragraphs = done.stdout.strip().split("\n\n")
+    shown = "\n\n".join([*paragraphs[:SHOWN], "…"])
     return SIXTY.sub(lambda block: f"{block[1]}\n```text\n{shown}\n```\n{block[3]}", text)
+
+
+def draw_before_and_after(place: Path) -> None:
+    """Torque of the leading joint over its worst run, and what URDF, tuned model and named effects are off by."""
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from ident.api.diagnosing import examine
+    from ident.command_options import DiagnoseOptions
+    from ident.show.report.traces import COLOURS, gather_traces, label
+
+    found = examine(ROOT / "logs" / "tm5_900" / "sealed_2", "tm5-900", DiagnoseOptions())
+    assert found.analysis is not None
+    traces = gather_traces(found.analysis)
+    assert traces is not None
+    run, joint = traces.runs[0], traces.shown[0]
+    measured = run.torque["measured"][:, joint]
+    judged = np.flatnonzero(np.isfinite(run.torque["tuned"][:, joint]))
+    shown = slice(max(judged[0] - 20, 0), judged[-1] + 20)
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained", facecolor="white")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    for name in traces.curves:
+        values = run.torque[name][:, joint]
+        upper.plot(run.time[shown], values[shown], color=COLOURS[name], linewidth=1.4, label=label(name))
+        if name != "measured":
+            lower.plot(run.time[shown], (measured - values)[shown], color=COLOURS[name], linewidth=1.4)
+    upper.set_ylabel(f"torque of {traces.joints[joint]} [N m]")
+    lower.set_ylabel("error [N m]")
+    lower.set_xlabel(f"time in {run.name} of sealed_2 [s]")
+    figure.legend(*upper.get_legend_handles_labels(), fontsize=9, loc="outside upper center", ncols=2, frameon=False)
+    for axes in (upper, lower):
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(place, metadata={"Date": None, "Title": "armgap"})
 
 
 def describe_command(package: str, name: str, command: Any) -> str:
@@ -131,6 +165,9 @@ def main(options: list[str]) -> int:
             f"not as docs/figures.toml: {', '.join(stale)}" if stale else "all figures are those of docs/figures.toml"
         )
         return 1 if stale else 0
+    if "--picture" in options:
+        draw_before_and_after(HERE / "before_after.svg")
+        return 0
     if "--sixty" in options:
         front = ROOT / "README.md"
         front.write_text(with_output(front.read_text(encoding="utf-8")), encoding="utf-8")

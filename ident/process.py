@@ -26,6 +26,7 @@ EXTRA_OF = {
     "rerun": "view",
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
     **dict.fromkeys(("coal", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
+    "tornado": "open",
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from ident.checks.inspection import inspect_sessions
 from ident.command_options import RangesOptions, WatchOptions
-from ident.errors import RecordingError
+from ident.errors import InputError, RecordingError
 from ident.export.controllers import write_ranges
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.model.hybrid import HybridModel
@@ -27,12 +27,13 @@ from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
 
 
-def new(session: str | Path, robot: str | Path | ArmModel | None = None) -> NewSession:
+def new(session: str | Path, robot: str | Path | ArmModel | None = None, *, rate: float | None = None) -> NewSession:
     """Looks at foreign tables and writes the session.toml that makes a session of them, for a person to correct.
 
     Args:
         session: Folder of tables, a single table, a bag or a data set.
         robot: URDF path, name or arm; without it signs, gains and columns without names can't be found.
+        rate: Samples a second of tables without a time column, where nothing in them tells it [Hz].
 
     Raises:
         InputError: The tables can't be read or recognised, or something of the user's stands where the file is to go.
@@ -41,7 +42,9 @@ def new(session: str | Path, robot: str | Path | ArmModel | None = None) -> NewS
     require_own_guess(place_of(path))
     arm = None if robot is None else load_robot(robot, ())
     named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
-    found = guess_session(path, arm, named)
+    if rate is not None and not 0.0 < rate < float("inf"):
+        raise InputError("--rate", f"{rate:g} is no rate", "give samples a second, such as 100")
+    found = guess_session(path, arm, named, rate)
     # The guess, tried: the session is read under it, and its telemetry checked.
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / NAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,6 +22,7 @@ from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
+from ident.recordings import TOPIC
 from ident.recordings.recording import Session
 from ident.results import Provenance, stamp_sessions
 from ident.sessions import Given, Robot, Sources, inspect_sources, load_robot
@@ -41,19 +42,47 @@ class Examined(NamedTuple):
     model: HybridModel | None  # the user's own model, if one was given
 
 
-def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Diagnosis:
+def diagnose(
+    source: Sources,
+    robot: Robot | None = None,
+    *,
+    model: HybridModel | str | Path | None = None,
+    catalogue: Catalogue | None = None,
+    cutoff: float | None = None,
+    seed: int = 0,
+    accept: Sequence[str] = (),
+    settings: DiagnosisSettings | None = None,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+) -> Diagnosis:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be tested.
 
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        options: Fields of `ident.command_options.DiagnoseOptions`: `model`, `catalogue`, `cutoff`, `seed`, `accept`,
-            `settings`, `topic`, `session_file`.
+        model: A model fitted to this arm, or its folder: its inertias count as known.
+        catalogue: Further effects: a Python file, or objects.
+        cutoff: Corner of the filter for torques and columns [Hz]; as the recordings allow it if None.
+        seed: Of the sign flips by which the map of the gap is tested.
+        accept: Issues of the telemetry that are to refuse nothing.
+        settings: The numbers by which it is decided; as shipped if None.
+        topic: Of the joint states, in ROS 2 bags.
+        session_file: A session.toml, for folders that can't hold one.
 
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
     """
-    return examine(source, robot, DiagnoseOptions.of("diagnose", options)).diagnosis
+    options = DiagnoseOptions(
+        model=model,
+        catalogue=catalogue,
+        cutoff=cutoff,
+        seed=seed,
+        accept=tuple(accept),
+        settings=settings,
+        topic=topic,
+        session_file=None if session_file is None else Path(session_file),
+    )
+    return examine(source, robot, options).diagnosis
 
 
 # Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as long.
@@ -141,21 +170,35 @@ def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
     return (*CATALOGUE, *own)
 
 
-def compare(before: Sources, after: Sources, robot: Robot | None = None, **options: Any) -> ArmComparison:
+def compare(
+    before: Sources,
+    after: Sources,
+    robot: Robot | None = None,
+    *,
+    cutoff: float | None = None,
+    seed: int = 0,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    accept: Sequence[str] = (),
+) -> ArmComparison:
     """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be tested.
 
     Args:
         before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
-        options: Fields of `ident.command_options.ComparisonOptions`: `cutoff`, `seed`, `topic`,
-            `session_file`, `accept`.
+        cutoff: Corner of the filter for torques and columns [Hz].
+        seed: Of how runs are dealt into sets between which nothing changed.
+        topic: Of the joint states, in ROS 2 bags.
+        session_file: A session.toml, for folders that can't hold one.
+        accept: Fatal telemetry issues by id that are to be overruled.
 
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
     from ident.diagnosis.change.from_reports import compare_reports  # a diagnosis needs nothing of it
 
-    chosen = ComparisonOptions.of("compare", options)
+    own = None if session_file is None else Path(session_file)
+    chosen = ComparisonOptions(cutoff=cutoff, seed=seed, topic=topic, session_file=own, accept=list(accept))
     earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
     arm = load_robot(robot, (*earlier, *later))
     accept = check_accepted(chosen.accept)

@@ -94,19 +94,24 @@ def fit(
 
 @command
 def evaluate(
-    sessions: Sessions,
-    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
+    sessions: Annotated[
+        list[Path], typer.Argument(help="Fitted models, then sessions, as folders or files.", show_default=False)
+    ],
     options: given.FilterOptions,
+    model: Annotated[
+        list[Path] | None, typer.Option(help="Folder of a fitted model, if not given first; several are compared.")
+    ] = None,
     html: Html = None,
     json_file: JsonFile = None,
 ) -> None:
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
     from ident.api.fitting import Evaluations
     from ident.api.fitting import evaluate as score
-    from ident.model.hybrid import HybridModel
+    from ident.model.hybrid import HybridModel, split_models
     from ident.sessions import open_sessions
 
-    models = [(path.name, HybridModel.load(path)) for path in model]
+    folders, sessions = split_models(sessions, model or [])
+    models = [(path.name, HybridModel.load(path)) for path in folders]
     opened = [open_sessions(sessions, loaded, **vars(options), learning=False) for _, loaded in models]
     pairs = zip(models, opened, strict=True)
     results = Evaluations(tuple(score(data, loaded, name=name) for (name, loaded), data in pairs))
@@ -209,6 +214,23 @@ def view(
     from ident.api.fitting import view as show
 
     hand_over(show(sessions, robot, model=model, rrd=rrd, **vars(options)), json_file, places={"timeline": rrd})
+
+
+@command
+def open_(
+    log: Annotated[Path | None, typer.Argument(help="Session folder or file; may be given on the page.")] = None,
+    robot: Annotated[str | None, typer.Argument(help="URDF path or name; may be given on the page."), READS] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; any free one if 0.", min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")] = True,
+) -> None:
+    """A page in your browser: drop a log and a URDF, check, diagnose, take the files. Runs on this machine alone."""
+    from ident.local_page.server import open_page
+
+    def tell(address: str) -> None:
+        console.print(f"{address}  (Ctrl-C ends it)", soft_wrap=True)
+        console.file.flush()
+
+    open_page(log, robot, port, browser, tell)
 
 
 @app.command()

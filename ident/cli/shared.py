@@ -106,7 +106,7 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
                 hand_over(found, given["json_file"])
 
         run.__signature__ = signature.replace(parameters=made, return_annotation=None)  # type: ignore[attr-defined]
-        run.__name__, run.__doc__, run.__annotations__ = function.__name__, function.__doc__, {}
+        run.__name__, run.__doc__, run.__annotations__ = function.__name__.rstrip("_"), function.__doc__, {}
         return app.command()(run)
 
     return make

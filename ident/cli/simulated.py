@@ -23,12 +23,13 @@ from ident.show.console import progress_line
 def new(
     session: Annotated[Path, typer.Argument(help="Folder of tables, or one table, bag or data set.")],
     robot: Robot = None,
+    rate: Annotated[float | None, typer.Option(help="Samples a second, where no column is time [Hz].")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Looks at a foreign table and writes a session.toml with its guesses, each with its evidence."""
     from ident.api.daily import new as guess
 
-    hand_over(found := guess(session, robot), json_file)
+    hand_over(found := guess(session, robot, rate=rate), json_file)
     then = "inspect" if found.has_effort else "servo"
     console.print(f"written to {found.file}: look through it, then `ident {then}`", soft_wrap=True)
 

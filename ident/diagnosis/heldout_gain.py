@@ -40,6 +40,26 @@ class ReportedEffect:
         return self.estimate.group.effect.id
 
     @property
+    def probability(self) -> float:
+        """That it is the cause, and none of its class."""
+        return self.estimate.probability
+
+    @property
+    def class_probability(self) -> float:
+        """That one of its class is the cause."""
+        return self.estimate.class_probability
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Effects that the recordings can't tell from it, itself first."""
+        return self.estimate.rivals
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Its parameters with their intervals."""
+        return self.estimate.parameters
+
+    @property
     def closed(self) -> float:
         """Mean square that it closes, summed over its joints [N² m²]."""
         return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)

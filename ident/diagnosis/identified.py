@@ -1,6 +1,6 @@
 """What the URDF says of each joint and link beside what the recordings say, in every verdict.
 
-In: the tuned baseline and the sums that it was solved from. Out: an `Identified`, a figure for each number.
+In: the tuned baseline and the sums that it was solved from. Out: an `IdentifiedNumbers`, a figure for each number.
 
 A figure has the URDF's value, the value of the model as tuned beside the named effects, and two intervals of 95 %:
 
@@ -94,7 +94,7 @@ class LinkFigures:
 
 
 @dataclass(frozen=True)
-class Identified:
+class IdentifiedNumbers:
     """All figures, joint by joint and link by link.
 
     Attributes:
@@ -145,7 +145,7 @@ class Solved:
     inflation: float
 
 
-def identify(solved: Solved) -> Identified:
+def identify(solved: Solved) -> IdentifiedNumbers:
     """All figures of a solved session."""
     arm = solved.baseline.nominal
     losses = _loss_figures(solved)
@@ -156,7 +156,7 @@ def identify(solved: Solved) -> Identified:
             joints[joint][key] = _reading_figure(solved, j, key)
     urdf, rigid = _nominal_errors(solved)
     links = {name: _link_figures(solved, k, name) for k, name in enumerate(solved.links)}
-    return Identified(joints, links, urdf, rigid)
+    return IdentifiedNumbers(joints, links, urdf, rigid)
 
 
 def stated_friction(arm: ArmModel) -> dict[str, dict[str, float]]:

@@ -16,9 +16,10 @@ from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Improvement, spreads
 from ident.diagnosis.heldout_gain import ReportedEffect
-from ident.diagnosis.identified import Identified
+from ident.diagnosis.identified import IdentifiedNumbers
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.reservations import Reservation
+from ident.diagnosis.saved import SavedParts
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Effect
@@ -155,7 +156,7 @@ class Details:
     outside_score: float
     leftover: Float[np.ndarray, " n"]
     tuned_links: Mapping[str, TunedLink]
-    identified: Identified
+    identified: IdentifiedNumbers
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, with joint names."""
@@ -193,14 +194,8 @@ class Exportable(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class SavedDiagnosis(Exportable):
-    """A diagnosis read from its file, with the same sentences, picture, page and patch as the diagnosis itself."""
-
-    record: Mapping[str, Any]  # `ident.diagnosis/1`; `ident schema diagnosis` says what it holds
-
-    @property
-    def verdict(self) -> str:
-        return str(self.record["verdict"])
+class SavedDiagnosis(SavedParts, Exportable):
+    """A diagnosis read from its file, with the parts, sentences, picture, page and patch of the diagnosis itself."""
 
     def to_dict(self) -> dict[str, Any]:
         return dict(self.record)

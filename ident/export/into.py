@@ -44,7 +44,7 @@ OTHER_LINKS = "links are left as they are: {}"
 
 
 @dataclass
-class Written:
+class WrittenInto:
     """What was written into a file, and what was not."""
 
     path: Path
@@ -63,7 +63,7 @@ class Written:
         }
 
 
-def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, Written]:
+def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, WrittenInto]:
     """A user's file with what was identified: its bytes, and what is in them.
 
     Args:
@@ -80,7 +80,7 @@ def write_into(path: Path, identified: IdentifiedArm) -> tuple[bytes, Written]:
     if edited.root.tag not in forms:
         raise InputError(path, f"its root is <{edited.root.tag}>, not <robot> or <mujoco>", remedy)
     form, edit = forms[edited.root.tag]
-    written = Written(path, form)
+    written = WrittenInto(path, form)
     edit(edited, identified, written)
     if not identified.is_level:
         written.left.append("gravity and the base's mount: set them where your scene has them")
@@ -101,7 +101,7 @@ def is_mjcf(path: Path) -> bool:
     return EditedXml(path.read_bytes(), str(path)).root.tag == "mujoco"
 
 
-def save_into(path: Path, text: bytes, written: Written) -> None:
+def save_into(path: Path, text: bytes, written: WrittenInto) -> None:
     """Puts the edited text in the place of the user's file, whole or not at all, once its simulator has loaded it.
 
     Raises:
@@ -159,7 +159,7 @@ def link_changes(identified: IdentifiedArm) -> Float[Array, "n 10"]:
 # URDF.
 
 
-def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: Written) -> None:
+def _edit_urdf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto) -> None:
     arm, losses = identified.nominal, identified.losses
     joints = _named(edited.root.children, "joint")
     names = match_joints(arm.joint_names, list(joints), written.path)
@@ -190,7 +190,7 @@ def _named(elements: Sequence[Element], tag: str) -> dict[str, Element]:
     return {each.attributes.get("name", ""): each for each in elements if each.tag == tag}
 
 
-def _other_urdf(edited: EditedXml, arm: ArmModel, written: Written) -> str:
+def _other_urdf(edited: EditedXml, arm: ArmModel, written: WrittenInto) -> str:
     """Why the file's links are not those of the arm; empty where they are."""
     try:
         own = ArmModel.from_urdf(edited.text.decode(), written.path)
@@ -203,7 +203,7 @@ def _other_urdf(edited: EditedXml, arm: ArmModel, written: Written) -> str:
     return ""
 
 
-def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 10"], written: Written) -> None:
+def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 10"], written: WrittenInto) -> None:
     """Adds to a link's own inertia; where nothing of it would be a body, it is left."""
     name = link.attributes.get("name", "")
     text = edited.text[link.start : link.end].decode()
@@ -232,7 +232,7 @@ def _change_urdf_link(edited: EditedXml, link: Element, change: Float[Array, " 1
 # MJCF.
 
 
-def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: Written) -> None:
+def _edit_mjcf(edited: EditedXml, identified: IdentifiedArm, written: WrittenInto) -> None:
     arm, losses = identified.nominal, identified.losses
     owners: dict[str, tuple[Element, Element]] = {}
     for body in find_all(edited.root, lambda element: element.tag == "body"):
@@ -321,7 +321,7 @@ def _change_mjcf_body(
     arm: ArmModel,
     index: int,
     change: Float[Array, " 10"],
-    written: Written,
+    written: WrittenInto,
 ) -> None:
     """Adds to a body's own inertia, if the file's link with what is fixed to it is the URDF's."""
     name = body.attributes.get("name", arm.links[index])

@@ -11,11 +11,14 @@ from rich.table import Table
 
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
-from ident.show.console import say, styled
+from ident.show.console import say
 from ident.show.diagnosis_lines import print_numbers
 from ident.show.palette import FLEXIBLE, NAMED, NOISE, ORANGE
-from ident.show.report.words import join_words
+from ident.show.report.words import effect_name, join_words
 
+# What people call the formats, and how far one says an effect.
+NAMES = {"urdf": "URDF", "mjcf": "MJCF", "parameters": "parameter file", "module": "Python module"}
+ANSWERS = {"yes": "has it", "approximate": "has it nearly", "no": "has no place for it"}
 WHEN = {"given": "URDF", "before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
 # By state of the file: greys before, then ever nearer to what is written.
 COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=True))
@@ -24,22 +27,22 @@ COLOURS = dict(zip(WHEN, ("#cccccc", NOISE, ORANGE, FLEXIBLE, NAMED), strict=Tru
 def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
     for effect in record["effects"]:
-        answers = ", ".join(f"{form} {effect['formats'][form]['expressed']}" for form in FORMATS)
-        head = styled(f"{', '.join(effect['joints'])}: ", (effect["effect"], "bold"), f": {answers}")
-        console.print(head, soft_wrap=True)
+        formats = effect["formats"]
+        answers = ", ".join(f"{NAMES[form]} {ANSWERS[formats[form]['expressed']]}" for form in FORMATS)
+        say(console, f"{effect_name(effect['effect'])} in {join_words(effect['joints'])}: {answers}", "", "  ")
         for form in FORMATS:
-            found = effect["formats"][form]
-            if found["expressed"] != "yes":
-                console.print(f"    {form}: {found['how']}", soft_wrap=True, highlight=False)
+            if formats[form]["expressed"] != "yes":
+                say(console, f"{NAMES[form]}: {formats[form]['how']}", "    ", "      ")
     if record.get("identified"):
         told = {key: record[key] for key in ("identified", "joints")}
         print_numbers(console, told)
+        console.print()
     for line in record["told"]:
         say(console, line, "  ", "    ")
     for form, found in record["structure"].items():
         left = found["torque_difference_Nm"]
         said = "its torque is not compared state by state" if left is None else f"within {left:.1g} N m of its laws"
-        console.print(f"  {form}: loads, {said}")
+        console.print(f"  {NAMES.get(form, form)}: loads, {said}")
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
     console.print(f"patch written to {out}")

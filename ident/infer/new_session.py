@@ -126,8 +126,14 @@ def require_own_guess(path: Path) -> None:
         raise InputError(path, "was corrected since armgap guessed it", "remove it first if it is to be guessed again")
 
 
-def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSession:
+def guess_session(path: Path, arm: ArmModel | None, robot: str | None, rate: float | None = None) -> NewSession:
     """Guesses the settings of a session from its largest run.
+
+    Args:
+        path: Folder of tables, or one.
+        arm: The robot, if it is known.
+        robot: Its path or name, as it is to stand in the file.
+        rate: Samples a second of tables without time, if the user knows it [Hz].
 
     Raises:
         RecordingError: No table there, or none that can be made out from its names or numbers.
@@ -140,6 +146,7 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
     if not runs:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
     table = read_foreign(max(runs, key=lambda one: (one.stat().st_size, one.name)))
+    table = table if rate is None else replace(table, rate_hz=rate)
     signals = guess_by_name(table, arm) if table.has_names else None
     if signals is None:
         if arm is None:
@@ -159,7 +166,8 @@ def _complete(place: Path, table: ForeignTable, signals: Signals, arm: ArmModel 
     rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
-        raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
+        remedy = "say how many samples a second there are: --rate 100, say; or sample_rate_hz in session.toml"
+        raise RecordingError(table.source, what, remedy)
     second = second if rate is None else 1.0 / rate
     slides, sliding = slide_scales(signals, arm)
     scale = np.array([slides.get(name, radian) for name in signals.joints])

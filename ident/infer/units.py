@@ -32,6 +32,10 @@ GAINS = "drive_gain_Nm_per_A"
 COUNTS = 4096  # of the encoders of Feetech's and Dynamixel's servos, a turn
 # A unit at the end of a column's name by which what it holds is no torque in N m, nor a current in A.
 OTHER_UNIT = re.compile(r"(?:[\[( _.])(mA|%|pct|percent|prozent)[\])]?$", re.IGNORECASE)
+# Other joints' gains that a joint's is compared with, at the least.
+FEWEST_NEIGHBOURS = 3
+# Standard deviation of a normal distribution over its median distance from the median.
+MAD_TO_STD = 1.4826
 # Its name, its factor to SI, and why.
 Unit = tuple[str | int, float, Reason | None]
 
@@ -106,7 +110,7 @@ def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, R
     if signals.clock is not None:
         return None, None
     if stated is not None:
-        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it")
+        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it, or the user does")
     if "velocity" not in signals.tables:
         return None, None
     steps, speed = np.gradient(signals.tables["position"], axis=0), signals.tables["velocity"]
@@ -168,6 +172,24 @@ def _moved(joints: tuple[str, ...], present: Sequence[str], order: Sequence[int]
     return tuple(renamed.get(name, name) for name in joints)
 
 
+def without_outliers(sizes: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Gains by joint that are like each other, and those that are not.
+
+    Fewer than three say nothing of each other. The spread of the others, from the median of their distances to their
+    median, is no less than what a sure gain may be off by.
+    """
+    kept, unlike = dict(sizes), {}
+    for joint, size in sizes.items():
+        others = np.log([other for name, other in sizes.items() if name != joint])
+        if len(others) < FEWEST_NEIGHBOURS:
+            continue
+        middle = np.median(others)
+        spread = max(MAD_TO_STD * float(np.median(np.abs(others - middle))), LIMIT.sure_gain)
+        if abs(np.log(size) - middle) > LIMIT.unlike_neighbours * spread:
+            unlike[joint] = kept.pop(joint)
+    return kept, unlike
+
+
 def torque_settings(
     signals: Signals, arm: ArmModel, states: States | None, joints: tuple[str, ...], nominal: str
 ) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
@@ -196,6 +218,7 @@ def torque_settings(
         changes = np.ptp(states.gravity[:, j]) > 1e-6 * np.abs(states.gravity[:, j]).max()  # a slide's may not
         if clear and changes and sides[best].explained > LIMIT.trusted and error < LIMIT.sure_gain * best * size:
             sizes[joint] = best * size
+    sizes, unlike = without_outliers(sizes)
     scale = float(np.median([*sizes.values()])) if sizes else 1.0
     other = next(iter(OTHER_UNIT.findall(signals.columns[nominal][0])), "")
     is_torque = not other and USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high
@@ -218,6 +241,8 @@ def torque_settings(
     for joint in fits if channel == "current" else ():
         why = "gravity of the URDF over what the column shows of it"
         why = why if joint in sizes else f"gravity hardly shows here; {among}"
+        if joint in unlike:
+            why = f"gravity would give {1.0 / unlike[joint]:.3g}, too far off the other joints to be a guess; {among}"
         size = sizes.get(joint, scale)
         if np.isfinite(limits.get(joint, np.inf)):
             size, why = 100.0 / limits[joint], "a hundred are the URDF's limit"

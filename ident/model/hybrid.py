@@ -5,6 +5,7 @@ It knows where it was fitted: how far each joint went, how fast, how hard; and h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
 MODEL_KIND = "model"
+# What a model's folder is known by.
+MODEL_FILE = "model.toml"
 
 
 # What is bounded, and its unit, which a sliding joint reads in metres.
@@ -93,6 +96,24 @@ class TrainingRange:
             raise ValueError("the training range is not three pairs of bounds a joint")
         half = np.array(record["torque_half_width_Nm"], dtype=float)
         return cls(tuple(map(str, record["joints"])), bounds[:, :, 0], bounds[:, :, 1], half)
+
+
+def split_models(paths: Sequence[Path], given: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Folders of models, and sessions: models may stand before the sessions, or be given by themselves.
+
+    Raises:
+        InputError: No model, or no session.
+    """
+    first = 0
+    while not given and first < len(paths) and (paths[first] / MODEL_FILE).is_file():
+        first += 1
+    models, sessions = [*given, *paths[:first]], list(paths[first:])
+    if not models:
+        what = f"{paths[0]} is no folder of a fitted model"
+        raise InputError("evaluate", what, "give MODEL SESSION …, or SESSION … --model MODEL; `ident fit` writes one")
+    if not sessions:
+        raise InputError("evaluate", "no session is given", "give sessions after the models")
+    return models, sessions
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +200,7 @@ class HybridModel:
         with atomic_folder(target, MODEL_KIND) as part:
             (part / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
             (part / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
-            (part / "model.toml").write_text(tomli_w.dumps(self.record()), encoding="utf-8")
+            (part / MODEL_FILE).write_text(tomli_w.dumps(self.record()), encoding="utf-8")
             if self.net is not None:
                 self.net.save(part)
         return target
@@ -205,7 +226,7 @@ class HybridModel:
             ModelError: Not a model folder, or damaged.
         """
         path = Path(folder)
-        file = path / "model.toml"
+        file = path / MODEL_FILE
         if not file.is_file():
             remedy = "make one with `ident fit … --out MODEL`"
             raise ModelError(path, "not a model folder: it has no model.toml", remedy)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.optimize import brentq
+from scipy.special import digamma, ndtri, polygamma, stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import USUAL_EFFORT
@@ -136,6 +137,9 @@ LEVEL = 0.95
 HABIT = 0.30
 # Parameters that follow the torque's scale and of which a share makes sense; a torque offset has none of its own.
 SCALED = ("gain", "rotor", "viscous", "coulomb")
+# Figures of a kind of which their spreads tell each other; a size below which no share makes sense.
+FEWEST_ALIKE = 3
+LEAST_SIZE = 1e-12
 # Held-out days need so many others to estimate a spread from.
 LEAST_DAYS = 3
 
@@ -214,24 +218,78 @@ def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ra
 def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange]:
     """The range of each parameter that every day has an estimate of.
 
-    The wider of the interval in a usual session, and where another day's estimate will lie.
+    The wider of the interval in a usual session, and where another day's estimate will lie. Of few days the spread of
+    one joint's figure is hardly known; that of all joints' figures of its kind is, and is counted with it
+    (`moderated_spreads`).
 
-    Source: the prediction interval of a normal draw, Student's t with D − 1 degrees of freedom.
+    Source: the prediction interval of a normal draw, Student's t.
     """
     found = {}
-    for key in (key for key in days[0] if key[1] in TERMS and all(key in day for day in days)):
+    keys = [key for key in days[0] if key[1] in TERMS and all(key in day for day in days)]
+    spreads = moderated_spreads({key: np.array([day[key].value for day in days]) for key in keys})
+    for key in keys:
         values = np.array([day[key].value for day in days])
         middle, count, spread = float(values.mean()), len(values), 0.0
         own = float(np.mean([0.5 * (day[key].high - day[key].low) for day in days]))
         if count > 1:
-            reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
-            spread = reach * float(values.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / count))
+            std, freedom = spreads[key]
+            reach = float(stdtrit(freedom, 0.5 + 0.5 * LEVEL))
+            spread = reach * std * float(np.sqrt(1.0 + 1.0 / count))
         half = max(own, spread)
         low = middle - half
         if key[1] in SCALED and middle > 0.0:
             low = max(low, 0.0)  # nothing rubs backwards
         found[key] = ParameterRange(middle, low, middle + half, "days" if spread > own else "interval")
     return found
+
+
+def moderated_spreads(
+    values: Mapping[tuple[str, str], Float[Array, " D"]],
+) -> dict[tuple[str, str], tuple[float, float]]:
+    """Standard deviation from day to day of each figure, with its degrees of freedom, by all figures of its kind.
+
+    The variances of one kind at n joints, as shares of their sizes, are taken as draws of a scaled inverse χ² with ν₀
+    degrees of freedom about s₀²; a joint's own s², of d = D − 1, is then known as (ν₀ s₀² + d s²) / (ν₀ + d), with
+    ν₀ + d degrees. ν₀ and s₀ follow from mean and variance of log s²:
+
+        mean = log s₀² + ψ(d/2) − log(d/2) − ψ(ν₀/2) + log(ν₀/2),    variance = ψ'(d/2) + ψ'(ν₀/2).
+
+    A kind at fewer than three joints, or with a spread of nothing, is left as it is.
+
+    Source: Smyth 2004 (moderated t: hyperparameters of an inverse χ² by moments of log s²).
+    """
+    found: dict[tuple[str, str], tuple[float, float]] = {}
+    for kind in {name for _, name in values}:
+        rows = {key: one for key, one in values.items() if key[1] == kind}
+        freedom = float(min(len(one) for one in rows.values()) - 1)
+        own = {key: float(one.std(ddof=1)) if len(one) > 1 else 0.0 for key, one in rows.items()}
+        sizes = {key: float(np.abs(one).mean()) if kind in SCALED else 1.0 for key, one in rows.items()}
+        shares = np.array([own[key] / max(sizes[key], LEAST_SIZE) for key in rows])
+        prior = (0.0, 0.0)
+        if freedom >= 1.0 and len(rows) >= FEWEST_ALIKE and (shares > 0.0).all():
+            prior = _prior_of_variances(shares**2, freedom)
+        for (key, std), share in zip(own.items(), shares, strict=True):
+            square, more = prior
+            if more == 0.0:
+                found[key] = std, freedom
+                continue
+            weight = 1.0 if np.isinf(more) else more / (more + freedom)
+            pooled = weight * square + (1.0 - weight) * share**2
+            # No more degrees than all joints have together: s₀² is known no better.
+            known = min(freedom + more, len(rows) * freedom)
+            found[key] = float(np.sqrt(pooled)) * max(sizes[key], LEAST_SIZE), known
+    return found
+
+
+def _prior_of_variances(squares: Float[Array, " n"], freedom: float) -> tuple[float, float]:
+    """s₀² and ν₀ of variances with so many degrees of freedom; ν₀ is infinite where they differ by chance alone."""
+    logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
+    rest = float(logs.var(ddof=1)) - float(polygamma(1, freedom / 2.0))
+    if rest <= 0.0:
+        return float(np.exp(logs.mean())), float("inf")
+    # ψ' falls from infinity to zero: one root, between degrees that are as good as none and as good as all.
+    more = 2.0 * float(brentq(lambda half: float(polygamma(1, half)) - rest, 1e-3, 1e9))
+    return float(np.exp(logs.mean() + digamma(more / 2.0) - np.log(more / 2.0))), more
 
 
 def noise_of(days: Sequence[Estimates]) -> dict[str, float]:

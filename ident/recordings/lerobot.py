@@ -39,6 +39,13 @@ CHANNEL_OF = {
 ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
 # Two turns: no joint of an arm turns farther [rad].
 MOST_RADIANS = 12.6
+# The ends of LeRobot's normalised range, and robots that log it (`robot_type` of meta/info.json).
+NORMALISED = 100.0
+SHARE_LOGGERS = ("so100", "so101", "so_100", "so_101", "koch", "omx", "lekiwi")
+SHARES = (
+    "record with use_degrees, or convert by the calibration file (100 is half of range_max − range_min, 4096 a turn); "
+    'where they are degrees all the same, write angle_unit = "deg" in session.toml'
+)
 EPISODE, CLOCK = "episode_index", "timestamp"
 REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
 
@@ -67,6 +74,8 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
         columns = load_columns(file, labels)
         own = [name for name in columns if name.startswith("observation.state.")] if number == 0 else []
         far = [np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) for name in own]
+        if session_file.angle_factor is None:
+            require_angles(path, own, max(far, default=0.0))
         if session_file.angle_factor is None and max(far, default=0.0) > MOST_RADIANS:
             session_file = replace(session_file, angle_factor=ANGLE_UNITS["deg"])
             what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
@@ -79,6 +88,28 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
             notes = ()
 
 
+def require_angles(path: Path, names: Sequence[str], far: float) -> None:
+    """Passes if positions are not LeRobot's shares of each joint's calibrated range.
+
+    Its robots of today log −100…100 of the range (a gripper 0…100) under names that end in `.pos`, where they are not
+    told to use degrees; its older data sets have degrees, and other names.
+
+    Args:
+        path: The data set.
+        names: Columns of its positions.
+        far: The largest of them, without sign.
+
+    Raises:
+        RecordingError: They are shares.
+    """
+    robot = str(load_info(path).get("robot_type") or "").lower()
+    known = any(kind in robot for kind in SHARE_LOGGERS)
+    called = bool(names) and all(name.endswith(".pos") for name in names)
+    if known and called and MOST_RADIANS < far <= NORMALISED:
+        what = f"{robot} logs shares of each joint's range, −{NORMALISED:g} to {NORMALISED:g}, not angles"
+        raise RecordingError(path / DATASET, what, SHARES)
+
+
 def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | None]:
     """All columns of numbers of the longest episode in the first file, and the rate that the data set states [Hz]."""
     info, file = load_info(path), data_files(path)[0]
@@ -88,6 +119,9 @@ def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | 
     if episode is not None and len(episode):
         longest = max(set(episode), key=lambda one: int((episode == one).sum()))
         columns = {name: values[episode == longest] for name, values in columns.items()}
+    own = [name for name in columns if name.startswith("observation.state.")]
+    far = [float(np.nanmax(np.abs(columns[name]), initial=0.0)) for name in own]
+    require_angles(path, own, max(far, default=0.0))
     rate = info.get("fps")
     usable = isinstance(rate, int | float) and not isinstance(rate, bool) and rate > 0
     return columns, float(rate) if usable and rate else None

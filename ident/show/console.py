@@ -70,10 +70,13 @@ def print_issues(console: Console, issues: Sequence[Mapping[str, Any]], least: s
     for issue in sorted(issues, key=lambda found: order.index(found["severity"])):
         kind = issue["severity"]
         if order.index(kind) <= order.index(least):
-            head = styled((kind, COLOURS[kind]), " ", (issue["issue"], "bold"), f": {visible(issue['evidence'])}")
-            console.print(head, soft_wrap=True)
+            text = visible(f"{kind} {issue['issue']}: {issue['evidence']}")
+            head = Text(wrap(text, text_width(console), "", "    "))
+            head.stylize(COLOURS[kind], 0, len(kind))
+            head.stylize("bold", len(kind) + 1, len(kind) + 1 + len(issue["issue"]))
+            console.print(head, soft_wrap=True, highlight=False)
             if kind != "note":
-                console.print(f"    remedy: {visible(issue['remedy'])}", soft_wrap=True)
+                say(console, f"remedy: {issue['remedy']}", "    ", "      ")
 
 
 @contextmanager

@@ -144,6 +144,7 @@ def _number_lines(record: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], 
         table.append(cells)
     title = ["", "Your URDF → your arm, ± 95 % if the URDF's other numbers are right"]
     title += ["(in brackets: if they are as far off as URDFs are)"] * wider
+    title += ["(of your arm: beside the named effects)"] * bool(record.get("findings"))
     return [*title, *columns(table, "l" * len(table[0]))]
 
 

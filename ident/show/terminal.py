@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.errors import plural
-from ident.show.console import print_issues, styled
+from ident.show.console import print_issues, say
 from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.report.diagnosis_verdict import (
     MOST_TIED,
@@ -26,6 +26,7 @@ from ident.show.report.words import (
     parameter_name,
     parameters_in_words,
     percent,
+    sentence,
     significant,
     with_units,
 )
@@ -142,12 +143,15 @@ def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
         console.print(f"{name}: {', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}; {size}")
     print_issues(console, record["telemetry"], "warning")
     words, order = headline(record)
-    console.print(styled((record["verdict"], "bold"), f": {words}"), soft_wrap=True)
-    lines = [f"{describe_change(change, record)}\n    do: {order_of(change, record)}" for change in record["changes"]]
-    lines += [f"do: {order}"] * bool(order)
-    lines += [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
+    say(console, words, style="bold")
+    if order:
+        say(console, f"Do: {order}.", hanging="    ")
+    for number, change in enumerate(record["changes"], start=1):
+        say(console, f"{sentence(describe_change(change, record))}.", f"{number}. ", "   ")
+        say(console, f"Do: {order_of(change, record)}.", "   ", "       ")
+    lines = [*describe_notes(record), describe_spread(record), *group_silent(without_still(record))]
     for line in filter(None, lines):
-        console.print(f"  {line}", soft_wrap=True, highlight=False, markup=False)
+        say(console, f"{sentence(line)}.", "  ", "    ")
 
 
 def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:

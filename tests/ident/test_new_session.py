@@ -13,6 +13,7 @@ from ident.api.daily import new
 from ident.api.inspecting import inspect
 from ident.cli.app import app
 from ident.errors import InputError
+from ident.infer.units import without_outliers
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
@@ -126,6 +127,27 @@ def test_without_time_the_rate_is_told_by_the_velocity(run: Recording, tmp_path:
     assert found.file == tmp_path / "run.toml"
     assert found.settings["sample_rate_hz"] == pytest.approx(125.0, rel=0.01)
     np.testing.assert_allclose(load_session(tmp_path / "run.npz").runs[0].effort, run.effort)
+
+
+def test_without_time_and_velocity_the_rate_is_asked_for(run: Recording, tmp_path: Path) -> None:
+    """Law: what nothing tells is asked for by the option that answers it, and then it is believed."""
+    names = [*(f"q{i}" for i in range(6)), *(f"tau{i}" for i in range(6))]
+    text_table(tmp_path / "run.csv", names, np.column_stack([run.position, run.effort]))
+    with pytest.raises(InputError, match="--rate"):
+        new(tmp_path, "tm5-900")
+    found = new(tmp_path, "tm5-900", rate=125.0)
+    assert found.settings["sample_rate_hz"] == 125.0
+    np.testing.assert_allclose(load_session(tmp_path).runs[0].time[:2], [0.0, 0.008])
+    with pytest.raises(InputError, match="no rate"):
+        new(tmp_path, "tm5-900", rate=0.0)
+
+
+def test_a_gain_unlike_its_neighbours_is_no_guess() -> None:
+    """Law: one that is fifteen times off the others is left out; of gains that merely differ none is."""
+    like = {"a": 0.1, "b": 0.12, "c": 0.09, "d": 0.14}
+    assert without_outliers(like) == (like, {})
+    assert without_outliers({**like, "e": 1.5}) == (like, {"e": 1.5})
+    assert without_outliers({"a": 0.1, "b": 1.5}) == ({"a": 0.1, "b": 1.5}, {})  # two say nothing of each other
 
 
 def test_a_corrected_guess_and_a_users_file_stay(run: Recording, tmp_path: Path) -> None:

@@ -137,6 +137,7 @@ def numbers_section(record: Mapping[str, Any]) -> Section | None:
     values = {
         "words": numbers.describe_numbers(record) if told else "",
         "rows": rows,
+        "named": bool(record.get("findings")),
         "columns": columns,
         "links": numbers.describe_links(record),
     }

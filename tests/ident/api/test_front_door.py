@@ -218,3 +218,37 @@ def test_a_plot_has_the_colours_of_the_page(found: ident.Diagnosis) -> None:
     for bars in axes.containers:
         red, green, blue, _ = np.round(255 * np.array(bars.patches[0].get_facecolor())).astype(int)
         assert f"background:#{red:02x}{green:02x}{blue:02x}" in page
+
+
+def test_a_loaded_diagnosis_has_the_parts_of_the_one_that_was_saved(found: ident.Diagnosis, tmp_path: Path) -> None:
+    """Law: whoever reads the file next week asks it as the diagnosis itself."""
+    found.save(tmp_path / "why.json")
+    loaded = ident.Diagnosis.load(tmp_path / "why.json")
+    for name in ("robot", "joints", "verdict", "session", "telemetry"):
+        assert getattr(loaded, name) == getattr(found, name), name
+    assert len(loaded.findings) == len(found.findings) > 0
+    for saved, own in zip(loaded.findings, found.findings, strict=True):
+        for name in ("effect", "joints", "probability", "rivals", "rms_before", "rms_after", "shrink", "action"):
+            assert getattr(saved, name) == getattr(own, name), name
+        assert {name: vars(one) for name, one in saved.parameters.items()} == {
+            name: vars(one) for name, one in own.parameters.items()
+        }
+    assert [vars(place) for place in loaded.where] == [vars(place) for place in found.where]
+    assert loaded.heldout is not None
+    assert loaded.heldout.shrink == found.heldout.shrink
+    assert loaded.to_dict() == json.loads(json.dumps(found.to_dict()))
+    assert loaded.summary() == found.summary()
+
+
+def test_diagnose_says_what_it_takes() -> None:
+    """Law: an editor shows every option by its name; they are those of the command."""
+    from dataclasses import fields
+    from inspect import signature
+
+    from ident.command_options import ComparisonOptions, DiagnoseOptions
+
+    pairs = ((ident.diagnose, DiagnoseOptions, 2), (ident.compare, ComparisonOptions, 3))
+    for function, options, places in pairs:
+        taken = signature(function).parameters
+        assert set(list(taken)[places:]) == {one.name for one in fields(options)}
+        assert all(taken[one.name].default == one.default for one in fields(options))

@@ -14,6 +14,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.residual_net import PRESETS
 from ident.outputs import begin_folder
 from ident.process import NOT_PASSED
+from ident.show.report.diagnosis_verdict import diagnosis_headline
 from tests.ident.cli.conftest import E1, ONE_RUN, ROBOT, Run, assert_untouched
 from tests.ident.cli.test_refusals import FLIPPED
 from tests.ident.diagnosis.contract import check_diagnosis
@@ -67,6 +68,15 @@ def test_evaluate(run: Run, model: Path, tmp_path: Path) -> None:
     assert_untouched(tmp_path, "e.html", "e.json")
 
 
+def test_a_model_stands_before_the_sessions(run: Run, model: Path, tmp_path: Path) -> None:
+    """Law: as in `verify` and `export`; an evaluation is the same wherever its model is given."""
+    first = run("evaluate", model, E1, "--json", tmp_path / "first.json")
+    option = run("evaluate", E1, "--model", model, "--json", tmp_path / "option.json")
+    assert (first.status, option.status) == (0, 0), first.err + option.err
+    one, other = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("first", "option"))
+    assert one["models"][0]["pooled"] == other["models"][0]["pooled"]
+
+
 def test_view_saves_a_timeline(run: Run, model: Path, tmp_path: Path) -> None:
     """Law: --rrd writes a Rerun file and opens no window."""
     ended = run("view", E1, "--model", model, "--rrd", tmp_path / "v.rrd", "--json", tmp_path / "v.json")
@@ -85,7 +95,7 @@ def test_diagnose_of_a_flipped_sign(run: Run, spoilt: Path, tmp_path: Path) -> N
     ended = run("diagnose", spoilt, *ROBOT, *outputs)
     assert ended.status == 0, ended.err
     assert check_diagnosis(json.loads((tmp_path / "d.json").read_text()))["verdict"] == "refused"
-    assert "refused" in ended.out
+    assert "Refused: the recordings are unfit" in ended.out
     assert "joint_2" in (tmp_path / "d.html").read_text()
     assert_untouched(tmp_path, "session", "d.html", "d.json")
 
@@ -99,7 +109,7 @@ def test_diagnose_in_full(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert ended.status == 0, ended.err
     record = check_diagnosis(json.loads((tmp_path / "d.json").read_text()))
     assert set(record["gap"]) == set(record["joints"])
-    assert record["verdict"] in ended.out
+    assert diagnosis_headline(record) in " ".join(ended.out.split())
     assert_untouched(tmp_path, "d.html", "d.json", "d.rrd")
 
 
@@ -207,7 +217,7 @@ def test_a_session_is_not_compared_with_itself(run: Run, tmp_path: Path) -> None
     out = tmp_path / "compared"
     ended = run("compare", E1, *ROBOT, "--after", E1, "--out", out)
     assert ended.status == 0
-    assert "refused" in ended.out
+    assert "Refused: the recordings are unfit" in ended.out
     record = check_record(json.loads((out / "comparison.json").read_text(encoding="utf-8")))
     assert record["verdict"] == "refused"
     assert record["before"]["runs"] == record["after"]["runs"] == 5

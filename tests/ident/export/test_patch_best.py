@@ -196,8 +196,10 @@ def test_the_command_writes_measures_and_tells(tmp_path: Path, arm: ArmModel) ->
     words = [str(diagnosis), "--robot", "tm5-900", "--out", str(out), "--on", str(session), "--json", str(record)]
     result = CliRunner().invoke(app, ["patch", *words])
     assert result.exit_code == 0, result.output
-    assert "payload: urdf yes, mjcf yes, parameters yes, module yes" in result.output
-    assert "stribeck_friction: urdf no, mjcf no, parameters yes, module yes" in result.output
+    told = " ".join(result.output.split())
+    assert "payload in joint_1, joint_2, joint_3" in told
+    assert ": URDF has it, MJCF has it, parameter file has it, Python module has it" in told
+    assert "URDF has no place for it, MJCF has no place for it, parameter file has it, Python module has it" in told
     assert "measured on no recordings" not in result.output
     written = json.loads((out / "patch.json").read_text())
     assert written == json.loads(record.read_text())

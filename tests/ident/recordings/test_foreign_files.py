@@ -13,6 +13,7 @@ from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
+from ident.api.daily import new
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.parquet import count_values
@@ -45,6 +46,22 @@ def test_a_stated_unit_is_believed_of_a_lerobot_data_set(run: Recording, tmp_pat
     assert [issue.issue for issue in guessed.issues] == ["units_degrees"]
     assert not stated.issues
     np.testing.assert_allclose(guessed.position, np.radians(stated.position), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "names"), [("so101_follower", ["a.pos", "b.pos"]), ("so100", ["main_a", "main_b"])])
+def test_shares_of_a_range_are_not_read_as_degrees(kind: str, names: list[str], run: Recording, tmp_path: Path) -> None:
+    """Law: of a robot whose log is normalised they are refused, by `ident new` too; stated degrees are believed."""
+    shares = 90.0 * run.position / np.abs(run.position).max()
+    columns = {"observation.state": shares, "observation.effort": run.effort, "timestamp": run.time}
+    folder = lerobot(tmp_path / "set", names, columns)
+    info = json.loads((folder / "meta/info.json").read_text())
+    (folder / "meta/info.json").write_text(json.dumps(info | {"robot_type": kind}))
+    if names[0].endswith(".pos"):
+        for read in (load_session, new):
+            with pytest.raises(RecordingError, match="shares of each joint's range"):
+                read(folder)
+    (folder / "session.toml").write_text('angle_unit = "deg"\n')
+    np.testing.assert_allclose(load_session(folder).runs[0].position, np.radians(shares), rtol=1e-5)
 
 
 def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
