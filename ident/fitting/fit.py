@@ -14,7 +14,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
-from ident.errors import InputError
+from ident.errors import InputError, RecordingError
+from ident.fitting.choice import Choice, choose
 from ident.fitting.identification import Identified, identify
 from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
@@ -22,7 +23,7 @@ from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.inertia import InertiaResults
 from ident.model.loss import LossResults, loss_figures
 from ident.motion.motion import Motion
-from ident.motion.stretches import runs_recorded
+from ident.motion.stretches import hold, runs_recorded
 from ident.progress import stage
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -36,6 +37,8 @@ FIT_SCHEMA = "ident.fit/1"
 TAILS = 0.001
 # States at which the torque's interval is looked at, and the share of them that it holds for.
 STATES, COVERED = 2000, 0.95
+# Samples that a choice is made by; of a longer session stretches from all over it.
+CHOSEN_SAMPLES = 200_000
 DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
 
 
@@ -97,7 +100,9 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
     return NamedLaws(tuple(laws), tuple(left_out))
 
 
-def identify_named(sums: FitSums, left_out: tuple[str, ...]) -> tuple[Identified, NamedLaws]:
+def identify_named(
+    sums: FitSums, left_out: tuple[str, ...], choice: Choice | None = None
+) -> tuple[Identified, NamedLaws]:
     """Identifies an arm with named laws beside losses and inertias.
 
     A law that would have to be below zero, so that friction drives the joint, is left out and the rest is fitted again.
@@ -105,17 +110,21 @@ def identify_named(sums: FitSums, left_out: tuple[str, ...]) -> tuple[Identified
     Args:
         sums: One pass over the runs, with the laws.
         left_out: What else was named, in words, with the reason.
+        choice: What runs left out chose, with the same laws; those that it took itself go without a word.
 
     Returns:
         What was identified, and the laws with those that had to go reported as left out.
     """
     names = sums.baseline.nominal.joint_names
+    given = {(law.effect, law.joint) for law in (() if choice is None else choice.given_laws)}
     while True:
-        found = identify(sums)
+        found = identify(sums, choice)
         gone = sorted({(law.effect, law.joint) for law in found.named if law.vanishes})
         if not gone:
             return found, NamedLaws(found.named, left_out)
-        left_out += tuple(f"{effect} of {names[joint]}: these recordings have none" for effect, joint in gone)
+        asked = [one for one in gone if choice is None or one in given]
+        left_out += tuple(f"{effect} of {names[joint]}: these recordings have none" for effect, joint in asked)
+        choice = None if choice is None else choice.without(gone)
         sums = sums.only([law for law in sums.laws if (law.effect, law.joint) not in gone])
 
 
@@ -164,6 +173,7 @@ class FitResults(Result):
 
     model: HybridModel
     identified: Identified
+    choice: Choice  # what runs left out chose
 
     @property
     def loss(self) -> LossResults:
@@ -210,10 +220,12 @@ def fit_hybrid(
         motions = [motion.select(nominal.joint_names) for motion in motions]
     stage("inertias and losses", 0.0, 0.5)
     named = (named or NamedLaws()).within(nominal.n)
-    sums = FitSums.gather(motions, nominal, options, named.laws)
-    found, named = identify_named(sums, named.left_out)
+    choice, sums = choose_and_gather(motions, nominal, options, named.laws)
+    found, named = identify_named(sums, named.left_out, choice)
     arm, loss = found.inertia.arm, found.loss
-    plain = identify(sums.only(())) if found.named else None
+    kept = {(law.effect, law.joint) for law in found.named}
+    choice = choice.without({(law.effect, law.joint) for law in choice.laws} - kept)
+    plain = identify(sums.only(()), choice.without(kept)) if found.named else None
 
     def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
@@ -233,15 +245,48 @@ def fit_hybrid(
         loss=loss.params,
         net=net,
         links=options.links,
-        inertia=options.inertia,
+        inertia=choice.kind,
         figures=loss_figures(loss),
         named=found.named,
         alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,
         trained=find_training_range(motions, nominal, found),
-        provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
+        provenance={
+            **_provenance(motions, options, data, found, net),
+            "named_left_out": list(named.left_out),
+            "choice": choice.to_dict(),
+        },
     )
-    return FitResults(model, found)
+    return FitResults(model, found, choice)
+
+
+def choose_and_gather(
+    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, given: Sequence[NamedLaw]
+) -> tuple[Choice, FitSums]:
+    """What runs left out choose, and one pass over all runs with it.
+
+    Args:
+        motions: Training runs.
+        nominal: The arm as its URDF describes it.
+        options: What is fitted.
+        given: Laws that a diagnosis named.
+
+    Raises:
+        RecordingError: A joint hardly moves, or given laws can't be told from plain friction.
+    """
+    tried = options.laws != "none"
+    held = hold(motions, CHOSEN_SAMPLES).motions
+    choice = choose(held, nominal, options.inertia, options.offset, given, tried)
+    settled = replace(options, inertia=choice.kind, offset="on" if choice.offset else "off")
+    try:
+        sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
+    except RecordingError:
+        own = {(law.effect, law.joint) for law in choice.laws} - {(law.effect, law.joint) for law in given}
+        if not own:
+            raise
+        choice = choice.without(own)
+        sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
+    return replace(choice, whitened=options.robust), sums
 
 
 def _provenance(

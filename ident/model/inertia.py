@@ -222,7 +222,7 @@ def solve_partly_non_negative(sums: Float[Array, "k+1 k+1"], bounded: Iterable[i
     """
     power = np.diag(sums)
     seen = np.flatnonzero(power[:-1] > 0.0)  # an unknown without rows, as of a joint at rest, stays zero
-    kept = np.intersect1d(seen, list(bounded))
+    kept = np.intersect1d(seen, np.array(list(bounded), dtype=int))
     free = np.setdiff1d(seen, kept)
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
     values, vectors = np.linalg.eigh(sums / np.outer(scale, scale))
