@@ -204,6 +204,12 @@ class FitOptions(Options):
     )
     smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.", one_of=("fast", "filterpy"))
 
+    def __post_init__(self) -> None:
+        """Takes True and False for an offset that is on or off."""
+        if isinstance(self.offset, bool):
+            object.__setattr__(self, "offset", "on" if self.offset else "off")
+        super().__post_init__()
+
     @property
     def motion(self) -> MotionSettings:
         """How recordings become the motions that are fitted."""

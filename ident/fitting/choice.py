@@ -326,7 +326,7 @@ class Choice:
     noise: Float[Array, " n"]  # what each joint's model leaves of runs left out [N m]
     kind: Inertia
     share: float
-    errors: dict[str, Errors] = field(default_factory=dict)  # of each kind that was tried
+    errors: dict[Inertia, Errors] = field(default_factory=dict)  # of each kind that was tried
     # Whether the parameters come from whitened rows clear of reversals; from plain rows of all motion otherwise.
     whitened: bool = False
     given: int = 0  # how many of the laws were asked for
@@ -414,7 +414,7 @@ class Choice:
 def choose(
     motions: Sequence[Motion],
     nominal: ArmModel,
-    inertia: str = "auto",
+    inertia: Inertia = "auto",
     offset: str = "auto",
     given: Sequence[NamedLaw] = (),
     tried: bool = True,
@@ -454,7 +454,7 @@ def choose(
         selection = _choose_laws(sums, selection, changes)
         selection = _drop_laws(sums, selection, noise, share, len(given))
         share = _choose_share(sums, selection, noise)
-    kinds = KINDS_OF_INERTIA if inertia == "auto" else (inertia,)
+    kinds: tuple[Inertia, ...] = KINDS_OF_INERTIA if inertia == "auto" else (inertia,)
     tried_kinds = {one: left_out(sums, selection, noise, one, share)[0] for one in kinds}
     kind = _best_kind(tried_kinds)
     return Choice(selection, sums, noise, kind, share, tried_kinds, given=len(given))
@@ -468,7 +468,7 @@ def require_moving(motions: Sequence[Motion], nominal: ArmModel) -> None:
         raise RecordingError(motions[0].name, what, "add runs that move it, or lock it")
 
 
-def _best_kind(errors: dict[str, Errors]) -> Inertia:
+def _best_kind(errors: dict[Inertia, Errors]) -> Inertia:
     """The kind nearest to a real arm among those that are as good as the best."""
     least = min(one.total for one in errors.values())
     return next(kind for kind, one in errors.items() if one.total <= (1.0 + AS_GOOD) * least)

@@ -231,19 +231,24 @@ def fit_hybrid(
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
         return loss.params.torque(m.dq, m.ddq) + laws
 
-    net = None
+    net, memory = None, None
     if options.net != "none":
         stage("residual net", 0.5, 1.0)
         from ident.model.residual_net import PRESETS, fit_net_of_arm
 
         built = replace(PRESETS[options.net], seed=options.seed)
         net = fit_net_of_arm(motions, arm, known, built, progress, checkpoint)
+        if options.net == "default":
+            from ident.model.memory import fit_memory_of_arm
+
+            memory = fit_memory_of_arm(motions, arm, known, options.seed, net.gate)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
         arm=arm,
         loss=loss.params,
         net=net,
+        memory=memory,
         links=options.links,
         inertia=choice.kind,
         figures=loss_figures(loss),
@@ -255,6 +260,7 @@ def fit_hybrid(
             **_provenance(motions, options, data, found, net),
             "named_left_out": list(named.left_out),
             "choice": choice.to_dict(),
+            "memory_gate": [gate.to_dict() for gate in memory.gate] if memory else [],
         },
     )
     return FitResults(model, found, choice)
