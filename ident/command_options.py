@@ -197,6 +197,9 @@ class FitOptions(Options):
         typed=str,
         one_of=get_args(Laws),
     )
+    coupling: str | None = option(
+        None, "Two joints whose motors turn each other, as 5,6: friction and inertia of each act on the other."
+    )
     robust: bool = option(False, "Stretches that fit badly lose their pull.")
     seed: int = option(0, "Seed of the net.", min=0)
     accept: tuple[str, ...] = option(

@@ -16,9 +16,11 @@ from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
 from ident.errors import InputError, RecordingError
 from ident.fitting.choice import Choice, choose
+from ident.fitting.coupling import fit_coupling, read_coupling, without_carried
 from ident.fitting.identification import Identified, identify
 from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
+from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.inertia import InertiaResults
 from ident.model.loss import LossResults, loss_figures
@@ -48,13 +50,15 @@ class NamedLaws:
 
     laws: tuple[NamedLaw, ...] = ()  # laws of joints that a model can carry, not fitted yet
     left_out: tuple[str, ...] = ()  # what else it names, in words, with the reason
+    carried: tuple[CarriedEffect, ...] = ()  # what is carried with the parameters that it was found with
 
     def within(self, joints: int) -> NamedLaws:
         """Those of the first joints; the others, which a lumped model has not, are reported as left out."""
-        foreign = [f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in self.laws]
-        kept = [law.joint < joints for law in self.laws]
-        laws = tuple(law for law, own in zip(self.laws, kept, strict=True) if own)
-        return NamedLaws(laws, (*self.left_out, *(text for text, own in zip(foreign, kept, strict=True) if not own)))
+        laws = tuple(law for law in self.laws if law.joint < joints)
+        gone = [law for law in self.laws if law.joint >= joints]
+        foreign = tuple(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in gone)
+        carried = tuple(effect for effect in self.carried if effect.joint < joints)
+        return NamedLaws(laws, (*self.left_out, *foreign), carried)
 
 
 def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
@@ -69,7 +73,7 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     """
     record = read_record(path, DIAGNOSIS_SCHEMA, "give the JSON of `ident diagnose`")
     try:
-        found = _take(record, arm, path)
+        found = take_laws(record, arm, path)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         what = f"it is damaged ({type(error).__name__}: {error})"
         raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
@@ -79,7 +83,17 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     return found
 
 
-def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+def take_laws(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+    """The laws of joints in a diagnosis's record, and what else it names.
+
+    Args:
+        record: As `ident diagnose --json` writes it.
+        arm: The arm that is to be fitted.
+        path: Where it is from, for messages.
+
+    Raises:
+        InputError: It is of another robot.
+    """
     foreign = [name for name in record["joints"] if name not in arm.joint_names]
     if record["robot"] != arm.name or len(foreign) == len(record["joints"]):
         what = f"it is of the robot {record['robot']!r}, not of {arm.name!r}"
@@ -220,6 +234,10 @@ def fit_hybrid(
         motions = [motion.select(nominal.joint_names) for motion in motions]
     stage("inertias and losses", 0.0, 0.5)
     named = (named or NamedLaws()).within(nominal.n)
+    carried = named.carried
+    if options.coupling is not None:
+        carried = (*carried, *fit_coupling(motions, nominal, *read_coupling(options.coupling, nominal)))
+    motions = [without_carried(motion, nominal, carried) for motion in motions] if carried else motions
     choice, sums = choose_and_gather(motions, nominal, options, named.laws)
     found, named = identify_named(sums, named.left_out, choice)
     arm, loss = found.inertia.arm, found.loss
@@ -253,6 +271,7 @@ def fit_hybrid(
         inertia=choice.kind,
         figures=loss_figures(loss),
         named=found.named,
+        carried=carried,
         alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,
         trained=find_training_range(motions, nominal, found),

@@ -26,6 +26,7 @@ from ident.errors import RecordingError
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import PRIOR_SHARE
 from ident.model.linearisation import LEAST_MOVING, Sliding
+from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import LOSS_PARAMETERS, Grid, layout_of
@@ -79,7 +80,7 @@ class FitSums:
         """
         share = PRIOR_SHARE.get(options.inertia, PRIOR_SHARE["consistent"])
         # Clear of reversals the direction is a plain sign unless runs left out say over which speed it turns round.
-        speed = np.zeros(nominal.n) if widths is None else widths
+        speed = np.zeros(nominal.n) if widths is None else np.where(widths > TRANSITION_GRID[0], widths, 0.0)
         baseline = fit_baseline(motions, nominal, share, sliding=Sliding(np.zeros(nominal.n), speed))
         if widths is not None:
             baseline = replace(baseline, loss=replace(baseline.loss, transition_speed=widths))

@@ -16,6 +16,7 @@ from ident.arrays import Array, Float, freeze
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
+from ident.model.carried import CarriedEffect, as_logged, carried_torque, moving_arm
 from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.recordings.recording import Payload
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
@@ -109,6 +110,8 @@ class HybridModel:
     inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
     trained: TrainingRange | None = None  # where the training runs went; None where that is not known
     named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
+    # What else a diagnosis named, with its parameters as they were found.
+    carried: tuple[CarriedEffect, ...] = ()
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, scores of the fit
@@ -121,7 +124,7 @@ class HybridModel:
     def rungs(self) -> tuple[str, ...]:
         """Names of the ladder's rungs, from the URDF up."""
         inertia = ("inertia",) if self.inertia != "nominal" else ()
-        named = ("named",) if self.named else ()
+        named = ("named",) if self.named or self.carried else ()
         return ("analytic", *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
 
     def torque(
@@ -141,8 +144,15 @@ class HybridModel:
         terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
         if self.named:
             terms["named"] = named_torque(self.named, q, dq, rigid, self.loss.transition_speed)
+        if self.carried:
+            moving = moving_arm(self.arm.with_payload(payload), self.loss, q, dq, ddq)
+            terms["named"] = terms.get("named", 0.0) + carried_torque(self.carried, moving)
         if self.net is not None:
             terms["net"] = self._learned(q, dq, ddq, rigid)
+        if self.carried:
+            # What the log makes of the torque that acts is said with the names.
+            total = sum(terms.values(), np.zeros_like(rigid))
+            terms["named"] = terms["named"] + as_logged(self.carried, total, moving.interval) - total
         return terms
 
     def _learned(
@@ -245,6 +255,7 @@ class HybridModel:
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
+                carried=tuple(CarriedEffect.from_dict(entry, nominal.n) for entry in record.get("carried", [])),
                 named=tuple(NamedLaw.from_dict(entry, nominal.n) for entry in record.get("named", [])),
                 trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
@@ -297,6 +308,7 @@ class HybridModel:
             "net": self._net_record(),
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
             **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
+            **({"carried": [one.to_dict() for one in self.carried]} if self.carried else {}),
             "provenance": self.provenance,
         }
 
