@@ -213,10 +213,11 @@ def fit_memory(
         rival: What the net did on runs left out, joint by joint: a memory must do better.
     """
     every = -(-sum(len(part) for part in left) // MOST_ROWS)
-    states = []
+    states: list[tuple[Array, Array, Array, Array]] = []
     for motion in motions:
         rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        states.append([part[motion.coarse] for part in (motion.q, motion.dq, motion.ddq, rigid)])
+        c = motion.coarse
+        states.append((motion.q[c], motion.dq[c], motion.ddq[c], rigid[c]))
     y = np.concatenate([part[::every] for part in left])
     moving = np.concatenate([motion.moving[::every] for motion in motions])
     pace = np.concatenate([motion.dq[motion.coarse][::every] for motion in motions])
@@ -227,7 +228,7 @@ def fit_memory(
     n = y.shape[1]
     predicted, chosen = np.zeros(y.shape), np.zeros(n, dtype=int)
     for joint in range(n):
-        x = np.concatenate([memory_inputs(*part, joint, step)[::every] for part in states])
+        x = np.concatenate([memory_inputs(*part, joint=joint, interval=step)[::every] for part in states])
         predicted[:, joint], chosen[joint] = _foretell(x, y[:, joint], moving[:, joint], folds, seed)
     gate = shrink_net(predicted, y, moving, step * every * pace, groups, run)
     trees: list[Trees | None] = []
@@ -235,7 +236,7 @@ def fit_memory(
         if not one.kept or (rival and rival[joint].kept and rival[joint].rmse_with <= one.rmse_with):
             trees.append(None)
             continue
-        x = np.concatenate([memory_inputs(*part, joint, step)[::every] for part in states])
+        x = np.concatenate([memory_inputs(*part, joint=joint, interval=step)[::every] for part in states])
         rows = moving[:, joint]
         whole = fit_trees(x[rows][:, : chosen[joint]], y[rows, joint], seed)
         trees.append(whole.scaled(one.weight))
