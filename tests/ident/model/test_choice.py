@@ -41,7 +41,7 @@ def nothing(q: Array, dq: Array, ddq: Array, rigid: Array) -> Array:
 
 def constant(q: Array, dq: Array, ddq: Array, rigid: Array) -> Array:
     """A sensor's bias at the first joint."""
-    return np.zeros_like(q) + [1.5, 0.0]
+    return np.broadcast_to(np.array([1.5, 0.0]), q.shape)
 
 
 def loaded(q: Array, dq: Array, ddq: Array, rigid: Array) -> Array:

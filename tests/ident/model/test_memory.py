@@ -81,7 +81,7 @@ def test_an_average_starts_at_the_first_value_and_lags() -> None:
 
 
 def test_a_model_gives_its_memory_along_a_motion_alone_and_keeps_it(two_joints: ArmModel, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    """Along a run the memory stands in for the net; at shuffled states the net counts; saved and read they are alike."""
+    """Along a run memory stands in for the net; at shuffled states the net counts; saved and read they are alike."""
     motions, left = _runs(two_joints)
     states = []
     for m in motions:
