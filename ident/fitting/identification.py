@@ -88,11 +88,12 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
     mode: Inertia = choice.kind if choice is not None else "consistent" if asked == "auto" else asked
     scale = parameter_scale(nominal)
     frictionless, found = find_frictionless(estimate(sums), nominal.n, lambda joints: estimate(sums.through(joints)))
-    if choice is not None and not choice.whitened:
-        found = with_plain_rows(found, choice)
     share = urdf_share(found, base, scale)
-    if mode == "nominal":
-        found = found.without_inertias(base_prior(base, max(share, 1e-6) * scale))
+    prior = base_prior(base, max(share, 1e-6) * scale) if mode == "nominal" else None
+    if choice is not None and not choice.whitened:
+        found = with_plain_rows(found, choice, prior)
+    elif prior is not None:
+        found = found.without_inertias(prior)
     zero = lossless_parameters(found, frictionless)
     # All losses but offsets can't be negative, nor laws' coefficients as their kind says.
     positions, first = [found.index(j)[:3] for j in range(nominal.n)], found.first_law
@@ -123,8 +124,8 @@ def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
     return Identified(inertia, loss, inertias, tied, share, sums.through_reversals, found, laws, lossless)
 
 
-def with_plain_rows(found: JointEstimate, choice: Choice) -> JointEstimate:
-    """The estimate by plain rows, where these foretell runs left out better than whitened ones.
+def with_plain_rows(found: JointEstimate, choice: Choice, held: Float[Array, "r r"] | None = None) -> JointEstimate:
+    """The estimate by plain rows, with intervals that hold what whitened ones say beside.
 
     Where both are right, their difference has the variance by which plain rows are worse; where the noise is not what
     whitening takes it for, it is what the interval has to hold beside. Source: Hausman 1978.
@@ -132,11 +133,12 @@ def with_plain_rows(found: JointEstimate, choice: Choice) -> JointEstimate:
     Args:
         found: The estimate by whitened rows.
         choice: What was chosen, with the sums of plain rows.
+        held: Information on the base parameters that lies in the URDF, where the inertias are held at its own.
     """
     problem = choice.problem()
-    values = choice.solved("base", signed=False)
-    apart = values - found.values
-    covariance = found.covariance + np.diag(apart**2)
+    values = choice.solved("base" if held is None else "nominal", signed=False)
+    usual = found if held is None else found.without_inertias(held)
+    covariance = usual.covariance + np.diag((values - usual.values) ** 2)
     return replace(found, values=values, covariance=covariance, information=problem.information, score=problem.score)
 
 

@@ -16,7 +16,7 @@ nothing but goals. Source: Duclusaud, Passault, Padois and Ly 2025 (extended fri
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
@@ -152,12 +152,13 @@ def _simulate(
         out[t] = q
 
 
-def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = ()) -> ServoModel:
+def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = (), rounds: int = ROUNDS) -> ServoModel:
     """The parameters whose free roll-outs are nearest to the measured positions.
 
     Args:
         drives: Runs of one joint.
         guesses: Stiffness of each session to begin with [N m/rad].
+        rounds: How many searches begin where the last one ended.
     """
     sessions = 1 + max(drive.session for drive in drives)
     first = list(guesses) or [STIFFNESS_GUESS] * sessions
@@ -173,13 +174,8 @@ def fit_servo(drives: Sequence[Drive], guesses: Sequence[float] = ()) -> ServoMo
         return found if np.isfinite(found) else 1e6
 
     best = np.append(start, 0.0)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         simplex = np.stack([best, *(best + step for step in np.diag(np.append(np.full(len(start), 0.5), 0.02)))])
         options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-6, "adaptive": True}
         best = minimize(error, best, method="Nelder-Mead", options=options).x
     return model(best)
-
-
-def with_stiffness(model: ServoModel, session: int) -> ServoModel:
-    """The same for one session alone."""
-    return replace(model, stiffness=(model.stiffness[session],))
