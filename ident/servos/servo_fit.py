@@ -299,8 +299,8 @@ class ServoArm(Result):
                 "not_told": dict(one.untold),
                 "heldout": None if np.isnan(one.rms_before) else errors,
             }
-        for one in self.rolled:
-            joints[one.joint]["roll_out"] = one.to_dict()
+        for model in self.rolled:
+            joints[model.joint]["roll_out"] = model.to_dict()
         provenance = self.provenance.to_dict()
         return {"schema": SCHEMA, "robot": self.robot, "joints": joints, "provenance": provenance}
 
@@ -317,7 +317,7 @@ class ServoArm(Result):
             if "dead_band_rad" in one.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not reported: {name}: {reason}" for name, reason in one.untold.items()]
-        for one in self.rolled:
-            held = f"{1e3 * one.held_error:.0f} mrad on average over {len(one.held)} runs held back"
-            lines.append(f"{one.joint}: rolled out from its goals alone it is off by {held}")
+        for model in self.rolled:
+            held = f"{1e3 * model.held_error:.0f} mrad on average over {len(model.held)} runs held back"
+            lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
         return "\n".join(lines)
