@@ -14,7 +14,13 @@ from ident.recordings import TOPIC
 if TYPE_CHECKING:
     from ident.motion.filter import MotionSettings
 
-Inertia = Literal["nominal", "base", "consistent"]
+# How the links' inertias are found, or that runs left out decide.
+Inertia = Literal["auto", "nominal", "base", "consistent"]
+# Whether joints have a constant torque, or that runs left out decide.
+Offset = Literal["auto", "on", "off"]
+# Laws of friction beside the plain ones: those that runs left out ask for, also what a diagnosis of the same recordings
+# is sure of, or none but those of a given diagnosis.
+Laws = Literal["runs", "auto", "none"]
 Net = Literal["default", "paper", "none"]
 # Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
 FULL_ARM, LUMPED = 6, 3
@@ -178,13 +184,39 @@ class FitOptions(Options):
     links: int = option(
         FULL_ARM, "6 for the full arm with all its joints, 3 for the lumped one.", one_of=(LUMPED, FULL_ARM)
     )
-    inertia: Inertia = option("consistent", "nominal, base or consistent.", typed=str, one_of=get_args(Inertia))
+    inertia: Inertia = option(
+        "auto",
+        "auto (the best on runs left out), nominal, base or consistent.",
+        typed=str,
+        one_of=get_args(Inertia),
+    )
     net: Net = option("default", "default, paper or none.", typed=str, one_of=get_args(Net))
-    offset: bool = option(False, "Fit a constant torque a joint too.")
+    offset: Offset = option(
+        "auto",
+        "A constant torque a joint: auto (where runs left out ask for it), on or off.",
+        typed=str,
+        one_of=get_args(Offset),
+    )
+    laws: Laws = option(
+        "runs",
+        "Laws of friction beside Coulomb's: runs (those that runs left out ask for), auto (also what a diagnosis of "
+        "these recordings is sure of) or none.",
+        typed=str,
+        one_of=get_args(Laws),
+    )
+    coupling: str | None = option(
+        None, "Two joints whose motors turn each other, as 5,6: friction and inertia of each act on the other."
+    )
     robust: bool = option(False, "Stretches that fit badly lose their pull.")
     seed: int = option(0, "Seed of the net.", min=0)
     accept: tuple[str, ...] = ()  # names of issues whose refusal is overruled; on the command line of `ReadOptions`
     smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.", one_of=("fast", "filterpy"))
+
+    def __post_init__(self) -> None:
+        """Takes True and False for an offset that is on or off."""
+        if isinstance(self.offset, bool):
+            object.__setattr__(self, "offset", "on" if self.offset else "off")
+        super().__post_init__()
 
     @property
     def motion(self) -> MotionSettings:

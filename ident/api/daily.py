@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.checks.inspection import inspect_sessions
 from ident.command_options import RangesOptions, WatchOptions
@@ -25,6 +25,9 @@ from ident.results import Provenance, stamp_sessions
 from ident.robot.arm import ArmModel
 from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.sessions import Robot, Sources, load_robot, open_sessions
+
+if TYPE_CHECKING:
+    from ident.servos.servo_files import RolledOut
 
 
 def new(session: str | Path, robot: str | Path | ArmModel | None = None, *, rate: float | None = None) -> NewSession:
@@ -61,13 +64,20 @@ def new(session: str | Path, robot: str | Path | ArmModel | None = None, *, rate
 Goals = str | Path | Session
 
 
-def servo(sessions: Goals | Sequence[Goals], robot: Robot | None = None, *, cutoff: float | None = None) -> ServoArm:
+def servo(
+    sessions: Goals | Sequence[Goals],
+    robot: Robot | None = None,
+    *,
+    cutoff: float | None = None,
+    out: str | Path | None = None,
+) -> ServoArm:
     """Lag, delay, dead band, droop and gain of servos, from goal and position alone; and what these can't tell.
 
     Args:
         sessions: Folders or files of runs with `<joint>/position` and `<joint>/position_command`; no effort is needed.
         robot: URDF path, name or arm, for what the joints carry; without it droop and gain are not reported.
         cutoff: Corner of the filter for all signals [Hz].
+        out: Folder for a model of each joint that rolls out, as files of simulators.
 
     Raises:
         InputError: Recordings or robot can't be used, or no goal is logged.
@@ -88,7 +98,13 @@ def servo(sessions: Goals | Sequence[Goals], robot: Robot | None = None, *, cuto
     name = arm.name if arm is not None else loaded[0].name
     settings = {"robot": None if arm is None else arm.name, "cutoff_hz": cutoff}
     origin = Provenance("ident servo", settings=settings, sessions=stamp_sessions(loaded))
-    return ServoArm(name, found).with_provenance(origin)
+    rolled: tuple[RolledOut, ...] = ()
+    if out is not None:
+        from ident.servos.servo_files import roll_out_servos, write_servos
+
+        rolled = roll_out_servos(loaded, arm)
+        write_servos(Path(out), rolled, [session.name for session in loaded])
+    return ServoArm(name, found, rolled).with_provenance(origin)
 
 
 def watch(

@@ -9,17 +9,25 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 from ident.command_options import FilterOptions, FitOptions
+from ident.errors import InputError
 from ident.fitting import fit as fitting
-from ident.fitting.fit import FitResults, read_named_laws
+from ident.fitting.fit import FitResults, NamedLaws, read_named_laws, take_laws
+from ident.laws.acting import KNOWN
+from ident.laws.carried import KINDS
+from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel
 from ident.progress import step
 from ident.results import Provenance, Result
+from ident.robot.arm import ArmModel
 from ident.sessions import Opened, Robot, Sources, open_sessions
 
 if TYPE_CHECKING:
+    from ident.export.identified import Diagnosed
     from ident.model.evaluation import Evaluation
 
 Model = HybridModel | str | Path
+# Probability from which on `--laws auto` takes a name: at most one in five of such names is wrong.
+SURE = 0.8
 
 
 def fit_hybrid(
@@ -29,6 +37,7 @@ def fit_hybrid(
     *,
     checkpoint: Path | None = None,
     named: str | Path | None = None,
+    recordings: Sources | None = None,
     **reading: Any,
 ) -> FitResults:
     """Fits analytic + loss + named laws + residual net to recordings.
@@ -38,7 +47,8 @@ def fit_hybrid(
         robot: URDF path, name or arm; None takes the one named in session.toml.
         options: What is fitted.
         checkpoint: Folder in which the net's training may stop and go on.
-        named: JSON of a diagnosis whose laws of joints are to be part of the model.
+        named: JSON of a diagnosis whose names are to be part of the model.
+        recordings: What `laws="auto"` diagnoses where the source is opened already.
         reading: Fields of `ident.command_options.FilterOptions`: `topic`, `session_file`, `cutoff`, `accept`.
 
     Raises:
@@ -51,7 +61,9 @@ def fit_hybrid(
         if isinstance(source, Opened)
         else open_sessions(source, robot, **{**vars(read), "accept": accept}, motion=options.motion)
     )
-    laws = None if named is None else read_named_laws(Path(named), opened.arm)
+    laws = None if named is None else with_carried(Path(named), opened.arm, read_named_laws(Path(named), opened.arm))
+    if options.laws == "auto" and named is None:
+        laws = sure_laws(source if recordings is None else recordings, opened.arm, read)
     # Sums over threads differ in their last digits from one number of threads to another.
     with threadpool_limits(limits=1, user_api="blas"):
         found = fitting.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), step, checkpoint, laws)
@@ -60,6 +72,60 @@ def fit_hybrid(
     found = replace(found, model=model)
     settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     return found.with_provenance(Provenance("ident fit", settings=settings, sessions=opened.stamps))
+
+
+def with_carried(path: Path, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
+    """Beside friction's laws what else a diagnosis names, as far as its law is known.
+
+    Args:
+        path: What `ident diagnose --json` wrote.
+        arm: The arm that is to be fitted.
+        laws: Its laws of friction, and what was left out.
+    """
+    from ident.export.identified import Diagnosed
+    from ident.safe_read import read_record
+
+    record = read_record(path, ("ident.diagnosis/1",), "give the JSON of `ident diagnose`")
+    return _carry(Diagnosed.of_record(record, path=path, needed=False), arm, laws)
+
+
+def _carry(found: Diagnosed, arm: ArmModel, laws: NamedLaws) -> NamedLaws:
+    carried, left_out = [], []
+    for change in found.changes:
+        if change.effect in KINDS:
+            continue
+        place = -1 if change.joint < 0 else arm.joint_names.index(change.joints[0])
+        if change.effect in KNOWN:
+            carried.append(CarriedEffect(change.effect, place, change.values))
+        else:
+            left_out.append(f"{change.effect} of {', '.join(change.joints)}: no model carries it")
+    kept = tuple(text for text in laws.left_out if "carries friction alone" not in text)
+    return NamedLaws(laws.laws, (*kept, *left_out), tuple(carried))
+
+
+def sure_laws(source: Sources | Opened, arm: ArmModel, read: FilterOptions) -> NamedLaws | None:
+    """What a diagnosis of the same recordings is sure of; None where it names nothing so surely.
+
+    Args:
+        source: The recordings.
+        arm: The arm that is to be fitted.
+        read: How the recordings are read.
+
+    Raises:
+        InputError: They were opened already, and are no recordings any more.
+    """
+    from ident.api.diagnosing import diagnose
+    from ident.export.identified import Diagnosed
+
+    if isinstance(source, Opened):
+        raise InputError("laws", "opened sessions can't be diagnosed", "give `recordings`, or laws of a diagnosis")
+    record = diagnose(source, arm, **vars(read)).to_dict()
+    sure = [one for one in record["findings"] if one.get("probability", 1.0) >= SURE]
+    if not sure:
+        return None
+    record = {**record, "findings": sure}
+    laws = take_laws(record, arm, Path("diagnosis"))
+    return _carry(Diagnosed.of_record(record, needed=False), arm, laws)
 
 
 fit = fit_hybrid  # as the command is called

@@ -69,7 +69,7 @@ def fit(
     reading: given.FilterOptions,
     robot: Robot = None,
     named: Annotated[
-        Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
+        Path | None, typer.Option("--with", help="JSON of a diagnosis: what it names is part of the model.")
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -84,7 +84,7 @@ def fit(
     print_issues(console, [one.to_dict() for one in opened.issues])
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_line(console, "fit"):
-        results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named)
+        results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named, recordings=sessions)
     hand_over(results, json_file, lambda: results.model.save(out), places={"model (its URDF: `ident export`)": out})
     if checkpoint.exists():
         from ident.model.net_options import remove_checkpoint

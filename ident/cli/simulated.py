@@ -39,11 +39,14 @@ def servo(
     sessions: Sessions,
     robot: Robot = None,
     cutoff: Annotated[float | None, typer.Option(help="Corner of the filter for all signals [Hz].")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for models that roll out: MuJoCo, BAM, mjlab."), Writes("servo")
+    ] = None,
 ) -> Result:
     """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be determined."""
     from ident.api.daily import servo as find
 
-    return find(sessions, robot, cutoff=cutoff)
+    return find(sessions, robot, cutoff=cutoff, out=out)
 
 
 @command

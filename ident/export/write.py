@@ -19,6 +19,8 @@ from ident.export.controllers import InFile, write_cpp, write_isaac, write_limit
 from ident.export.formats import LOADED, NEAR, Run, describe, measure_off, state_arm, stood_in, usual_run
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.into import is_mjcf, save_into, write_into
+from ident.export.learned import FILE as LEARNED
+from ident.export.learned import has_learned, write_learned
 from ident.export.loaded import FILE_OF, WrittenFile, load_module
 from ident.files import atomic_folder
 from ident.laws.motion import Losses
@@ -152,11 +154,14 @@ def write_export(
                 arm.write(FILES[name], parameters)
             elif name not in LOADED:
                 arm.write(FILES[name], arm.module() if name == "python" else WRITERS[name](arm.stated("losses")))
+        learned = "cpp" in formats and has_learned(model)
+        if learned:
+            arm.write(LEARNED, write_learned(model))
         record: dict[str, Any] = {
             "schema": EXPORT,
             "robot": model.robot.name,
             "joints": list(model.joint_names),
-            "files": [FILES[name] for name in formats],
+            "files": [*(FILES[name] for name in formats), *([LEARNED] if learned else [])],
             "changed_links": list(after.links.mended),
             "left_out": (notes := _notes(after, FILES["python"], model)),
             "loaded_back": arm.structure(module),
@@ -317,5 +322,8 @@ def _notes(identified: IdentifiedArm, module: str, model: HybridModel | None = N
             stand = "the losses nearest to the effects' laws stand in for them"
             lines.append(f"{form}: at {', '.join(joints)} {stand}; {module} (extra_torque) has the laws")
     if model is not None and (model.net is not None or model.loss.offset.any()):
-        lines.append("the residual net and torque offsets are in the model folder alone")
+        lines.append(f"the residual net and torque offsets are in the model folder and, of format cpp, {LEARNED} alone")
+    if model is not None and model.carried:
+        names = ", ".join(one.effect for one in model.carried)
+        lines.append(f"carried effects ({names}) are in the model folder alone: `ident patch` writes what it can")
     return lines

@@ -14,15 +14,18 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.command_options import LUMPED, FitOptions
-from ident.errors import InputError
+from ident.errors import InputError, RecordingError
+from ident.fitting.choice import Choice, choose
+from ident.fitting.coupling import fit_coupling, read_coupling, without_carried
 from ident.fitting.identification import Identified, identify
 from ident.fitting.joint_estimate import FitSums, quantile
 from ident.laws.carried import KINDS, NamedLaw, named_torque
+from ident.model.carried import CarriedEffect
 from ident.model.hybrid import HybridModel, TrainingRange
 from ident.model.inertia import InertiaResults
 from ident.model.loss import LossResults, loss_figures
 from ident.motion.motion import Motion
-from ident.motion.stretches import runs_recorded
+from ident.motion.stretches import hold, runs_recorded
 from ident.origin import UNITS, code_commit
 from ident.progress import stage
 from ident.results import Result
@@ -37,6 +40,8 @@ FIT_SCHEMA = "ident.fit/1"
 TAILS = 0.001
 # States at which the torque's interval is looked at, and the share of them that it holds for.
 STATES, COVERED = 2000, 0.95
+# Samples that a choice is made by; of a longer session stretches from all over it.
+CHOSEN_SAMPLES = 200_000
 DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
 
 
@@ -46,13 +51,15 @@ class NamedLaws:
 
     laws: tuple[NamedLaw, ...] = ()  # laws of joints that a model can carry, not fitted yet
     left_out: tuple[str, ...] = ()  # what else it names, in words, with the reason
+    carried: tuple[CarriedEffect, ...] = ()  # what is carried with the parameters that it was found with
 
     def within(self, joints: int) -> NamedLaws:
         """Those of the first joints; the others, which a lumped model has not, are reported as left out."""
-        foreign = [f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in self.laws]
-        kept = [law.joint < joints for law in self.laws]
-        laws = tuple(law for law, own in zip(self.laws, kept, strict=True) if own)
-        return NamedLaws(laws, (*self.left_out, *(text for text, own in zip(foreign, kept, strict=True) if not own)))
+        laws = tuple(law for law in self.laws if law.joint < joints)
+        gone = [law for law in self.laws if law.joint >= joints]
+        foreign = tuple(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in gone)
+        carried = tuple(effect for effect in self.carried if effect.joint < joints)
+        return NamedLaws(laws, (*self.left_out, *foreign), carried)
 
 
 def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
@@ -67,7 +74,7 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     """
     record = read_record(path, DIAGNOSIS_SCHEMA, "give the JSON of `ident diagnose`")
     try:
-        found = _take(record, arm, path)
+        found = take_laws(record, arm, path)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         what = f"it is damaged ({type(error).__name__}: {error})"
         raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
@@ -77,7 +84,17 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     return found
 
 
-def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+def take_laws(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+    """The laws of joints in a diagnosis's record, and what else it names.
+
+    Args:
+        record: As `ident diagnose --json` writes it.
+        arm: The arm that is to be fitted.
+        path: Where it is from, for messages.
+
+    Raises:
+        InputError: It is of another robot.
+    """
     foreign = [name for name in record["joints"] if name not in arm.joint_names]
     if record["robot"] != arm.name or len(foreign) == len(record["joints"]):
         what = f"it is of the robot {record['robot']!r}, not of {arm.name!r}"
@@ -98,7 +115,9 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
     return NamedLaws(tuple(laws), tuple(left_out))
 
 
-def identify_named(sums: FitSums, left_out: tuple[str, ...]) -> tuple[Identified, NamedLaws]:
+def identify_named(
+    sums: FitSums, left_out: tuple[str, ...], choice: Choice | None = None
+) -> tuple[Identified, NamedLaws]:
     """Identifies an arm with named laws beside losses and inertias.
 
     A law that would have to be below zero, so that friction drives the joint, is left out and the rest is fitted again.
@@ -106,17 +125,21 @@ def identify_named(sums: FitSums, left_out: tuple[str, ...]) -> tuple[Identified
     Args:
         sums: One pass over the runs, with the laws.
         left_out: What else was named, in words, with the reason.
+        choice: What runs left out chose, with the same laws; those that it took itself go without a word.
 
     Returns:
         What was identified, and the laws with those that had to go reported as left out.
     """
     names = sums.baseline.nominal.joint_names
+    given = {(law.effect, law.joint) for law in (() if choice is None else choice.given_laws)}
     while True:
-        found = identify(sums)
+        found = identify(sums, choice)
         gone = sorted({(law.effect, law.joint) for law in found.named if law.vanishes})
         if not gone:
             return found, NamedLaws(found.named, left_out)
-        left_out += tuple(f"{effect} of {names[joint]}: these recordings have none" for effect, joint in gone)
+        asked = [one for one in gone if choice is None or one in given]
+        left_out += tuple(f"{effect} of {names[joint]}: these recordings have none" for effect, joint in asked)
+        choice = None if choice is None else choice.without(gone)
         sums = sums.only([law for law in sums.laws if (law.effect, law.joint) not in gone])
 
 
@@ -165,6 +188,7 @@ class FitResults(Result):
 
     model: HybridModel
     identified: Identified
+    choice: Choice  # what runs left out chose
 
     @property
     def loss(self) -> LossResults:
@@ -211,38 +235,84 @@ def fit_hybrid(
         motions = [motion.select(nominal.joint_names) for motion in motions]
     stage("inertias and losses", 0.0, 0.5)
     named = (named or NamedLaws()).within(nominal.n)
-    sums = FitSums.gather(motions, nominal, options, named.laws)
-    found, named = identify_named(sums, named.left_out)
+    carried = named.carried
+    if options.coupling is not None:
+        carried = (*carried, *fit_coupling(motions, nominal, *read_coupling(options.coupling, nominal)))
+    motions = [without_carried(motion, nominal, carried) for motion in motions] if carried else motions
+    choice, sums = choose_and_gather(motions, nominal, options, named.laws)
+    found, named = identify_named(sums, named.left_out, choice)
     arm, loss = found.inertia.arm, found.loss
-    plain = identify(sums.only(())) if found.named else None
+    kept = {(law.effect, law.joint) for law in found.named}
+    choice = choice.without({(law.effect, law.joint) for law in choice.laws} - kept)
+    plain = identify(sums.only(()), choice.without(kept)) if found.named else None
 
     def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
         laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
         return loss.params.torque(m.dq, m.ddq) + laws
 
-    net = None
+    net, memory = None, None
     if options.net != "none":
         stage("residual net", 0.5, 1.0)
         from ident.model.residual_net import PRESETS, fit_net_of_arm
 
         built = replace(PRESETS[options.net], seed=options.seed)
         net = fit_net_of_arm(motions, arm, known, built, progress, checkpoint)
+        if options.net == "default":
+            from ident.model.memory import fit_memory_of_arm
+
+            memory = fit_memory_of_arm(motions, arm, known, options.seed, net.gate)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
         arm=arm,
         loss=loss.params,
         net=net,
+        memory=memory,
         links=options.links,
-        inertia=options.inertia,
+        inertia=choice.kind,
         figures=loss_figures(loss),
         named=found.named,
+        carried=carried,
         alone=None if plain is None else (plain.inertia.arm, plain.loss.params),
         inertias=found.inertias,
         trained=find_training_range(motions, nominal, found),
-        provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
+        provenance={
+            **_provenance(motions, options, data, found, net),
+            "named_left_out": list(named.left_out),
+            "choice": choice.to_dict(),
+            "memory_gate": [gate.to_dict() for gate in memory.gate] if memory else [],
+        },
     )
-    return FitResults(model, found)
+    return FitResults(model, found, choice)
+
+
+def choose_and_gather(
+    motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, given: Sequence[NamedLaw]
+) -> tuple[Choice, FitSums]:
+    """What runs left out choose, and one pass over all runs with it.
+
+    Args:
+        motions: Training runs.
+        nominal: The arm as its URDF describes it.
+        options: What is fitted.
+        given: Laws that a diagnosis named.
+
+    Raises:
+        RecordingError: A joint hardly moves, or given laws can't be told from plain friction.
+    """
+    tried = options.laws != "none"
+    held = hold(motions, CHOSEN_SAMPLES).motions
+    choice = choose(held, nominal, options.inertia, options.offset, given, tried)
+    settled = replace(options, inertia=choice.kind, offset="on" if choice.offset else "off")
+    try:
+        sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
+    except RecordingError:
+        own = {(law.effect, law.joint) for law in choice.laws} - {(law.effect, law.joint) for law in given}
+        if not own:
+            raise
+        choice = choice.without(own)
+        sums = FitSums.gather(motions, nominal, settled, choice.laws, choice.widths)
+    return replace(choice, whitened=options.robust), sums
 
 
 def _provenance(

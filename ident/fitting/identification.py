@@ -16,6 +16,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.command_options import Inertia
+from ident.fitting.choice import Choice
 from ident.fitting.joint_estimate import (
     FitSums,
     JointEstimate,
@@ -74,21 +75,33 @@ class Identified:
         }
 
 
-def identify(sums: FitSums) -> Identified:
-    """Identifies an arm from one pass over its runs."""
-    mode, nominal, base = sums.options.inertia, sums.baseline.nominal, sums.baseline.base
+def identify(sums: FitSums, choice: Choice | None = None) -> Identified:
+    """Identifies an arm from one pass over its runs.
+
+    Args:
+        sums: The pass.
+        choice: What runs left out chose, with the same offsets and laws; the kind of inertias is that of the options
+            if None, `consistent` where they leave it open.
+    """
+    nominal, base = sums.baseline.nominal, sums.baseline.base
+    asked = sums.options.inertia
+    mode: Inertia = choice.kind if choice is not None else "consistent" if asked == "auto" else asked
     scale = parameter_scale(nominal)
     frictionless, found = find_frictionless(estimate(sums), nominal.n, lambda joints: estimate(sums.through(joints)))
     share = urdf_share(found, base, scale)
-    if mode == "nominal":
-        found = found.without_inertias(base_prior(base, max(share, 1e-6) * scale))
+    prior = base_prior(base, max(share, 1e-6) * scale) if mode == "nominal" else None
+    if choice is not None and not choice.whitened:
+        found = with_plain_rows(found, choice, prior)
+    elif prior is not None:
+        found = found.without_inertias(prior)
     zero = lossless_parameters(found, frictionless)
     # All losses but offsets can't be negative, nor laws' coefficients as their kind says.
     positions, first = [found.index(j)[:3] for j in range(nominal.n)], found.first_law
     for law in sums.laws:
         positions.append(first + np.array(law.kind.nonnegative, dtype=int))
         first += law.size
-    change, solved = _within_bounds(found, nominal, base, mode, (np.concatenate(positions), zero))
+    prior_share = PRIOR_SHARE.get(mode, 0.0) if choice is None else choice.share
+    change, solved = _within_bounds(found, nominal, base, mode, (np.concatenate(positions), zero), prior_share)
     losses = np.array([solved[found.index(j) - base.rank] for j in range(nominal.n)])
     coefficients = solved[found.first_law - base.rank :]
     half = (quantile(found.dof) * found.std)[found.first_law :]
@@ -109,6 +122,24 @@ def identify(sums: FitSums) -> Identified:
     tied = tied_figures(found, base, nominal.joint_names, sums.laws)
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
     return Identified(inertia, loss, inertias, tied, share, sums.through_reversals, found, laws, lossless)
+
+
+def with_plain_rows(found: JointEstimate, choice: Choice, held: Float[Array, "r r"] | None = None) -> JointEstimate:
+    """The estimate by plain rows, with intervals that hold what whitened ones say beside.
+
+    Where both are right, their difference has the variance by which plain rows are worse; where the noise is not what
+    whitening takes it for, it is what the interval has to hold beside. Source: Hausman 1978.
+
+    Args:
+        found: The estimate by whitened rows.
+        choice: What was chosen, with the sums of plain rows.
+        held: Information on the base parameters that lies in the URDF, where the inertias are held at its own.
+    """
+    problem = choice.problem()
+    values = choice.solved("base" if held is None else "nominal", signed=False)
+    usual = found if held is None else found.without_inertias(held)
+    covariance = usual.covariance + np.diag((values - usual.values) ** 2)
+    return replace(found, values=values, covariance=covariance, information=problem.information, score=problem.score)
 
 
 def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
@@ -147,16 +178,18 @@ def _within_bounds(
     base: BaseParameters,
     mode: Inertia,
     bounds: tuple[Int[Array, " b"], Int[Array, " z"]],
+    share: float,
 ) -> tuple[Float[Array, " 10n"], Float[Array, " m-r"]]:
     """Change of the inertial numbers, and losses with all that stands behind them.
 
-    `bounds` are positions among the estimate's parameters: of those that can't be negative, and that are zero.
+    `bounds` are positions among the estimate's parameters: of those that can't be negative, and that are zero; `share`
+    is how far the URDF's numbers may be off, as a share of each link's scale.
     """
     nonnegative, zero = bounds
     rank, size = base.rank, len(found.values)
     numbers = 0 if mode == "nominal" else 10 * arm.n
     # Unknowns: changes of all inertial numbers in units of how far a URDF may be off, then the losses as they are.
-    unit = PRIOR_SHARE.get(mode, 0.0) * parameter_scale(arm)[:numbers]
+    unit = share * parameter_scale(arm)[:numbers]
     lift = np.zeros((size, numbers + size - rank))
     lift[:rank, :numbers] = base.mapping[:, :numbers] * unit
     lift[rank:, numbers:] = np.eye(size - rank)

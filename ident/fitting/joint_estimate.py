@@ -26,6 +26,7 @@ from ident.errors import RecordingError
 from ident.laws.carried import NamedLaw
 from ident.model.inertia import PRIOR_SHARE
 from ident.model.linearisation import LEAST_MOVING, Sliding
+from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.regression.baseline import Baseline, fit_baseline
 from ident.regression.design import LOSS_PARAMETERS, Grid, layout_of
@@ -58,7 +59,12 @@ class FitSums:
 
     @classmethod
     def gather(
-        cls, motions: Sequence[Motion], nominal: ArmModel, options: FitOptions, laws: Sequence[NamedLaw] = ()
+        cls,
+        motions: Sequence[Motion],
+        nominal: ArmModel,
+        options: FitOptions,
+        laws: Sequence[NamedLaw] = (),
+        widths: Float[Array, " n"] | None = None,
     ) -> FitSums:
         """Goes through the runs.
 
@@ -67,18 +73,21 @@ class FitSums:
             nominal: The arm as its URDF describes it.
             options: What is fitted.
             laws: Laws of joints.
+            widths: Speed over which each joint's friction turns round [rad/s]; not at all if None.
 
         Raises:
             RecordingError: A joint hardly moves in any run, or its laws can't be told from plain friction.
         """
         share = PRIOR_SHARE.get(options.inertia, PRIOR_SHARE["consistent"])
-        # Clear of reversals the direction is a plain sign; any smooth step would pass for less friction at low speed.
-        sharp = Sliding(np.zeros(nominal.n), np.zeros(nominal.n))
-        baseline = fit_baseline(motions, nominal, share, sliding=sharp)
+        # Clear of reversals the direction is a plain sign unless runs left out say over which speed it turns round.
+        speed = np.zeros(nominal.n) if widths is None else np.where(widths > TRANSITION_GRID[0], widths, 0.0)
+        baseline = fit_baseline(motions, nominal, share, sliding=Sliding(np.zeros(nominal.n), speed))
+        if widths is not None:
+            baseline = replace(baseline, loss=replace(baseline.loss, transition_speed=widths))
         pairs = ((motion.moving.sum(axis=0), motion.settled.sum(axis=0)) for motion in motions)
         moving, settled = np.sum([*pairs], axis=0)
         few = np.asarray(settled < np.maximum(LEAST_MOVING, LEAST_SETTLED * moving))
-        evidence = _sums(motions, baseline, options.offset, laws, few)
+        evidence = _sums(motions, baseline, options.offset == "on", laws, few)
         names = tuple(name for name, all_of_it in zip(nominal.joint_names, few, strict=True) if all_of_it)
         found = cls(motions, baseline, evidence, options, tuple(laws), names)
         found._require_parted()
@@ -87,7 +96,7 @@ class FitSums:
     def through(self, joints: Bool[Array, " n"]) -> FitSums:
         """The same with all moving rows of some joints."""
         also = np.isin(self.baseline.nominal.joint_names, self.through_reversals)
-        evidence = _sums(self.motions, self.baseline, self.options.offset, self.laws, joints | also)
+        evidence = _sums(self.motions, self.baseline, self.options.offset == "on", self.laws, joints | also)
         return replace(self, evidence=evidence)
 
     def only(self, laws: Sequence[NamedLaw]) -> FitSums:
@@ -184,10 +193,7 @@ def estimate(sums: FitSums) -> JointEstimate:
         evidence = weighted.with_run_spread(spread).with_dispersion(worth)
     model, layout = _solved(evidence, sums), evidence.layout
     scale, inside = evidence.scale[model.inside], model.inside
-    gram, squares = evidence.gram(), np.zeros(n)
-    for j, local in enumerate(layout.local):
-        own = model.weights[local]
-        squares[j] = own @ evidence.plain[j].over() @ own / max(float(evidence.weights[:, j].sum()), 1.0)
+    gram = evidence.gram()
     blocks, stretches = int(np.sum(evidence.rows.any(axis=1))), len(np.unique(evidence.friction.stretch))
     # Friction is known by as many repeats as there are runs, or stretches of long ones, all else by blocks.
     dof = np.full(len(inside), max(1.0, blocks - len(inside) / n))
@@ -199,11 +205,20 @@ def estimate(sums: FitSums) -> JointEstimate:
         dof=dof,
         information=gram[np.ix_(inside, inside)] * np.outer(scale, scale),
         score=gram[inside, -1] * scale,
-        noise=np.sqrt(np.maximum(squares, 0.0)),
+        noise=_plain_error(evidence, model.weights),
         spread=evidence.spread,
         rank=layout.rank,
-        offset=sums.options.offset,
+        offset=sums.options.offset == "on",
     )
+
+
+def _plain_error(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
+    """Root mean square of what a model leaves of each joint's torque [N m]."""
+    squares = np.zeros(evidence.layout.n)
+    for j, local in enumerate(evidence.layout.local):
+        own = weights[local]
+        squares[j] = own @ evidence.plain[j].over() @ own / max(float(evidence.weights[:, j].sum()), 1.0)
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def _solved(evidence: Evidence, sums: FitSums) -> Projection:

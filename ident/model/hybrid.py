@@ -17,12 +17,14 @@ from ident.arrays import Array, Float, freeze
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
+from ident.model.carried import CarriedEffect, as_logged, carried_torque, moving_arm
 from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
 from ident.recordings.recording import Payload
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:
+    from ident.model.memory import JointMemory
     from ident.model.residual_net import ResidualNet
 
 SCHEMA = "ident.model/1"
@@ -125,12 +127,16 @@ class HybridModel:
     arm: ArmModel  # the rigid arm with identified inertias; its joints are those that the model speaks of
     loss: LossParameters  # loss parameters
     net: ResidualNet | None = None  # residual net, or None
+    # What stands in for the net at some joints along a motion, where the last second counts; or None.
+    memory: JointMemory | None = None
     links: int = 6  # 6 for the full arm, 3 for the lumped one
     inertia: str = "nominal"  # how the inertias were found
     figures: tuple[LossFigure, ...] = ()  # loss parameters with intervals
     inertias: tuple[InertiaFigure, ...] = ()  # base parameters with intervals; none where the URDF's inertias were kept
     trained: TrainingRange | None = None  # where the training runs went; None where that is not known
     named: tuple[NamedLaw, ...] = ()  # laws of joints that a diagnosis named
+    # What else a diagnosis named, with its parameters as they were found.
+    carried: tuple[CarriedEffect, ...] = ()
     # Where there are such laws, the arm and its losses as the same runs have them without.
     alone: tuple[ArmModel, LossParameters] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)  # data hashes, versions, options, scores of the fit
@@ -144,7 +150,7 @@ class HybridModel:
         """Names of the ladder's rungs, from the URDF's rigid body up; `urdf` where its `<dynamics>` state friction."""
         urdf = ("urdf",) if self.states_friction else ()
         inertia = ("inertia",) if self.inertia != "nominal" else ()
-        named = ("named",) if self.named else ()
+        named = ("named",) if self.named or self.carried else ()
         return ("analytic", *urdf, *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
 
     @property
@@ -156,7 +162,10 @@ class HybridModel:
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
     ) -> Float[Array, "T n"]:
-        """Joint torque that the motion needs [N m]. Source: paper, eq. 1."""
+        """Joint torque that the motion needs [N m]. Source: paper, eq. 1.
+
+        States that follow one another evenly are a motion, in which joints remember the last second.
+        """
         return sum(self.torque_terms(q, dq, ddq, payload).values(), np.zeros_like(q, dtype=float))
 
     def torque_terms(
@@ -167,9 +176,31 @@ class HybridModel:
         terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
         if self.named:
             terms["named"] = named_torque(self.named, q, dq, rigid, self.loss.transition_speed)
+        if self.carried:
+            moving = moving_arm(self.arm.with_payload(payload), self.loss, q, dq, ddq)
+            terms["named"] = terms.get("named", 0.0) + carried_torque(self.carried, moving)
         if self.net is not None:
-            terms["net"] = self.net.predict(q, dq, ddq, rigid)
+            terms["net"] = self._learned(q, dq, ddq, rigid)
+        if self.carried:
+            # What the log makes of the torque that acts is said with the names.
+            total = sum(terms.values(), np.zeros_like(rigid))
+            terms["named"] = terms["named"] + as_logged(self.carried, total, moving.interval) - total
         return terms
+
+    def _learned(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
+    ) -> Float[Array, "T n"]:
+        """The net's torque, or at joints that have one and along a motion that of their memory [N m]."""
+        assert self.net is not None
+        said = self.net.predict(q, dq, ddq, rigid)
+        if self.memory is None or not self.memory.kept.any():
+            return said
+        from ident.model.memory import sampling_interval
+
+        interval = sampling_interval(q, dq)
+        if interval is None:
+            return said
+        return np.where(self.memory.kept, self.memory.predict(q, dq, ddq, rigid, interval), said)
 
     def ladder(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
@@ -203,6 +234,8 @@ class HybridModel:
             (part / MODEL_FILE).write_text(tomli_w.dumps(self.record()), encoding="utf-8")
             if self.net is not None:
                 self.net.save(part)
+            if self.memory is not None:
+                self.memory.save(part)
         return target
 
     @classmethod
@@ -241,11 +274,15 @@ class HybridModel:
             robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
             arm, loss = _read_fit(nominal, record["inertia"]["links"], record["loss"])
             alone = _read_fit(nominal, record["alone"]["links"], record["alone"]) if "alone" in record else None
-            net = None
+            net, memory = None, None
             if record.get("net", {}).get("preset", "none") != "none":
                 from ident.model.residual_net import ResidualNet
 
                 net = ResidualNet.load(path)
+            if record.get("net", {}).get("memory"):
+                from ident.model.memory import JointMemory
+
+                memory = JointMemory.load(path, nominal.n)
             model = cls(
                 robot=robot,
                 nominal=nominal,
@@ -253,10 +290,12 @@ class HybridModel:
                 loss=loss,
                 alone=alone,
                 net=net,
+                memory=memory,
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
+                carried=tuple(CarriedEffect.from_dict(entry, nominal.n) for entry in record.get("carried", [])),
                 named=tuple(NamedLaw.from_dict(entry, nominal.n) for entry in record.get("named", [])),
                 trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
@@ -306,11 +345,20 @@ class HybridModel:
             },
             "loss": {**own, "figures": [vars(figure) for figure in self.figures]},
             **({} if self.alone is None else {"alone": _fit_record(*self.alone)}),
-            "net": {"preset": self.net.options.preset if self.net is not None else "none"},
+            "net": self._net_record(),
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
             **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
+            **({"carried": [one.to_dict() for one in self.carried]} if self.carried else {}),
             "provenance": self.provenance,
         }
+
+    def _net_record(self) -> dict[str, Any]:
+        """Which net there is, and the joints that have a memory."""
+        record: dict[str, Any] = {"preset": self.net.options.preset if self.net is not None else "none"}
+        if self.memory is not None:
+            pairs = zip(self.joint_names, self.memory.kept, strict=True)
+            record["memory"] = [name for name, kept in pairs if kept]
+        return record
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
         """Raises ModelError unless the model was fitted for this robot: the same joints, lengths and inertias."""

@@ -12,22 +12,22 @@ Losses and link inertias as a convex program: what least squares leave, within w
 
 A and b are the normal equations of all runs, weights and priors in them; x the changes of the links' inertial numbers π
 in units S, then the losses. P is a link's 4 × 4 pseudo-inertia, positive semidefinite for every body that can exist.
-Written in CVXPY, solved by Clarabel; both take a second to load and are imported where something is solved.
+Solved by an interior-point method of our own (`interior_point`).
 
-Source: Wensing, Kim and Slotine 2018, eq. 12 (pseudo-inertia); Goulart and Chen 2024 (Clarabel).
+Source: Wensing, Kim and Slotine 2018, eq. 12 (pseudo-inertia).
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.model.interior_point import NO_BODIES, Bodies, Program, minimise
 from ident.model.loss import InertiaFigure
 from ident.robot.arm import ArmModel
 
@@ -173,44 +173,48 @@ def solve_bounded(
     Raises:
         ArithmeticError: The solver found no solution.
     """
-    import cvxpy as cp
-
-    # In units of what the data know of each unknown, and about the place where nothing bounds them.
+    # In units of what the data know of each unknown.
     size = np.sqrt(np.maximum(np.diag(information), ROUNDING * np.diag(information).max(initial=1e-300)))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    free = vectors @ ((vectors.T @ (score / size)) / np.maximum(values, ROUNDING * values.max())) / size
-    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    moved = cp.Variable(len(score))
-    kept = np.asarray(nonnegative, dtype=int)
-    bounds = [size[kept] * free[kept] + moved[kept] >= 0.0] if len(kept) else []
-    if links is not None:
-        steps = np.ones(len(links)) if scale is None else np.asarray(scale)
-        numbers = slice(0, len(links))
-        change, held = cp.multiply(1.0 / size[numbers], moved[numbers]), links + steps * free[numbers]
-        unit = pseudo_inertia(np.eye(10)).reshape(10, 16)
-        for link in (one for one in range(len(links) // 10) if one not in free_links):
-            # One matrix inequality a link, in units of its mass and its size.
-            part = slice(10 * link, 10 * link + 10)
-            mass, moment = max(steps[part.start], 1e-12), max(steps[part.start + 4], 1e-12)
-            frame = 1.0 / np.sqrt([moment, moment, moment, mass])
-            entries = np.outer(frame, frame).ravel()[:, None] * unit.T
-            matrix = cp.reshape(entries @ held[part] + (entries * steps[part]) @ change[part], (4, 4), order="C")
-            bounds.append(matrix >> MARGIN * np.eye(4))
-    problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ moved)), bounds)
-    with catch_warnings():  # of a loose tolerance, which the status says too
-        simplefilter("ignore")
-        problem.solve(solver=cp.CLARABEL)
-    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-        raise ArithmeticError(f"no losses and bodies were found that the recordings allow ({problem.status})")
-    found = free + np.asarray(moved.value) / size
-    found[kept] = np.maximum(found[kept], 0.0)
+    kept = np.maximum(values, ROUNDING * values.max())
+    scaled, right = (vectors * kept) @ vectors.T, score / size
+    free = vectors @ ((vectors.T @ right) / kept)
+    positive = np.asarray(nonnegative, dtype=int)
+    bodies = NO_BODIES if links is None else _bodies(links, scale, free_links, size)
+    found = minimise(Program(scaled, right, positive, bodies), free) / size
+    found[positive] = np.maximum(found[positive], 0.0)
     return found
+
+
+def _bodies(
+    links: Float[Array, " 10n"],
+    scale: Float[Array, " 10n"] | None,
+    free_links: Collection[int],
+    size: Float[Array, " m"],
+) -> Bodies:
+    """Pseudo-inertias of the links as functions of the scaled unknowns, in units of each link's mass and size."""
+    steps = np.ones(len(links)) if scale is None else np.asarray(scale)
+    unit = pseudo_inertia(np.eye(10))
+    constant, slopes, unknowns = [], [], []
+    for link in range(len(links) // 10):
+        if link in free_links:
+            continue
+        own = np.arange(10 * link, 10 * link + 10)
+        mass, moment = max(steps[own[0]], 1e-12), max(steps[own[4]], 1e-12)
+        frame = 1.0 / np.sqrt([moment, moment, moment, mass])
+        units = np.outer(frame, frame)
+        constant.append(units * pseudo_inertia(links[own]) - MARGIN * np.eye(4))
+        slopes.append(units * unit * (steps[own] / size[own])[:, None, None])
+        unknowns.append(own)
+    if not constant:
+        return NO_BODIES
+    return Bodies(np.array(constant), np.array(slopes), np.array(unknowns))
 
 
 def solve_partly_non_negative(sums: Float[Array, "k+1 k+1"], bounded: Iterable[int]) -> Float[Array, " k"]:
     """Least squares of which some unknowns can't be negative: the free ones are eliminated, the rest is bounded.
 
-    The same as `solve_bounded` without links, in a thousandth of its time: for arms that are tuned again and again.
+    The same as `solve_bounded` without links, in a part of its time: for arms that are tuned again and again.
 
     Args:
         sums: Sums of squares and products of the unknowns' columns and, last, of what they are to be.
@@ -218,7 +222,7 @@ def solve_partly_non_negative(sums: Float[Array, "k+1 k+1"], bounded: Iterable[i
     """
     power = np.diag(sums)
     seen = np.flatnonzero(power[:-1] > 0.0)  # an unknown without rows, as of a joint at rest, stays zero
-    kept = np.intersect1d(seen, list(bounded))
+    kept = np.intersect1d(seen, np.array(list(bounded), dtype=int))
     free = np.setdiff1d(seen, kept)
     scale = np.sqrt(np.where(power > 0.0, power, 1.0))
     values, vectors = np.linalg.eigh(sums / np.outer(scale, scale))

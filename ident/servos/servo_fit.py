@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -28,6 +28,9 @@ from ident.recordings.recording import Recording, Session
 from ident.records import read_group
 from ident.results import Result
 from ident.robot.arm import ArmModel
+
+if TYPE_CHECKING:
+    from ident.servos.servo_files import RolledOut
 
 LIMIT = read_group(__file__, "servo")
 
@@ -300,6 +303,7 @@ class ServoArm(Result):
 
     robot: str  # its name, or of the session where nobody knows it
     joints: tuple[ServoJoint, ...]  # what is reported of each
+    rolled: tuple[RolledOut, ...] = ()  # models that roll out, where they were asked for
 
     def to_dict(self) -> dict[str, Any]:
         joints = {}
@@ -314,6 +318,8 @@ class ServoArm(Result):
                 "not_told": dict(one.untold),
                 "heldout": None if np.isnan(one.rms_before) else errors,
             }
+        for model in self.rolled:
+            joints[model.joint]["roll_out"] = model.to_dict()
         provenance = self.provenance.to_dict()
         return {"schema": SCHEMA, "robot": self.robot, "joints": joints, "provenance": provenance}
 
@@ -330,4 +336,7 @@ class ServoArm(Result):
             if "dead_band_rad" in one.figures:
                 lines.append(f"    dead band, dry friction or backlash: {TEXT['parted_by']}")
             lines += [f"  not reported: {name}: {reason}" for name, reason in one.untold.items()]
+        for model in self.rolled:
+            held = f"{1e3 * model.held_error:.0f} mrad on average over {len(model.held)} runs held back"
+            lines.append(f"{model.joint}: rolled out from its goals alone it is off by {held}")
         return "\n".join(lines)

@@ -113,7 +113,8 @@ def print_fit(console: Console, result: FitResults) -> None:
     """What was identified, and what was left out of it."""
     from ident.fitting.identification import describe
 
-    lines = [result.loss.summary(), *describe(result.identified)]
+    lines = [result.loss.summary(), *describe(result.identified), *result.choice.describe()]
+    lines += [one.describe(result.model.joint_names) for one in result.model.carried]
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         from ident.model.net_gate import describe_gate

@@ -20,7 +20,7 @@ from tests.ident.made_up import made_motions, two_joint_arm
 ARM = two_joint_arm()
 OWN = np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])
 BUMP = {"stribeck_velocity_rad_s": 0.4, "exponent": 1.0}
-NO_NET = FitOptions(net="none", inertia="nominal")
+NO_NET = FitOptions(net="none", inertia="nominal", laws="none")
 
 
 def _law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:

@@ -1,0 +1,109 @@
+"""Effects that a model carries as they were found: springs, couplings, links, offsets, gains; beside fitted laws.
+
+Friction's laws of one joint's states are fitted anew with the rest of a model (`ident.laws.carried`). What acts on
+several joints, has a memory or changes what the log says is carried with the parameters that a diagnosis, or a fit of
+its own, gave it: it is taken off the recordings before the rest is fitted, and comes back whenever torque is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
+from ident.laws.motion import Arm, Losses, MovingArm
+from ident.model.loss import LossParameters
+from ident.model.memory import sampling_interval
+from ident.robot.arm import ArmModel
+
+
+@dataclass(frozen=True)
+class CarriedEffect:
+    """One effect with its parameters."""
+
+    effect: str  # its id, one of `ident.laws.acting.KNOWN`
+    joint: int  # its joint's number from zero; -1 for the whole arm
+    parameters: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        if self.effect not in KNOWN:
+            raise ValueError(f"{self.effect!r} is no effect that a model carries")
+        values = {name: float(value) for name, value in self.parameters.items()}
+        if not np.isfinite(list(values.values())).all():
+            raise ValueError(f"a parameter of {self.effect} is not finite")
+        object.__setattr__(self, "parameters", values)
+
+    @property
+    def as_law(self) -> Effect:
+        """As the laws take it."""
+        return self.effect, self.joint, dict(self.parameters)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For model.toml."""
+        return {"effect": self.effect, "joint": self.joint, "parameters": dict(self.parameters)}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any], joints: int) -> CarriedEffect:
+        """Reads it back.
+
+        Raises:
+            KeyError, TypeError, ValueError: It is damaged.
+        """
+        joint = record["joint"]
+        if not isinstance(joint, int) or not -1 <= joint < joints:
+            raise ValueError(f"{record['effect']} is of joint {joint!r}, which the arm has not")
+        return cls(str(record["effect"]), joint, dict(record["parameters"]))
+
+    def describe(self, joints: Sequence[str]) -> str:
+        """In words."""
+        place = "the arm" if self.joint < 0 else joints[self.joint]
+        values = ", ".join(f"{name} {value:.3g}" for name, value in self.parameters.items())
+        return f"{place}: {self.effect} carried with {values}"
+
+
+def moving_arm(
+    arm: ArmModel, loss: LossParameters, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+) -> MovingArm:
+    """The arm along states, as the laws see it."""
+    chain = arm.chain
+    own = Arm(
+        rotations=chain.rotations[:, 0],
+        offsets=chain.offsets,
+        axes=chain.axes,
+        sliding=chain.sliding,
+        links=arm.inertial_parameters.reshape(arm.n, 10),
+        gravity=chain.gravity,
+        gears=None if arm.gear_ratios is None else np.array(arm.gear_ratios),
+        rated=np.array(arm.effort_limit),
+    )
+    width = np.maximum(loss.transition_speed, 1e-4)
+    losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, width, np.zeros(arm.n))
+    return MovingArm(own, losses, q, dq, ddq, sampling_interval(q, dq) or 0.0)
+
+
+def carried_torque(effects: Sequence[CarriedEffect], moving: MovingArm) -> Float[Array, "T n"]:
+    """What the effects add to the torque that acts [N m].
+
+    Raises:
+        ValueError: One of them has a memory, and the states do not follow one another.
+    """
+    return np.asarray(acting_torque([one.as_law for one in effects], moving))
+
+
+def as_logged(effects: Sequence[CarriedEffect], torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+    """What a log reads of a torque [N m]; lateness only along a motion."""
+    return read_log(_in_log(effects, interval), torque, interval)
+
+
+def as_acting(effects: Sequence[CarriedEffect], log: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+    """The torque behind a log [N m]."""
+    return undo_log(_in_log(effects, interval), log, interval)
+
+
+def _in_log(effects: Sequence[CarriedEffect], interval: float) -> list[Effect]:
+    kept = [one for one in effects if one.effect != "torque_delay" or interval > 0.0]
+    return [one.as_law for one in kept]

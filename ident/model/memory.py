@@ -1,0 +1,282 @@
+"""What a joint's torque remembers: the part that depends on the last second, not on this instant alone.
+
+Grease, hysteresis of gears and cables, filters in drives and thermal swings leave a torque that no function of angle,
+speed and acceleration tells. The inputs are what a joint does now, the load that it bears, states of stop operators of
+three ranges (where it stands since its last reversals) and slow averages of its direction, pace, load and angle over a
+tenth of a second to 0.8 s; beside them, where runs left out ask for it, the states of all joints. They are given to
+boosted trees, which never leave the range of torques that they have seen.
+
+A joint's memory stands in for its net where runs left out are foretold better with it: the same gate as the net's.
+States that do not follow one another, as a planner's nodes, have no memory: there the net alone counts.
+
+Source: Al-Bender 2005 (stop operators); Kohavi 1994 (oblivious trees).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.compiled import compiled
+from ident.errors import ModelError
+from ident.files import atomic_write
+from ident.model.boosted import DEPTH, Trees, fit_trees
+from ident.model.joint_nets import joint_features
+from ident.model.linearisation import stop_operator
+from ident.model.net_gate import JointGate, make_folds, shrink_net
+from ident.model.residual_net import TRAINED_SAMPLES, Known
+from ident.motion.motion import Motion
+from ident.motion.stretches import hold
+from ident.robot.arm import ArmModel
+from ident.safe_read import read_json, require_regular
+
+# Ranges of the stop operators [rad], and times over which averages are taken [s].
+RANGES, TIMES = (1e-3, 1e-2, 1e-1), (0.1, 0.3, 0.8)
+# Speed over which a joint's direction turns round in its average [rad/s].
+TURNING = 0.02
+# Rows that the trees of a joint are fitted to; of more, every second or third is taken.
+MOST_ROWS = 5000
+# Fewer rows than this tell nothing of a joint.
+FEWEST_ROWS = 100
+# States follow one another where their speeds explain all but this share of the squares of their steps.
+MOST_APART = 0.05
+FILE, RECORD = "memory.safetensors", "memory.json"
+SEVERAL = 4  # channels of every joint: angle, speed, acceleration, load
+
+
+def sampling_interval(q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> float | None:
+    """Time between states that follow one another evenly [s]; None where they do not."""
+    if len(q) < 3:
+        return None
+    steps, pace = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    power = float(np.sum(pace**2))
+    if power <= 0.0:
+        return None
+    interval = float(np.sum(steps * pace)) / power
+    apart = float(np.sum((steps - interval * pace) ** 2))
+    follows = interval > 0.0 and apart <= MOST_APART * float(np.sum(steps**2))
+    return interval if follows else None
+
+
+@compiled(error_model="numpy", nogil=True)
+def _average(values: Array, share: float, out: Array) -> None:
+    """First-order lag from the first value on."""
+    mean = values[0]
+    for t in range(len(values)):
+        mean += share * (values[t] - mean)
+        out[t] = mean
+
+
+def lagged(values: Float[Array, " T"], interval: float, time: float) -> Float[Array, " T"]:
+    """A signal's average over about the last `time` [s], as if it had been its first value before."""
+    out = np.empty(len(values))
+    _average(np.ascontiguousarray(values, dtype=float), interval / (time + interval), out)
+    return out
+
+
+def memory_inputs(
+    q: Float[Array, "T n"],
+    dq: Float[Array, "T n"],
+    ddq: Float[Array, "T n"],
+    load: Float[Array, "T n"],
+    joint: int,
+    interval: float,
+) -> Float[Array, "T f"]:
+    """Inputs of one joint: its own, then the states of all."""
+    angle, pace = np.ascontiguousarray(q[:, joint]), dq[:, joint]
+    own = [joint_features(pace, ddq[:, joint], load[:, joint])]
+    own += [stop_operator(angle, size)[:, None] / size for size in RANGES]
+    heading = np.tanh(pace / TURNING)
+    for time in TIMES:
+        own.append(lagged(heading, interval, time)[:, None])
+        own.append(lagged(np.abs(pace), interval, time)[:, None])
+        own.append(lagged(load[:, joint], interval, time)[:, None] - load[:, joint, None])
+        own.append(angle[:, None] - lagged(angle, interval, time)[:, None])
+    return np.concatenate([*own, q, dq, ddq, load], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class JointMemory:
+    """Trees of the joints that keep them."""
+
+    trees: tuple[Trees | None, ...]  # of each joint; None where the net, or nothing, is as good
+    gate: tuple[JointGate, ...] = ()  # what they did on runs left out, if they were fitted here
+
+    @property
+    def n(self) -> int:
+        return len(self.trees)
+
+    @property
+    def kept(self) -> Bool[Array, " n"]:
+        """Joints that have a memory."""
+        return np.array([one is not None for one in self.trees])
+
+    def predict(
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        rigid: Float[Array, "T n"],
+        interval: float,
+    ) -> Float[Array, "T n"]:
+        """Torque beside the analytic model and laws; zero at joints without memory [N m].
+
+        Args:
+            q, dq, ddq: States that follow one another.
+            rigid: Torque of the rigid arm there [N m].
+            interval: Time between them [s].
+        """
+        out = np.zeros(q.shape)
+        for joint, trees in enumerate(self.trees):
+            if trees is not None:
+                out[:, joint] = trees(memory_inputs(q, dq, ddq, rigid, joint, interval))
+        return out
+
+    def save(self, folder: Path) -> None:
+        """Writes memory.safetensors and memory.json into a folder."""
+        from safetensors.numpy import save_file
+
+        arrays: dict[str, Array] = {}
+        for joint, trees in enumerate(self.trees):
+            if trees is not None:
+                arrays[f"inputs.{joint}"] = trees.inputs
+                arrays[f"thresholds.{joint}"] = trees.thresholds
+                arrays[f"leaves.{joint}"] = trees.leaves
+        with atomic_write(folder / FILE) as part:
+            save_file({name: np.ascontiguousarray(values) for name, values in arrays.items()}, part)
+        record: dict[str, Any] = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
+        with atomic_write(folder / RECORD) as part:
+            part.write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path, joints: int) -> JointMemory:
+        """Reads it back.
+
+        Raises:
+            ModelError: A file is missing or damaged.
+        """
+        path = folder / FILE
+        try:
+            record = read_json(folder / RECORD, "fit the model again", ModelError)
+            same = tuple(record["ranges_rad"]) == RANGES and tuple(record["times_s"]) == TIMES
+            if record["joints"] != joints or not same:
+                raise ValueError("it is of another arm or version")
+            require_regular(path, "fit the model again", ModelError)
+            from safetensors.numpy import load_file
+
+            arrays = load_file(path)
+            return cls(tuple(_read_trees(arrays, joint, joints) for joint in range(joints)))
+        except ModelError:
+            raise
+        except Exception as error:  # safetensors and json each raise their own
+            raise ModelError(path, f"the saved memory can't be read ({error})", "fit the model again") from None
+
+
+def _read_trees(arrays: dict[str, Array], joint: int, joints: int) -> Trees | None:
+    if f"leaves.{joint}" not in arrays:
+        return None
+    inputs, thresholds, leaves = (arrays[f"{name}.{joint}"] for name in ("inputs", "thresholds", "leaves"))
+    if inputs.shape != thresholds.shape or inputs.ndim != 2 or leaves.shape != (len(inputs), 1 << inputs.shape[1]):
+        raise ValueError(f"the trees of joint {joint + 1} do not fit together")
+    if inputs.shape[1] != DEPTH or not np.isfinite(thresholds).all() or not np.isfinite(leaves).all():
+        raise ValueError(f"a tree of joint {joint + 1} is damaged")
+    if inputs.min(initial=0) < 0 or inputs.max(initial=0) >= own_inputs() + SEVERAL * joints:
+        raise ValueError(f"a tree of joint {joint + 1} asks for an input that there is not")
+    return Trees(inputs.astype(np.int64), thresholds.astype(float), leaves.astype(float))
+
+
+def own_inputs() -> int:
+    """How many inputs are a joint's own."""
+    return 6 + len(RANGES) + 4 * len(TIMES)
+
+
+def fit_memory(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    left: Sequence[Float[Array, "t n"]],
+    seed: int,
+    rival: Sequence[JointGate] = (),
+) -> JointMemory:
+    """Fits each joint's trees, as far as they help on runs that they did not see.
+
+    Args:
+        motions: Training runs.
+        arm: The identified rigid arm.
+        left: Of each run, what analytic model and laws leave of its torque [N m].
+        seed: Of the trees.
+        rival: What the net did on runs left out, joint by joint: a memory must do better.
+    """
+    every = -(-sum(len(part) for part in left) // MOST_ROWS)
+    states: list[tuple[Array, Array, Array, Array]] = []
+    for motion in motions:
+        rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        c = motion.coarse
+        states.append((motion.q[c], motion.dq[c], motion.ddq[c], rigid[c]))
+    y = np.concatenate([part[::every] for part in left])
+    moving = np.concatenate([motion.moving[::every] for motion in motions])
+    pace = np.concatenate([motion.dq[motion.coarse][::every] for motion in motions])
+    step = motions[0].interval * motions[0].lowpass.factor
+    lengths = [len(part[::every]) for part in left]
+    folds, groups = make_folds(lengths, every, np.random.default_rng(seed))
+    run = np.repeat(np.arange(len(lengths)), lengths)
+    n = y.shape[1]
+    predicted, chosen = np.zeros(y.shape), np.zeros(n, dtype=int)
+    for joint in range(n):
+        x = np.concatenate([memory_inputs(*part, joint=joint, interval=step)[::every] for part in states])
+        predicted[:, joint], chosen[joint] = _foretell(x, y[:, joint], moving[:, joint], folds, seed)
+    gate = shrink_net(predicted, y, moving, step * every * pace, groups, run)
+    trees: list[Trees | None] = []
+    for joint, one in enumerate(gate):
+        if not one.kept or (rival and rival[joint].kept and rival[joint].rmse_with <= one.rmse_with):
+            trees.append(None)
+            continue
+        x = np.concatenate([memory_inputs(*part, joint=joint, interval=step)[::every] for part in states])
+        rows = moving[:, joint]
+        whole = fit_trees(x[rows][:, : chosen[joint]], y[rows, joint], seed)
+        trees.append(whole.scaled(one.weight))
+    return JointMemory(tuple(trees), gate)
+
+
+def fit_memory_of_arm(
+    motions: Sequence[Motion], arm: ArmModel, known: Known, seed: int, rival: Sequence[JointGate]
+) -> JointMemory:
+    """Fits the memory, of a long session to stretches from all over it.
+
+    Args:
+        motions: Training runs.
+        arm: The identified rigid arm.
+        known: What is known of the torque beside it.
+        seed: Of the trees.
+        rival: What the net did on runs left out.
+    """
+    held = hold(motions, TRAINED_SAMPLES).motions
+    left = []
+    for motion in held:
+        rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        left.append(motion.tau_filtered - motion.filtered(rigid + known(motion, rigid)))
+    return fit_memory(held, arm, left, seed, rival)
+
+
+def _foretell(
+    x: Float[Array, "T f"], y: Float[Array, " T"], moving: Bool[Array, " T"], folds: Int[Array, " T"], seed: int
+) -> tuple[Float[Array, " T"], int]:
+    """What trees of the other parts say of each part, and how many of the inputs they are best given."""
+    if moving.sum() < FEWEST_ROWS:
+        return np.zeros(len(y)), own_inputs()
+    found = []
+    for count in (own_inputs(), x.shape[1]):
+        said = np.zeros(len(y))
+        for part in np.unique(folds):
+            rows = moving & (folds != part)
+            there = folds == part
+            if rows.sum() >= FEWEST_ROWS:
+                said[there] = fit_trees(x[rows, :count], y[rows], seed)(x[there, :count])
+        found.append((float(np.sum((y - said)[moving] ** 2)), count, said))
+    best = min(found, key=lambda one: one[0])
+    return best[2], best[1]
