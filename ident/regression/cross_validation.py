@@ -29,12 +29,13 @@ class HeldOutScore:
     @property
     def rms(self) -> Float[Array, " n"]:
         """Root mean square over all folds, joint by joint [N m]."""
-        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
+        weights = self.weights.sum(axis=0)  # of a joint of which holds alone count they may be far below one
+        return np.sqrt(self.squares.sum(axis=0) / np.where(weights > 0.0, weights, 1.0))
 
     @property
     def typical_rms(self) -> Float[Array, " n"]:
         """Root of the median over the folds that have samples: one fold of a kind of its own doesn't move it [N m]."""
-        each = self.squares / np.maximum(self.weights, 1.0)
+        each = self.squares / np.where(self.weights > 0.0, self.weights, 1.0)
         folds = [column[weight > 0] for column, weight in zip(each.T, self.weights.T, strict=True)]
         return np.sqrt([float(np.median(fold)) if len(fold) else 0.0 for fold in folds])
 
