@@ -146,12 +146,6 @@ class _Models:
             found[:, into[:, None], into] += sums
         return found
 
-    @cached_property
-    def rows(self) -> Float[Array, "K n"]:
-        """Whitened rows of each part and joint."""
-        rows = self.design.sums.evidence.rows
-        return np.stack([rows[blocks].sum(axis=0) for blocks in self.members])
-
     def solve(self, parts: Bool[Array, " K"], free: bool = False) -> _Model:
         """The baseline solved on some parts.
 
