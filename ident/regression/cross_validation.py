@@ -29,7 +29,8 @@ class HeldOutScore:
     @property
     def rms(self) -> Float[Array, " n"]:
         """Root mean square over all folds, joint by joint [N m]."""
-        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
+        weights = self.weights.sum(axis=0)  # of a joint of which holds alone count they may be far below one
+        return np.sqrt(self.squares.sum(axis=0) / np.where(weights > 0.0, weights, 1.0))
 
     def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
         """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint without samples."""

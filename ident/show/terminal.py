@@ -110,10 +110,25 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     kind, risen = record["verdict"], join_words(describe_risen(record))
     if kind == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"]):
         kind = "friction_unseen"
-    elif kind == "changed_unexplained" and risen and not changes:
-        kind = "risen"
+    unforetold = join_words(describe_unforetold(record))
+    if kind == "changed_unexplained" and not changes and (unforetold or risen):
+        kind = "unforetold" if unforetold else "risen"
     words, order = TABLES["changes"][kind]
-    return words.format(changes=changes, colon=f": {changes}" if changes else "", risen=risen), "" if changes else order
+    colon = f": {changes}" if changes else ""
+    told = words.format(changes=changes, colon=colon, risen=risen, unforetold=unforetold)
+    return told, "" if changes else order
+
+
+def describe_unforetold(record: Mapping[str, Any]) -> list[str]:
+    """How far off each joint is that one set's model does not foretell and no change is named at; the worst first."""
+    named = {joint for change in record["changes"] for joint in change["joints"]}
+    rows = [one for one in record.get("unforetold", ()) if one["joint"] not in named]
+    rows.sort(key=lambda one: -one["ratio"])
+    return [
+        f"{one['joint']} is off by {significant(one['error_Nm'])} {in_units_of([one['joint']], record, 'N m')} (rms), "
+        f"{one['ratio']:.1f} times the usual ({one['low']:.1f} to {one['high']:.1f})"
+        for one in rows
+    ]
 
 
 def describe_risen(record: Mapping[str, Any]) -> list[str]:
@@ -186,6 +201,10 @@ def describe_notes(record: Mapping[str, Any]) -> list[str]:
     still = [f"of {one['joint']} {STILL}: {one['reason']}" for one in record.get("still", ())]
     if record["changes"]:
         lines += [f"torque that follows no law has grown beside the changes: {one}" for one in describe_risen(record)]
+        lines += [
+            f"no change is named where one set does not foretell the other: {one}"
+            for one in describe_unforetold(record)
+        ]
     return [*lines, *describe_used(record), *still]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import OF_FRICTION, finer_grids
 from ident.diagnosis.change.confounded_links import find_confounded, place_bodies
+from ident.diagnosis.change.foretold import find_unforetold
 from ident.diagnosis.change.friction_drift import may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
@@ -251,7 +252,8 @@ def _result(
     label, later = parts_of(design.sides), design.sides.later_blocks
     risen = find_risen(squares_left(evidence, model), evidence.rows, label, later, joints)
     verdict = "not_testable" if design.sides.too_short else "no_change"
-    verdict = "changed_unexplained" if found or changes.implausible or risen else verdict
+    unforetold = find_unforetold(design)
+    verdict = "changed_unexplained" if found or changes.implausible or risen or unforetold else verdict
     return ArmComparison(
         robot=arm.name,
         joints=joints,
@@ -266,4 +268,5 @@ def _result(
         reservations=changes.reservations,
         still=design.still,
         risen=risen,
+        unforetold=unforetold,
     )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.change.candidates import CARRIED
+from ident.diagnosis.change.foretold import ForetoldJoint
 from ident.diagnosis.change.risen_residual import RisenResidual
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import ReportedEffect
@@ -83,6 +84,7 @@ class ArmComparison(Result):
     cutoff: float = np.nan  # corner of the common filter [Hz]; NaN where nothing was filtered
     still: tuple[StaticJoint, ...] = ()  # joints that stood still in one of the sets
     risen: tuple[RisenResidual, ...] = ()  # joints whose residual rose by no law
+    unforetold: tuple[ForetoldJoint, ...] = ()  # joints of which one set's model does not foretell the other
     used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
     slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
 
@@ -102,6 +104,7 @@ class ArmComparison(Result):
             "samples_used": [one.to_dict() for one in self.used],
             "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
             "still": [one.to_dict() for one in self.still],
+            "unforetold": [one.to_dict() for one in self.unforetold],
             "risen": [one.to_dict() for one in self.risen],
             "reservations": [one.to_dict() for one in self.reservations],
             "provenance": self.provenance.to_dict(),

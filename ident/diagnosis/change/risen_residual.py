@@ -2,7 +2,8 @@
 
 A law's test asks whether torque follows a function of the motion; what shakes follows none. Here the mean square of
 what a model leaves of each joint is compared, later set over earlier. With l_p the logarithm of part p's, δ_j the
-difference of their means over the sets' parts and s_j its standard deviation from their scatter within the sets,
+difference of their means over the sets' parts and s_j its standard deviation from their scatter within the sets, that
+of the joint or of all, whichever is more,
 
     t_j = (δ_j − median δ) / √(s_j² + τ²),
 
@@ -65,6 +66,8 @@ def find_risen(
     before, after = (np.log(total[own][:, seen] / count[own][:, seen]) for own in sets)
     freedom, rise = len(before) + len(after) - 2, after.mean(axis=0) - before.mean(axis=0)
     within = (len(before) * before.var(axis=0) + len(after) * after.var(axis=0)) / freedom
+    within = np.maximum(within, within.mean())  # a few parts alone tell no variance: that of all joints is one
+    freedom *= len(seen)
     scatter = np.hypot(median_abs_deviation(rise, scale="normal"), CHANGE.usual_rise)
     error = np.sqrt(within * (1.0 / len(before) + 1.0 / len(after)) + scatter**2)
     chance = np.minimum(len(seen) * student.sf((rise - np.median(rise)) / error, freedom), 1.0)

@@ -1,0 +1,313 @@
+"""Whether the model of one set foretells the other: the verdict rests on it, whatever law is named or none.
+
+With the model solved on one set alone, let m_p be the mean square that it leaves of part p of the other set, in units
+of its noise, what its coefficients are unsure of, and friction as it varies from run to run: rᵀV⁻¹r a row.
+Three such means are compared, as logarithms: a_p across the sets, b_p of the same rows by the model of the other parts
+of their own set, and c_q of the parts of the first set by the others of that. If nothing changed, then neither
+
+    mean(a) − mean(c)    nor    mean(a − b)
+
+is more than the scatter between parts makes it: the first fails where the arm changed, or moves where its model is
+worse; the second where the arm changed, or its own parts are more alike. So a change is where both are beyond chance,
+and the less certain of them decides. Both directions are tested at each joint, for a set that moves little may foretell
+nothing and yet be foretold. Friction of another day differs; what that may do by chance counts as expected.
+
+Source: Chow 1960 (a model of one sample tested by its predictions of another); Bartlett and Kendall 1946 (log variances
+compared as means); Berger 1982 (a claim that needs two tests has the larger p-value of both).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import polygamma
+from scipy.stats import t as student
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.change.paired_design import PairedDesign
+from ident.diagnosis.change.permuted_sets import parts_of
+from ident.diagnosis.change.settings import CHANGE
+from ident.regression.least_squares import factorise, positive, ridge_of
+
+# Tests of each joint: two directions, with friction free within its usual variation and the same in all runs.
+WAYS = 4
+
+
+@dataclass(frozen=True)
+class ForetoldJoint:
+    """A joint of which the model of one set does not foretell the other."""
+
+    joint: str  # its name
+    error: float  # error of one set by the model of the other [N m]
+    usual: float  # what of that the sets' own runs leave, foretold by each other [N m]
+    ratio: float  # root mean square of the error across the sets over that within them, each over what it should be
+    low: float  # 95 % interval of that
+    high: float
+    p_value: float  # corrected for the number of joints and directions
+    forwards: bool  # whether the later set is not foretold by the earlier one; else the earlier by the later
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record, with units in its keys."""
+        return {
+            "joint": self.joint,
+            "error_Nm": self.error,
+            "usual_Nm": self.usual,
+            "ratio": self.ratio,
+            "low": self.low,
+            "high": self.high,
+            "p_value": self.p_value,
+            "direction": "later_by_earlier" if self.forwards else "earlier_by_later",
+        }
+
+
+class _Model(NamedTuple):
+    """The baseline solved on some parts."""
+
+    weights: Float[Array, " z"]  # −coefficients of the scaled columns and 1: their product with a row is what is left
+    covariance: Float[Array, "k k"]  # of the coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """The baseline's sums over the parts of both sets, friction the same in all runs."""
+
+    design: PairedDesign
+
+    @cached_property
+    def label(self) -> Int[Array, " B"]:
+        """Part of each block."""
+        return parts_of(self.design.sides)
+
+    @cached_property
+    def members(self) -> list[Int[Array, " b"]]:
+        """Blocks of each part."""
+        return [np.flatnonzero(self.label == part) for part in range(int(self.label.max()) + 1)]
+
+    @cached_property
+    def later(self) -> Bool[Array, " K"]:
+        """Set of each part."""
+        return np.array([bool(self.design.sides.later_blocks[blocks[0]]) for blocks in self.members])
+
+    @cached_property
+    def columns(self) -> Int[Array, " z"]:
+        """Columns of the baseline and, last, the torque."""
+        layout = self.design.sums.evidence.layout
+        return np.append(np.arange(layout.tuned), layout.size)
+
+    @cached_property
+    def places(self) -> list[tuple[Int[Array, " k"], Int[Array, " k"]]]:
+        """Of each joint's rows the places of these columns, and which of them they are."""
+        layout, found = self.design.sums.evidence.layout, []
+        for local in layout.local:
+            own = np.flatnonzero((local < layout.tuned) | (local == layout.size))
+            found.append((own, np.searchsorted(self.columns, local[own])))
+        return found
+
+    @cached_property
+    def rows(self) -> Float[Array, "K n"]:
+        """Whitened rows of each part and joint."""
+        rows = self.design.sums.evidence.rows
+        return np.stack([rows[blocks].sum(axis=0) for blocks in self.members])
+
+    @cached_property
+    def alike(self) -> list[Float[Array, "K k k"]]:
+        """Each joint's whitened sums over each part."""
+        evidence, found = self.design.sums.evidence, []
+        for sums, (own, _) in zip(evidence.free, self.places, strict=True):
+            found.append(np.stack([sums.over(blocks)[np.ix_(own, own)] for blocks in self.members]))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Models:
+    """Models of some parts, solved where each run has a friction level of its own."""
+
+    sums: _Sums
+    spread: Float[Array, " n"]  # standard deviation of each joint's friction from run to run, as a share
+
+    @cached_property
+    def varied(self) -> list[Float[Array, "K k k"]]:
+        """Each joint's whitened sums over each part, friction free in each run within the share."""
+        tied = self.sums.design.sums.evidence.friction
+        sums = [one[:, :, own] for one, (own, _) in zip(tied.sums, self.sums.places, strict=True)]
+        tied = replace(tied, sums=tuple(sums))
+        each = enumerate(zip(self.sums.alike, self.spread.tolist(), strict=True))
+        return [tied.part(one, j, share, self.sums.label)[1] for j, (one, share) in each]
+
+    @cached_property
+    def solved(self) -> Float[Array, "K z z"]:
+        """Sums of all joints over each part that models are solved with."""
+        count, size = len(self.sums.members), len(self.sums.columns)
+        found = np.zeros((count, size, size))
+        for sums, (_, into) in zip(self.varied, self.sums.places, strict=True):
+            found[:, into[:, None], into] += sums
+        return found
+
+    def solve(self, parts: Bool[Array, " K"], free: bool = False) -> _Model:
+        """The baseline solved on some parts.
+
+        Args:
+            parts: The parts.
+            free: Whether nothing is believed beforehand, of the URDF or of the laws that both sets share.
+        """
+        design = self.sums.design
+        evidence = design.sums.evidence
+        sums = self.solved[parts].sum(axis=0)
+        information = sums[:-1, :-1].copy()
+        if not free:
+            design.prior.add_to(information, evidence.layout)
+        ridge = ridge_of(evidence.gram(), evidence, self.sums.columns[:-1])
+        information[np.diag_indices(len(information))] += ridge
+        factor = factorise(information)
+        covariance = factor.solve(np.eye(len(information)))
+        return _Model(np.append(-factor.solve(sums[:-1, -1]), 1.0), covariance)
+
+    def left(self, model: _Model, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None) -> Float[Array, "k n"]:
+        """Logarithm of the mean square that a model leaves of some parts, over what it should leave.
+
+        Args:
+            model, parts: The model, and the parts.
+            daily: Variance of each joint's friction between these parts and the model's, as a share of its square,
+                where friction is the same in all runs; None where it is free within the share.
+        """
+        found = np.zeros((int(parts.sum()), len(self.sums.places)))
+        every = self.varied if daily is None else self.sums.alike
+        for j, (sums, (_, into)) in enumerate(zip(every, self.sums.places, strict=True)):
+            own = sums[parts]
+            root = np.linalg.cholesky(positive(model.covariance[np.ix_(into[:-1], into[:-1])]))
+            seen_as = np.stack([model.weights[into], *self._friction(j, len(into))])
+            left = np.array([_unexplained(part, seen_as, root) for part in own])
+            expected = self.sums.rows[parts, j]
+            if daily is not None:
+                expected = expected + daily[j] * np.maximum(left[:, 1:], 0.0).sum(axis=1)
+            found[:, j] = np.log(np.maximum(left[:, 0], 1.0) / np.maximum(expected, 1.0))
+        return found
+
+    def _friction(self, joint: int, size: int) -> Float[Array, "2 k"]:
+        """Weights of a joint's columns that make its viscous and its Coulomb torque."""
+        tied = self.sums.design.sums.evidence.friction
+        found = np.zeros((len(tied.level[joint]), size))
+        found[np.arange(len(found)), np.arange(size)[tied.columns]] = tied.level[joint]
+        return found
+
+    def left_out(self, side: bool, daily: Float[Array, " n"] | None, free: bool = False) -> Float[Array, "k n"]:
+        """The same of each part of a set by the model of its other parts."""
+        found, own = [], self.sums.later == side
+        for part in np.flatnonzero(own):
+            alone = np.arange(len(own)) == part
+            found.append(self.left(self.solve(own & ~alone, free), alone, daily)[0])
+        return np.array(found)
+
+
+def _unexplained(
+    sums: Float[Array, "k k"], weights: Float[Array, "w k"], root: Float[Array, "q q"]
+) -> Float[Array, " w"]:
+    """Squares rᵀV⁻¹r of some combinations of a joint's columns: V = I + XΣXᵀ holds what coefficients are unsure of too.
+
+    Args:
+        sums, weights: Sums of the columns, the torque last, and weights of each combination r.
+        root: L with Σ = LLᵀ, the covariance of the coefficients.
+    """
+    scores = sums @ weights.T
+    turned = root.T @ scores[:-1]
+    inner = np.eye(len(root)) + root.T @ sums[:-1, :-1] @ root
+    return np.asarray((weights.T * scores).sum(axis=0) - (turned * factorise(inner).solve(turned)).sum(axis=0))
+
+
+class _Logs(NamedTuple):
+    """Logarithms of mean squares by part and joint, and of the rows behind them."""
+
+    across: Float[Array, "k n"]  # of one set by the other's model
+    within: Float[Array, "k n"]  # of the same parts by the model of their own set's others
+    home: Float[Array, "m n"]  # of the model's own set, each part by the others
+
+
+def find_unforetold(design: PairedDesign) -> tuple[ForetoldJoint, ...]:
+    """The joints of which one set's model does not foretell the other; none where a set has one part only."""
+    spread, counts = design.sums.evidence.spread, design.sides.counts
+    between = CHANGE.day_to_day**2 + spread**2 * sum(1.0 / count for count in counts)
+    sums = _Sums(design)
+    if min(int(sums.later.sum()), int((~sums.later).sum())) < 2:
+        return ()
+    # What friction of another day may do by chance; its two levels have a χ² of two degrees of freedom.
+    most = spread**2 - 2.0 * np.log(CHANGE.risen_by_chance) * between
+    found: dict[int, ForetoldJoint] = {}
+    free = _Models(sums, np.sqrt(spread**2 + between)), None, None
+    alike = _Models(sums, spread), spread**2, most
+    for models, within, across in (free, alike):
+        for j, one in _unforetold_of(models, within, across):
+            if j not in found or one.p_value < found[j].p_value:
+                found[j] = one
+    return tuple(found[j] for j in sorted(found))
+
+
+def _unforetold_of(
+    models: _Models, within: Float[Array, " n"] | None, across: Float[Array, " n"] | None
+) -> list[tuple[int, ForetoldJoint]]:
+    """The joints that one of two ways to count friction shows, with their indices.
+
+    Args:
+        models: Models of parts of both sets.
+        within, across: Variance of friction within a set, and across the sets; None where it is free in the sums.
+    """
+    sums = models.sums
+    joints = sums.design.baseline.nominal.joint_names
+    home = {side: models.left_out(side, within) for side in (False, True)}
+    # What changed may be more than both sets' common laws can be: then its own set foretells it by nothing but itself.
+    own = {side: np.minimum(home[side], models.left_out(side, within, free=True)) for side in home}
+    seen = np.flatnonzero((sums.rows >= CHANGE.fewest_rows).all(axis=0))
+    found: list[tuple[int, ForetoldJoint]] = []
+    for forwards in (True, False):
+        model = models.solve(sums.later != forwards)
+        other = models.left(model, sums.later == forwards, across)
+        tests = _test(_Logs(other, own[forwards], home[not forwards]), sums.rows, seen)
+        error = _error(sums.design, model, forwards)
+        for j, (rise, reach, chance) in zip(seen.tolist(), tests, strict=True):
+            p_value = min(1.0, WAYS * len(seen) * chance)
+            ratio, low, high = np.exp(0.5 * (rise + reach * np.array([0.0, -1.0, 1.0]))).tolist()
+            if p_value < CHANGE.risen_by_chance:
+                size = float(error[j])
+                one = ForetoldJoint(joints[j], size, size / ratio, ratio, low, high, p_value, forwards)
+                found.append((j, one))
+    return found
+
+
+def _test(logs: _Logs, rows: Float[Array, "K n"], seen: Int[Array, " s"]) -> list[tuple[float, float, float]]:
+    """Rise of the logarithm across the sets, its 95 % half-width and its p-value, of each joint seen.
+
+    The variance between parts is that within the sets: the joint's own or the mean of all joints, whichever is more,
+    and at least that of a mean square of so many rows.
+    """
+    across, within, home = (one[:, seen] for one in logs)
+    counts = len(across), len(home)
+    freedom = sum(counts) - 2
+    variance = (len(within) * within.var(axis=0) + len(home) * home.var(axis=0)) / freedom
+    least = polygamma(1, 0.5 * rows[:, seen]).mean(axis=0)
+    variance = np.maximum(np.maximum(variance, variance.mean()), least)
+    rises = across.mean(axis=0) - home.mean(axis=0), (across - within).mean(axis=0)
+    shares = sum(1.0 / one for one in counts), 2.0 / counts[0]
+    tested = []
+    for rise, share in zip(rises, shares, strict=True):
+        error = np.sqrt(variance * share + CHANGE.usual_rise**2)
+        reach = float(student.ppf(0.975, freedom * len(seen))) * error
+        tested.append((rise, reach, student.sf(rise / error, freedom * len(seen))))
+    values = np.array(tested)
+    worst = values[:, 2].argmax(axis=0)
+    return [tuple(values[worst[k], :, k].tolist()) for k in range(len(seen))]
+
+
+def _error(design: PairedDesign, model: _Model, later: bool) -> Float[Array, " n"]:
+    """Root mean square of what a model leaves of one of the sets, joint by joint [N m]."""
+    evidence = design.sums.evidence
+    layout, found = evidence.layout, np.zeros(evidence.layout.n)
+    folds = design.sides.later_folds == later
+    for j, local in enumerate(layout.local):
+        own = np.flatnonzero((local < layout.tuned) | (local == layout.size))
+        columns = local[own]
+        weights = np.where(columns == layout.size, 1.0, model.weights[np.minimum(columns, layout.tuned - 1)])
+        square = float(weights @ evidence.plain[j].part(own)[folds].sum(axis=0) @ weights)
+        found[j] = np.sqrt(max(square, 0.0) / max(float(evidence.weights[folds, j].sum()), 1e-300))
+    return found
