@@ -198,16 +198,21 @@ def compare(
     from ident.diagnosis.change.from_reports import compare_reports  # a diagnosis needs nothing of it
 
     own = None if session_file is None else Path(session_file)
-    chosen = ComparisonOptions(cutoff=cutoff, seed=seed, topic=topic, session_file=own, accept=list(accept))
+    chosen = ComparisonOptions(cutoff=cutoff, seed=seed, topic=topic, session_file=own, accept=tuple(accept))
     earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
     arm = load_robot(robot, (*earlier, *later))
-    accept = check_accepted(chosen.accept)
-    reports = [overrule(report, accept) for report in inspect_sessions((*earlier, *later), arm)]
+    accepted = check_accepted(chosen.accept)
+    reports = [overrule(report, accepted) for report in inspect_sessions((*earlier, *later), arm)]
     arm = as_mounted(arm, reports[0].session)
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, chosen.cutoff, chosen.seed)
     used = None if np.isnan(found.cutoff) else found.cutoff
-    settings = {"cutoff_hz": used, "seed": chosen.seed, "robot": arm.name, "sessions_before": len(earlier)}
-    settings["accepted"] = list(accept)
+    settings: dict[str, Any] = {
+        "cutoff_hz": used,
+        "seed": chosen.seed,
+        "robot": arm.name,
+        "sessions_before": len(earlier),
+        "accepted": list(accepted),
+    }
     settings["arm_sha256"] = arm.keeping(found.joints).content
     stamps = stamp_sessions((*earlier, *later))
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

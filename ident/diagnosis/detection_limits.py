@@ -1,9 +1,10 @@
 """Detection limits: the least size at which an effect that was not found would have been named, nine times in ten.
 
 In: the sums that the named effects and the discrepancies leave. Out: a `SizeLimit` for each effect
-at each joint, without a further fit. Coefficients β of which these sums hold the information R gain ½ λ ± √λ nats, λ = βᵀ R β. A name needs T
-nats, the log evidence at which half of the corpus' effects were right, and the cost C of its coefficients' prior. The
-least multiple m of a typical effect satisfies
+at each joint, without a further fit. Coefficients β of which these sums hold the information R gain
+½ λ ± √λ nats, λ = βᵀ R β. A name needs T nats, the log evidence at which half of the corpus'
+effects were right, and the cost C of its coefficients' prior. The least multiple m of a typical
+effect satisfies
 
     m² = z² / λ,  z = √(2 (T + C)) + 1.28.
 """

@@ -16,7 +16,7 @@ from ident.diagnosis.gap.gap_map import Place, View, map_gap
 from ident.diagnosis.gap.improvement import energy_spread
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.identified import Identified, Solved, identify
+from ident.diagnosis.identified import IdentifiedNumbers, Solved, identify
 from ident.diagnosis.remaining import (
     FIXED_URDF_FACTOR,
     Models,
@@ -218,7 +218,7 @@ def _identify(
     session: SessionContext,
     remaining: Remaining,
     joints: dict[str, TunedJoint],
-) -> Identified:
+) -> IdentifiedNumbers:
     """What the URDF says beside what the recordings say, from the sums of all candidates."""
     best = conclusion.inference.best
     evidence, prior = evidence_of(best.model), best.model.prior()

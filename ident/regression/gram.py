@@ -70,8 +70,8 @@ class Evidence:
     settings: RegressionSettings = USUAL_REGRESSION  # what the regression counts with
     # For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     dwells: tuple[DwellRows, ...] = ()
-    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows, over all time, friction
-    # the same in all runs; those columns are zero in the sums of blocks and folds.
+    # For each joint the whitened sums of its discrepancy's columns with all columns of its rows, over
+    # all time, friction the same in all runs; they are zero in the sums of blocks and folds.
     flexible: tuple[Float[Array, "m p"], ...] = ()
 
     def with_dwells(self) -> Evidence:
