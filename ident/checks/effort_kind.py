@@ -183,8 +183,8 @@ def check_placeholders(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     if not kinds:
         return []
     names = ", ".join(joints_at(session, joints))
-    found = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
-    return [issue_of("placeholder_limits", session, joints, **found)]
+    told: dict[str, Any] = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
+    return [issue_of("placeholder_limits", session, joints, **told)]
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:
