@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -150,7 +151,7 @@ def check_rating(session: Session, arm: ArmModel, states: States) -> list[Teleme
             worst = int(np.argmax(np.where(mask, factor, 0.0)))
             whole = is_whole(session) if key == "rating" else np.zeros(arm.n, dtype=bool)
             counts = f"; whole numbers at {', '.join(joints_at(session, whole))}: counts?" if whole.any() else ""
-            seen_there = {"seen": seen, "factor": factor, "rated": rated, "counts": counts}
+            seen_there: dict[str, Any] = {"seen": seen, "factor": factor, "rated": rated, "counts": counts}
             issues.append(issue_of(key, session, mask | whole, worst, **seen_there))
     return issues
 
@@ -182,8 +183,8 @@ def check_placeholders(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     if not kinds:
         return []
     names = ", ".join(joints_at(session, joints))
-    found = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
-    return [issue_of("placeholder_limits", session, joints, **found)]
+    told: dict[str, Any] = {"kinds": " and ".join(kinds), "names": names, "value": 1.0, "factor": max(factors)}
+    return [issue_of("placeholder_limits", session, joints, **told)]
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:

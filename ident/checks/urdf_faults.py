@@ -6,6 +6,8 @@ simulators refuse any other. What such a URDF says of masses and centres may be 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ident.arrays import Array, Float
@@ -24,7 +26,10 @@ def check_bodies_of_urdf(session: Session, arm: ArmModel) -> list[TelemetryIssue
     impossible = is_impossible(moments) & (masses > 0.0)
     if impossible.any():
         worst = moments[impossible][0]
-        seen = {"links": ", ".join(links[impossible]), "moments": ", ".join(f"{value:.3g}" for value in worst)}
+        seen: dict[str, Any] = {
+            "links": ", ".join(links[impossible]),
+            "moments": ", ".join(f"{value:.3g}" for value in worst),
+        }
         severity: Severity = "warning" if is_negative(moments).any() else "note"
         named = joints[impossible].tolist()
         issues.append(issue_of("impossible_inertia", session, named, severity=severity, **seen))

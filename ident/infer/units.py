@@ -156,7 +156,8 @@ def search_columns(signals: Signals, arm: ArmModel) -> Reread:
     hypothesis = replace(found.best.hypothesis, effort_sign=(1,) * own.n)
     why = "; else ".join(in_words(scored, session.joints) for scored in (found.best, *rivals(found)))
     known = describe(hypothesis, session.joints)
-    settings = {key: known[key] for key in ("direction", "zero_rad", "unit", "gravity_mps2") if key in known}
+    keys: tuple[str, ...] = ("direction", "zero_rad", "unit", "gravity_mps2")
+    settings: dict[str, Any] = {key: known[key] for key in keys if key in known}
     joints = _moved(signals.joints, present, hypothesis.order)
     torques = _moved(signals.joints, present, hypothesis.effort_order)
     reasons = [Reason(key, json.dumps(value), why) for key, value in settings.items()]

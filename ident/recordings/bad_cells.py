@@ -50,8 +50,8 @@ class Cells:
             RecordingError: No row is left.
         """
         if (alone := self._without_other_topics()) is not None:
-            columns, issues = alone[0].screen()
-            return columns, (alone[1], *issues)
+            states, told = alone[0].screen()
+            return states, (alone[1], *told)
         finite = np.column_stack([np.isfinite(values) for values in self.columns.values()])
         numbers = np.arange(1, len(finite) + 1) if self.numbers is None else self.numbers
         watched = np.array([not name.endswith("/temperature") for name in self.columns])

@@ -334,6 +334,7 @@ def untouched(folder: Path, seed: int) -> None:
             gains.append(found.gain)
             if changed or found.gain > 0.0:
                 print(f"  {case.name} {begin}: {found.best.hypothesis.changes} gains {found.gain:.2f}", flush=True)
+        print(f"{case.name}: {dict(counts)}", flush=True)
     print(dict(counts), f"largest gain {max(gains):.2f}")
 
 

@@ -93,4 +93,5 @@ class Hypothesis:
         """The same with one joint's entry of a field changed."""
         values = list(getattr(self, name))
         values[joint] = value
-        return replace(self, **{name: tuple(values)})
+        changes: dict[str, Any] = {name: tuple(values)}
+        return replace(self, **changes)

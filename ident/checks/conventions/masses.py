@@ -162,8 +162,8 @@ def variants(hypothesis: Hypothesis, log: Log, model: Model) -> Iterator[Variant
         yield Variant(replace(hypothesis, effort_scale=scales), more, at_scale, sizes)
     body = end_body(reading)
     with_body, sizes_then = cost_at(reading, reading.rigid + reading.body @ body)
-    mass, *moment = (float(value) for value in body)
+    mass, x, y, z = (float(value) for value in body)
     # Arms carry less than they weigh.
     heavy = LIMIT.heavy_cost * float(np.log1p(abs(mass) / model.arm.inertial_parameters[::10].sum())) ** 2
     more = LIMIT.body_cost + heavy + float((with_body - costs).sum())
-    yield Variant(replace(hypothesis, body=(mass, *moment)), more, with_body, sizes_then)
+    yield Variant(replace(hypothesis, body=(mass, x, y, z)), more, with_body, sizes_then)

@@ -100,7 +100,7 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
     """One issue a kind of change, each with what the best two readings explain and the line to write."""
     best, joints = found.best.hypothesis, session.joints
     compared = "; ".join(in_words(other, joints) for other in rivals(found))
-    seen = {"explains": f"{found.best.explains:.1%}", "others": compared}
+    seen: dict[str, Any] = {"explains": f"{found.best.explains:.1%}", "others": compared}
     known = describe(best, joints)
     issues = []
     for kind, key in (("direction", "axis"), ("zero_rad", "zero"), ("unit", "joint_unit"), ("effort_sign", "sign")):
@@ -120,7 +120,7 @@ def tell(found: Conventions, session: Session, arm: ArmModel) -> list[TelemetryI
         low, high = WORDS["usual_mass_factor"]
         severity: Severity = "warning" if low < factor < high else "fatal"
         weight = float(arm.inertial_parameters[::10].sum())
-        figures = {"factor": factor, "weight": weight, "right": factor * weight}
+        figures: dict[str, Any] = {"factor": factor, "weight": weight, "right": factor * weight}
         key = "mass_factor" if weighs_better(arm, factor) else "common_unit"
         issues.append(issue_of(key, session, joints, severity=severity, **figures, **seen))
     if "body" in known:
@@ -165,7 +165,7 @@ def _column_lines(known: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, str]) -> TelemetryIssue:
+def _mount(gravity: list[float], session: Session, arm: ArmModel, seen: dict[str, Any]) -> TelemetryIssue:
     """That the base is mounted otherwise: by which turn, and gravity's line."""
     now = np.array(arm.model.gravity.linear)
     best = np.array(gravity) / np.linalg.norm(gravity)

@@ -47,7 +47,7 @@ class Scored:
     @property
     def explains(self) -> float:
         """Share of the torque that is explained, the geometric mean over the joints' shares that are left."""
-        return float(1.0 - np.exp(min(np.mean(self.costs), 0.0)))
+        return float(1.0 - np.exp(min(float(np.mean(self.costs)), 0.0)))
 
 
 class Search:
@@ -172,13 +172,13 @@ class Search:
 
     def neighbours(self, reading: Hypothesis) -> Iterator[Hypothesis]:
         """Readings of the motion that are one change away."""
-        turning = np.flatnonzero(~self.model.sliding)
+        turning = [int(j) for j in np.flatnonzero(~self.model.sliding)]
         for j in range(self.n):
             yield reading.with_entry("direction", j, -reading.direction[j])
         for j in turning:
             for quarters in range(4):
                 if quarters != reading.quarters[j]:
-                    yield reading.with_entry("quarters", int(j), quarters)
+                    yield reading.with_entry("quarters", j, quarters)
         for i, j in combinations(range(self.n), 2):
             order = list(reading.order)
             order[i], order[j] = order[j], order[i]
@@ -190,7 +190,7 @@ class Search:
         for j in turning:
             for unit in ("deg", ""):
                 if unit != reading.unit[j]:
-                    yield reading.with_entry("unit", int(j), unit)
+                    yield reading.with_entry("unit", j, unit)
 
     def _usual_orders(self) -> list[tuple[int, ...]]:
         """Orders in which logs have all columns otherwise: alphabetical, and from the tip on."""
