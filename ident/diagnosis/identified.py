@@ -100,8 +100,8 @@ class IdentifiedNumbers:
     Attributes:
         joints: By joint name, its figures by their keys.
         links: By link name.
-        urdf_rms: Error of the URDF as a simulator loads it, `<dynamics>` included, by joint [N m].
-        rigid_rms: Error of its rigid body alone, by joint [N m].
+        urdf_rms: Error of the URDF as a simulator loads it, `<dynamics>` included, by each joint that moves [N m].
+        rigid_rms: Error of its rigid body alone, likewise [N m].
     """
 
     joints: Mapping[str, Mapping[str, Figure]]
@@ -319,8 +319,12 @@ def _nominal_errors(solved: Solved) -> tuple[dict[str, float], dict[str, float]]
             squares[k] += np.sum(left**2, axis=0)
         counts += item.valid.sum(axis=0)
     errors = np.sqrt(squares / np.maximum(counts, 1.0))
-    by_joint = [dict(zip(arm.joint_names, map(float, row), strict=True)) for row in errors]
-    return by_joint[0], by_joint[1]
+    urdf: dict[str, float] = {}
+    rigid_alone: dict[str, float] = {}
+    for j in np.flatnonzero(counts > 0):
+        urdf[arm.joint_names[j]] = float(errors[0, j])
+        rigid_alone[arm.joint_names[j]] = float(errors[1, j])
+    return urdf, rigid_alone
 
 
 def _link_figures(solved: Solved, index: int, name: str) -> LinkFigures:
@@ -340,15 +344,18 @@ def _link_figures(solved: Solved, index: int, name: str) -> LinkFigures:
             continue
         alone = given[10 * index + k]
         value = stated + change.value
-        narrow = _around(value, stated + alone.value, 0.5 * (alone.high - alone.low))
-        wide = _hull(narrow, (stated + change.low, stated + change.high))
+        wide = (stated + change.low, stated + change.high)
+        narrow = wide
+        if alone is not None:
+            narrow = _around(value, stated + alone.value, 0.5 * (alone.high - alone.low))
+            wide = _hull(narrow, wide)
         figures[key] = Figure(stated, value, narrow, wide)
     moment = {axis: figures[f"moment_{axis}_kgm"] for axis in "xyz"}
     return LinkFigures(link.joint, figures[LINK_KEYS[0]], moment, link.beyond_tolerance)
 
 
-def _links_given_the_others(solved: Solved) -> list[Interval]:
-    """Change of each of the ten numbers of each link, if all the others are the URDF's.
+def _links_given_the_others(solved: Solved) -> list[Interval | None]:
+    """Change of each of the ten numbers of each link, if all the others are the URDF's; None of what acts on nothing.
 
     With J the recordings' information on the base parameters B π and h its score, that of one number π_i has the
     information b_iᵀ J b_i and the estimate b_iᵀ h / b_iᵀ J b_i, b_i the column of B.
@@ -361,10 +368,10 @@ def _links_given_the_others(solved: Solved) -> list[Interval]:
     score = whole @ solved.tuned.estimate[:rank] * scale / solved.inflation
     mapping = solved.baseline.base.mapping
     power = np.einsum("ri,rs,si->i", mapping, information, mapping)
-    found = []
+    found: list[Interval | None] = []
     for number, size in enumerate(power):
         if size <= 0.0:
-            found.append(Interval(0.0, -np.inf, np.inf))
+            found.append(None)
             continue
         value = float(mapping[:, number] @ score / size)
         reach = NORMAL_95 * float(size) ** -0.5

@@ -282,6 +282,7 @@ class Diagnosis(Exportable):
         if self.details is None:
             return record
         identified = self.details.identified
-        record["urdf_rms_Nm"] = identified.urdf_rms[joint]
-        record["rigid_body_rms_Nm"] = identified.rigid_rms[joint]
+        if joint in identified.urdf_rms:
+            record["urdf_rms_Nm"] = identified.urdf_rms[joint]
+            record["rigid_body_rms_Nm"] = identified.rigid_rms[joint]
         return record

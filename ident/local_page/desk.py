@@ -30,7 +30,7 @@ from ident.recordings.session_toml import NAME as SESSION_FILE
 from ident.safe_read import toml_key
 from ident.sessions import load_robot
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
+from ident.show.report.diagnosis_verdict import WRITE_NUMBERS, diagnosis_headline, first_action
 from ident.show.report.laws import draw_laws
 from ident.show.report.traces import gather_traces
 
@@ -216,10 +216,13 @@ class Desk:
         traces = None if done.analysis is None else gather_traces(done.analysis)
         write_diagnosis_report(self.folder / PAGE, record, None, pictures, traces)
         told = self._patch(robot)
+        first = first_action(record)
+        if first == WRITE_NUMBERS and not told:
+            first = "Take the corrected model below; your own file takes these numbers by `ident patch … --into`."
         return {
             "verdict": record["verdict"],
             "headline": diagnosis_headline(record),
-            "first": first_action(record),
+            "first": first,
             "told": told,
             "files": self.files,
         }

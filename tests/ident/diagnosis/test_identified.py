@@ -97,3 +97,29 @@ def test_the_record_keeps_to_its_schema(record: dict[str, Any]) -> None:
     spoilt = {**record, "identified": {"joint_1": {"coulomb_Nm": 3.0}}}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(spoilt, make_schema("diagnosis"))
+
+
+def test_a_joint_that_stands_still_has_no_value_and_no_error(tmp_path: Path) -> None:
+    """Law: what does not move says nothing of its friction; the record is still JSON without infinities."""
+    import json
+
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(arm.state_friction())
+    session = arm.record(arm.load(arm.state_friction()), tmp_path / "session", runs=5, seconds=5.0)
+    for file in session.iterdir():
+        table = pq.read_table(file)
+        for channel, factor in (("position", 0.0), ("effort", 0.01)):
+            name = f"joint_6/{channel}"
+            held = pc.multiply(table.column(name), factor)
+            table = table.set_column(table.column_names.index(name), name, held)
+        pq.write_table(table, file)
+    record = diagnose(session, urdf).to_dict()
+    json.dumps(record, allow_nan=False)
+    still = record["identified"]["joint_6"]
+    assert still["coulomb_Nm"]["nominal"] == arm.FRICTION[5]
+    assert still["coulomb_Nm"]["value"] is None
+    assert "urdf_rms_Nm" not in record["gap"]["joint_6"]
+    assert record["identified"]["joint_2"]["coulomb_Nm"]["value"] is not None
