@@ -42,10 +42,13 @@ class Reason:
 
     feature: str  # name of the feature
     weight: float  # what it adds to the log odds [nats]
+    words: str = ""  # where the feature's own words are too general
 
     @property
     def what(self) -> str:
         """The reason in words."""
+        if self.words:
+            return self.words
         speaks_for, speaks_against = FEATURE_WORDS[self.feature]
         return speaks_for if self.weight > 0.0 else speaks_against
 
@@ -113,8 +116,11 @@ def estimate(
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
-        if impossible(one.group.effect, session, one.group.joint, given) is not None:
+        reasons = [Reason(name, nats) for name, nats in ordered]
+        outside = impossible(one.group.effect, session, one.group.joint, given)
+        if outside is not None:
             sure *= OUTSIDE  # a 95 % interval that lies wholly beyond what arms have
+            reasons.insert(0, Reason("unlike_any_arm", float(np.log(OUTSIDE)), outside))
         shares, odds, places = _shares(one, calibration.temper)
         classed = [name for name in sorted(odds, key=odds.__getitem__) if odds[name] <= CLASS_ODDS]
         estimates.append(
@@ -128,7 +134,7 @@ def estimate(
                 covariance=covariance,
                 odds=odds,
                 places=places,
-                reasons=tuple(Reason(name, nats) for name, nats in ordered),
+                reasons=tuple(reasons),
             )
         )
     return estimates

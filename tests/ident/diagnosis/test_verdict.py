@@ -26,6 +26,6 @@ def test_a_verdict_says_what_is_likelier_than_not(names: int, left: tuple[float,
 
 def test_sessions_rank_by_the_likeliest_cause_without_a_name() -> None:
     """Law: the score lies between zero and one, and rises with any joint's probability."""
-    quiet, odd = (score_outside("no_gap", [], 0.0, np.array(left)) for left in ((0.1, 0.2), (0.1, 0.8)))
+    quiet, odd = (score_outside(np.array(left)) for left in ((0.1, 0.2), (0.1, 0.8)))
     assert 0.0 <= quiet < odd <= 1.0
-    assert score_outside("no_gap", [], 0.0, np.zeros(0)) == 0.0
+    assert score_outside(np.zeros(0)) == 0.0
