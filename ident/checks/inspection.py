@@ -34,6 +34,7 @@ from ident.checks.effort_kind import (
 )
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
+from ident.checks.information import check_information
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.recordings.columns import match_joints
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -200,7 +201,7 @@ def inspect_alone(
         issues += found
         if not session.samples:
             return TelemetryReport(session, tuple(issues), arm)
-    issues += check_clipping(session) + check_commands(session)
+    issues += check_clipping(session) + check_commands(session) + check_information(session)
     if arm is None:
         return TelemetryReport(session, tuple(issues), arm)
     states = collect_states(session, arm, settings.effort)
