@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_bodies, check_order, mend_mount
+from ident.checks.between_runs import check_between_runs
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     mend_clock_jumps,
@@ -208,7 +209,8 @@ def inspect_alone(
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
-        torque = check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
+        torque = check_between_runs(session, arm)
+        torque += check_bodies(session, arm) + (check_absent(session, states, absent) if absent else [])
         torque += check_rating(session, arm) or check_order(session, arm, states)
         sound = not any(issue.severity == "fatal" for issue in torque)
         issues += torque + (check_effort(session, arm, states) if sound else [])
