@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_bodies
+from ident.checks.between_runs import check_between_runs
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     check_clock,
@@ -39,6 +40,7 @@ from ident.checks.effort_kind import (
 )
 from ident.checks.excitation import Amount
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
+from ident.checks.information import check_information
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.urdf_faults import check_bodies_of_urdf
 from ident.recordings.columns import match_joints
@@ -170,7 +172,7 @@ def inspect_alone(
     session, told = check_rows(_whole_rows(session), arm)
     issues += told
     if not session.samples or arm is None:
-        issues += [] if not session.samples else check_clipping(session) + check_commands(session)
+        issues += [] if not session.samples else _check_channels(session)
         return TelemetryReport(session, tuple(issues), arm)
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
     misplaced = check_bodies(session, arm)
@@ -183,12 +185,12 @@ def inspect_alone(
     session, told = mend_effort_kind(session, judged, reading.is_compensated)
     has_clock = not any(issue.issue == "time_not_increasing" and issue.severity == "fatal" for issue in issues)
     issues += told + check_clock(session, judged) + (check_rate(session) if has_clock else [])
-    issues += check_clipping(session) + check_commands(session) + check_bodies_of_urdf(session, arm)
+    issues += _check_channels(session) + check_bodies_of_urdf(session, arm)
     states = collect_states(session, judged, settings.effort)
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
-        torque = misplaced + (check_absent(session, states, absent) if absent else [])
+        torque = misplaced + check_between_runs(session, judged) + (check_absent(session, states, absent) if absent else [])
         torque += check_placeholders(session, arm)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
@@ -228,6 +230,11 @@ def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[Te
         session = _without_empty(session)
         issues += told
     return session, issues
+
+
+def _check_channels(session: Session) -> list[TelemetryIssue]:
+    """What the channels show of themselves, without a model."""
+    return check_clipping(session) + check_commands(session) + check_information(session)
 
 
 def _whole_rows(session: Session) -> Session:
