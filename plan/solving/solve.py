@@ -37,10 +37,14 @@ MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
 # Share of the time left that is kept back for the certificate and for mending, and the least that a search is given,
 # whatever was asked for [s].
 KEPT_BACK, LEAST_SECONDS = 0.1, 0.1
+# The share where a controller's step may ask for another search.
+KEPT_FOR_STEP = 0.25
 # A mended motion that costs more than the found one by no more than this share ends the mending.
 HARDLY = 0.002
 # Factors by which a motion is slowed down to keep its limits between the search's samples.
-SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
+SLOWER = (1.0 + 0.0005 * 2.0 ** np.arange(8)).tolist()
+# The same on a controller's coarse step, of which a slower motion is followed the better: a search on it comes later.
+MUCH_SLOWER = (1.001, 1.004, 1.016, 1.04, 1.08, 1.15, 1.25, 1.4, 1.7, 2.0)
 # Factors by which a motion on a controller's step is made longer until it keeps its limits; how far a via
 # angle may move there [rad], and most steps.
 LONGER, ON_STEP, ON_STEP_STEPS = (1.0, 1.005, 1.015, 1.03, 1.06, 1.1, 1.25, 1.5), np.pi / 2, 40
@@ -158,7 +162,7 @@ def solve(
     if reason:
         return replace(result, reason=reason)
     rng = np.random.default_rng(options.seed)
-    ledger = _ledger(options, spent)
+    ledger = _ledger(options, spent, KEPT_BACK if controller is None else KEPT_FOR_STEP)
     if known is not None:
         ledger.offer(known)
     if starts is None:
@@ -186,13 +190,13 @@ def solve(
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
 
 
-def _ledger(options: SolveOptions, spent: float) -> Ledger:
+def _ledger(options: SolveOptions, spent: float, share: float = KEPT_BACK) -> Ledger:
     """What a search may spend: of seconds that were asked for, what is left, less something for the certificate."""
     most, seconds = options.budget
     if options.seconds is None:
         return Ledger(most, seconds, shown=True)
     left = max(seconds - spent, min(LEAST_SECONDS, seconds))
-    kept_back = KEPT_BACK * left
+    kept_back = share * left
     return Ledger(most, left - kept_back, kept_back, shown=True)
 
 
@@ -232,7 +236,7 @@ def _certified(
     passed: list[tuple[float, Splines, Certificate]] = []
     ways = [_mended(best, certificate, ledger, rng)]
     if controller is not None:
-        ways = [_slower(best), _searched_on_step(best, certificate, ledger, controller)]
+        ways = [_slower(best, MUCH_SLOWER), _searched_on_step(best, certificate, ledger, controller)]
     for mended in chain(*ways):
         if passed and mended.cost >= passed[0][0]:
             continue
@@ -284,12 +288,12 @@ def _mending(ledger: Ledger) -> float:
     return float(np.clip(ledger.whole_left, least, most))
 
 
-def _slower(best: Candidate) -> Iterator[Candidate]:
+def _slower(best: Candidate, factors: Sequence[float] = SLOWER) -> Iterator[Candidate]:
     """The same motion slowed down a little, where time is free."""
     problem = best.problem
     if problem.objective != "time" or not problem.searches_times:
         return
-    for factor in SLOWER:
+    for factor in factors:
         slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
         yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
 

@@ -1,6 +1,7 @@
 """Random tasks written for every controller, the files executed by code of their own and looked at by a second checker.
 
-    python tests/bench/bench_plan_controllers.py [TASKS] [--controllers NAME,NAME] [--seconds S] [--first SEED] [--known]
+    python tests/bench/bench_plan_controllers.py [TASKS] [--controllers NAME,NAME] [--seconds S] [--first SEED]
+                                                 [--known]
 
 Arms, models, scenes and tools as in bench_plan_checked.py; by turns energy and time, S processor seconds a task (4).
 Plans go to their limits of torque and speed (`beyond`), with --known they stay where the makers advise. What a

@@ -9,13 +9,14 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.command_options import SolveOptions
+from plan.planners.base import Ledger
 from plan.planners.sequential import Sequential
 from plan.problem.controllers import Controller, choose_controller, load_controllers
 from plan.problem.execution import write_motion_file
 from plan.problem.problem import PlanningProblem
 from plan.problem.ramps import TimeLaw
 from plan.problem.result import PlanResult
-from plan.solving.solve import solve
+from plan.solving.solve import _certified, solve
 from tests.plan.emulated_controllers import (
     Moved,
     by_polynomials,
@@ -101,6 +102,22 @@ def test_a_curve_between_coarse_points_is_not_the_plans() -> None:
     tau = asked.model.torque(*curve.states(np.linspace(0.0, 1.0, 50)))[0]
     assert (np.abs(tau) / asked.limits.torque).max() > 1.01
     assert np.diff(np.cumsum(moved_plan.durations[0])).min() >= 0.025 - 1e-12
+
+
+def test_where_no_time_is_left_a_slower_motion_is_taken() -> None:
+    """A time plan that a coarse step would break is slowed down until its executed curve keeps all limits."""
+    asked = task("time")
+    asked = replace(asked, limits=replace(asked.limits, acceleration=None))
+    search = Ledger(10**6, 20.0)
+    best = QUICK.run([asked], search, np.random.default_rng(0)).best
+    assert best is not None
+    spent = Ledger(10**6, 0.0, kept_back=1e-9)
+    spent.best = best
+    splines, certificate = _certified(spent, np.random.default_rng(0), CONTROLLERS["tmscript"])
+    assert splines is not None
+    assert certificate is not None
+    assert certificate.broken == []
+    assert best.cost < float(splines.total[0]) < 1.5 * best.cost
 
 
 @pytest.mark.parametrize("name", list(CONTROLLERS))
