@@ -171,7 +171,7 @@ def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Ide
     return TrainingRange(nominal.joint_names, low, high, half * float(np.median(quantile(found.estimate.dof))))
 
 
-LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
+LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin")
 
 
 def read_versions() -> dict[str, str]:
