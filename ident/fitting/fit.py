@@ -321,8 +321,9 @@ def _provenance(
     found: Identified,
     net: ResidualNet | None,
 ) -> dict[str, Any]:
+    given = {**vars(options), "accept": list(options.accept)}  # TOML knows no null
     return {
-        "options": {**vars(options), "accept": list(options.accept)},
+        "options": {name: value for name, value in given.items() if value is not None},
         "runs": runs_recorded(motions),
         "samples": sum(len(motion.time) for motion in motions),
         "cutoff_hz": motions[0].lowpass.cutoff,
