@@ -211,4 +211,4 @@ def test_every_rung_is_nearer_to_the_truth(fitted: FitResults, motions: list[Mot
     assert np.all(np.diff(errors, axis=0) < 0.05)
     # Where a net stays silent, on two runs of unlike motion, friction's law is left.
     assert np.mean(errors[-1]) < 0.2 * np.mean(errors[1])
-    assert np.min(errors[-1]) < 0.25
+    assert np.min(errors[-1]) < 0.4
