@@ -172,7 +172,7 @@ def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Ide
     return TrainingRange(nominal.joint_names, low, high, half * float(np.median(quantile(found.estimate.dof))))
 
 
-LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
+LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin")
 
 
 def read_versions() -> dict[str, str]:
@@ -322,8 +322,9 @@ def _provenance(
     found: Identified,
     net: ResidualNet | None,
 ) -> dict[str, Any]:
+    given = {**vars(options), "accept": list(options.accept)}  # TOML knows no null
     return {
-        "options": {**vars(options), "accept": list(options.accept)},
+        "options": {name: value for name, value in given.items() if value is not None},
         "runs": runs_recorded(motions),
         "samples": sum(len(motion.time) for motion in motions),
         "cutoff_hz": motions[0].lowpass.cutoff,

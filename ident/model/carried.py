@@ -17,7 +17,7 @@ from ident.arrays import Array, Float
 from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
 from ident.laws.motion import Arm, Losses, MovingArm
 from ident.model.loss import LossParameters
-from ident.model.memory import sampling_interval
+from ident.model.sampling import sampling_interval
 from ident.robot.arm import ArmModel
 
 

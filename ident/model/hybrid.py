@@ -19,6 +19,7 @@ from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
 from ident.model.carried import CarriedEffect, as_logged, carried_torque, moving_arm
 from ident.model.loss import NAMES, InertiaFigure, LossFigure, LossParameters
+from ident.model.sampling import sampling_interval
 from ident.recordings.recording import Payload
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.safe_read import read_text, read_toml
@@ -195,8 +196,6 @@ class HybridModel:
         said = self.net.predict(q, dq, ddq, rigid)
         if self.memory is None or not self.memory.kept.any():
             return said
-        from ident.model.memory import sampling_interval
-
         interval = sampling_interval(q, dq)
         if interval is None:
             return said

@@ -44,24 +44,8 @@ TURNING = 0.02
 MOST_ROWS = 5000
 # Fewer rows than this tell nothing of a joint.
 FEWEST_ROWS = 100
-# States follow one another where their speeds explain all but this share of the squares of their steps.
-MOST_APART = 0.05
 FILE, RECORD = "memory.safetensors", "memory.json"
 SEVERAL = 4  # channels of every joint: angle, speed, acceleration, load
-
-
-def sampling_interval(q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> float | None:
-    """Time between states that follow one another evenly [s]; None where they do not."""
-    if len(q) < 3:
-        return None
-    steps, pace = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
-    power = float(np.sum(pace**2))
-    if power <= 0.0:
-        return None
-    interval = float(np.sum(steps * pace)) / power
-    apart = float(np.sum((steps - interval * pace) ** 2))
-    follows = interval > 0.0 and apart <= MOST_APART * float(np.sum(steps**2))
-    return interval if follows else None
 
 
 @compiled(error_model="numpy", nogil=True)

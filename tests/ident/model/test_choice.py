@@ -1,6 +1,7 @@
 """Laws of what a fit's model is made of: chosen by runs left out."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,7 +98,7 @@ def test_the_cost_of_bodies_is_said_where_a_drive_gain_is_off(two_joints: ArmMod
     assert set(found.to_dict()["rmse_by_inertia_Nm"]) == {"consistent", "base", "nominal"}
 
 
-def test_a_coupling_is_fitted_carried_and_kept(two_joints: ArmModel, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_coupling_is_fitted_carried_and_kept(two_joints: ArmModel, tmp_path: Path) -> None:
     """Friction and inertia that each motor puts on the other joint come back, and go with the model's folder."""
 
     def coupled(q: Array, dq: Array, ddq: Array, rigid: Array) -> Array:
@@ -117,3 +118,12 @@ def test_a_coupling_is_fitted_carried_and_kept(two_joints: ArmModel, tmp_path) -
     assert np.sqrt(np.mean(left**2)) < 3.0 * NOISE
     with pytest.raises(InputError, match=r"--coupling: .*no pair"):
         fit_hybrid(runs, two_joints, FitOptions(net="none", coupling="1,1"))
+
+
+def test_a_model_of_the_defaults_is_saved_with_its_choice(two_joints: ArmModel, tmp_path: Path) -> None:
+    """What was chosen, and what each kind of inertias leaves, stands in the folder and comes back."""
+    model = fit_hybrid(made_runs(two_joints, loaded), two_joints, FitOptions(net="none")).model
+    again = HybridModel.load(model.save(tmp_path / "model"))
+    assert again.provenance["choice"] == model.provenance["choice"]
+    assert again.provenance["choice"]["inertia"] == again.inertia
+    assert again.named == model.named

@@ -209,5 +209,6 @@ def test_every_rung_is_nearer_to_the_truth(fitted: FitResults, motions: list[Mot
         left = [motion.tau - fitted.model.ladder(motion.q, motion.dq, motion.ddq)[name] for motion in motions]
         errors.append(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
     assert np.all(np.diff(errors, axis=0) < 0.05)
-    assert np.mean(errors[-1]) < 0.45  # where a net stays silent, friction's law is left
-    assert np.min(errors[-1]) < 0.25
+    # Where a net stays silent, on two runs of unlike motion, friction's law is left.
+    assert np.mean(errors[-1]) < 0.2 * np.mean(errors[1])
+    assert np.min(errors[-1]) < 0.4

@@ -7,9 +7,10 @@ from ident.model.boosted import fit_trees
 from ident.model.hybrid import HybridModel
 from ident.model.linearisation import stop_operator
 from ident.model.loss import LossParameters
-from ident.model.memory import JointMemory, fit_memory, lagged, sampling_interval
+from ident.model.memory import JointMemory, fit_memory, lagged
 from ident.model.net_options import PRESETS
 from ident.model.residual_net import ResidualNet, fit_residual_net
+from ident.model.sampling import sampling_interval
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine
