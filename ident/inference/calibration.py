@@ -131,6 +131,16 @@ def load_calibration(path: Path = FILE) -> Calibration:
     )
 
 
+@cache
+def load_odds(path: Path) -> Odds:
+    """A regression alone, from a file of its own.
+
+    Raises:
+        InputError: There is no such file, or it can't be read.
+    """
+    return _odds(read_toml(path, "write it: python -m ident.benchmark.change_calibration fit"))
+
+
 def _odds(record: Mapping[str, Any]) -> Odds:
     terms = {name: Term(**values) for name, values in record["feature"].items()}
     return Odds(float(record["intercept"]), terms)

@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.inference.components import ModelSums
 from ident.inference.names import Names
 from ident.regression.design import Group, Key
-from ident.regression.least_squares import solve_signed
+from ident.regression.least_squares import Prior, solve_signed
 
 # Rounds over all members of a set in which each may be swapped, after each addition; mostly one is
 # enough.
@@ -30,6 +30,30 @@ MOST_CHECKED = 30
 # Names a joint has at most: a limit on work, never reached by arms with one URDF.
 MOST_NAMES = 4
 LOG_TWO = float(np.log(2.0))
+
+
+class Searchable(Protocol):
+    """What a search needs of a model."""
+
+    @property
+    def sums(self) -> Any:
+        """What holds the evidence."""
+
+    @property
+    def names(self) -> Names:
+        """The candidates."""
+
+    @property
+    def gram(self) -> Float[Array, "P P"]:
+        """Sums over all joints, the torque last."""
+
+    def prior(self) -> Prior:
+        """What is known of the baseline."""
+
+    def information(
+        self, chosen: Sequence[Group], prior: Prior
+    ) -> tuple[Int[Array, " z"], Float[Array, "z z"]]:
+        """Columns of the baseline and some effects, and the information on their coefficients."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +76,7 @@ class SetSearch:
     scale: Float[Array, " c"]  # what each column was divided by
 
     @classmethod
-    def of(cls, model: ModelSums) -> SetSearch:
+    def of(cls, model: Searchable) -> SetSearch:
         """The sums after a model's baseline."""
         layout = model.sums.evidence.layout
         tuned = layout.tuned

@@ -35,7 +35,7 @@ from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.motion.motion import Motion
 from ident.progress import stage
-from ident.regression.design import Group, NotTestable
+from ident.regression.design import Group, Key, NotTestable
 from ident.regression.least_squares import project
 from ident.regression.run_spread import squares_left
 from ident.regression.settings import USUAL_REGRESSION
@@ -112,20 +112,25 @@ def _search(
 ) -> ChangeSearch:
     """The search over a design, laws of friction excluded at joints that move in one run a side at most."""
     evidence = design.sums.evidence
-    once = design.moves_once
-    excluded = {one.key for one in evidence.layout.groups if one.effect.id in OF_FRICTION and once[one.joint]}
     held_out = LaterHeldOut(evidence, design.prior, design.sides.later_folds)
     sessions = max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions))
     return ChangeSearch(
         evidence,
         design.prior,
         held_out,
-        frozenset(excluded),
+        once_moved(design),
         settings=settings,
         design=design,
         sessions=sessions,
         first_look=first_look,
     )
+
+
+def once_moved(design: PairedDesign) -> frozenset[Key]:
+    """Laws of friction at joints that move in one run a side at most: how much it differs from run to run is open."""
+    once = design.moves_once
+    groups = design.sums.evidence.layout.groups
+    return frozenset(one.key for one in groups if one.effect.id in OF_FRICTION and once[one.joint])
 
 
 def _find_changes(search: ChangeSearch) -> _Changes:

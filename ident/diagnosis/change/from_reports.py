@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ident.checks.report import MISREAD, TelemetryReport
-from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.compare import compare, once_moved
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
+from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.settings import CHANGE
+from ident.diagnosis.change.static_joints import find_static_joints
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, no_motion
@@ -17,6 +19,7 @@ from ident.motion.stretches import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.decimation import moved_inertia, prepare_slower
+from ident.regression.design import Key
 from ident.robot.arm import ArmModel
 
 
@@ -52,7 +55,35 @@ def compare_reports(
         if report.session.joints != joints:
             where = report.session.path or report.session.name
             raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
-    # Different filters of the two sets would look like a change.
+    sets = _motions(before, after, arm, cutoff)
+    currents = any(run.current is not None for report in reports for run in report.session.runs)
+    gain_uncertainty = BY_CURRENT if currents else STATED
+    found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
+    weighed = tuple(as_explained(issue, before, found) for issue in issues)
+    return replace(found, telemetry=weighed, cutoff=sets[0][0].lowpass.cutoff)
+
+
+def design_reports(
+    before: Sequence[TelemetryReport], after: Sequence[TelemetryReport], arm: ArmModel
+) -> tuple[PairedDesign, frozenset[Key]]:
+    """The design of two sets of inspected sessions, and the changes that they can't show: what a calibration stores.
+
+    Args:
+        before, after: Telemetry reports of the sessions of each set.
+        arm: The robot, as `ArmModel.load` gives it.
+    """
+    earlier, later = _motions(before, after, arm, None)
+    still = find_static_joints(earlier, later)
+    kept = arm.keeping(before[0].session.joints)
+    design = build_design(earlier, later, kept, still=still, one_clock=len(after) <= 1)
+    return design, once_moved(design)
+
+
+def _motions(
+    before: Sequence[TelemetryReport], after: Sequence[TelemetryReport], arm: ArmModel, cutoff: float | None
+) -> tuple[list[Motion], list[Motion]]:
+    """The runs of both sets through one filter: different ones would look like a change."""
+    reports, joints = [*before, *after], before[0].session.joints
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = Lowpass.design(slowest, cutoff, FOR_DIAGNOSIS).cutoff
     motions: Sequence[Motion] = []
@@ -64,12 +95,7 @@ def compare_reports(
         motions = [*motions, *(own[k] for k in choose_runs(len(own), -(-len(own) // CHANGE.most_runs)))]
     if cutoff is None:
         motions = within_band(motions, moved_inertia(arm.keeping(joints), motions))
-    currents = any(run.current is not None for report in reports for run in report.session.runs)
-    gain_uncertainty = BY_CURRENT if currents else STATED
-    sets = motions[:earlier], motions[earlier:]
-    found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
-    weighed = tuple(as_explained(issue, before, found) for issue in issues)
-    return replace(found, telemetry=weighed, cutoff=motions[0].lowpass.cutoff)
+    return list(motions[:earlier]), list(motions[earlier:])
 
 
 def as_compared(
