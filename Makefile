@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types docs fuzz clean install
+.PHONY: run test slow lint types docs fuzz clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -13,6 +13,10 @@ run: install
 test: lint types
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow"
+
+# What takes a minute or more, a test: once a week, and before a release.
+slow: install
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
 
 lint: install
 	$(BIN)/ruff check .
