@@ -28,6 +28,7 @@ types: install
 # The documentation's site, with the references made from the code; a warning is an error.
 docs: install
 	$(BIN)/python docs/write.py
+	$(BIN)/python docs/draw_flow.py
 	$(BIN)/mkdocs build --quiet --config-file .ci/mkdocs.yml
 
 # Spoilt files into every reader. More than a minute: make fuzz SECONDS=36000; the same again: SEED=…
