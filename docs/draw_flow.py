@@ -203,6 +203,7 @@ def draw() -> str:
     title = f"The flow of a diagnosis: {', '.join(names)}"
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" '
+        f'width="{WIDTH}" height="{height}" '
         'font-family="system-ui, sans-serif" font-size="13" role="img">',
         f"<title>{escape(title)}</title>",
         '<defs><marker id="head" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" '
