@@ -23,7 +23,7 @@ import tempfile
 import tokenize
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -32,6 +32,8 @@ ROOT = Path(__file__).parents[1]
 RECORD = Path(__file__).with_suffix(".toml")
 TRACER = Path(__file__).with_name("trace_command.py")
 PACKAGES = ("ident", "plan")
+# Commands that are traced, in the order in which one needs another.
+TRACED = ("fit", "diagnose", "compare", "solve")
 MOST_COLUMNS = 100
 # Syntax nodes a code line that files of the inference should hold at the most.
 MOST_DENSITY = 10
@@ -413,8 +415,13 @@ def trace(folder: Path, *arguments: object) -> dict[str, int]:
     return counts
 
 
-def measure_traces(folder: Path) -> Figures:
-    """Traces of a fit without a net, a diagnosis, a comparison and a plan, on shipped recordings."""
+def measure_traces(folder: Path, names: Sequence[str] = TRACED) -> Figures:
+    """Traces of a fit without a net, a diagnosis, a comparison and a plan, on shipped recordings.
+
+    Args:
+        folder: A working tree.
+        names: Those of `TRACED` that are wanted; a plan needs the fit's model.
+    """
     logs = folder / "logs" / "tm5_900"
     scene = folder / "tests" / "plan" / "data" / "obstacle.toml"
     robot = ("--robot", "tm5-900")
@@ -427,7 +434,7 @@ def measure_traces(folder: Path) -> Figures:
             "compare": ("ident", "compare", logs / "E1", logs / "E2", *robot),
             "solve": ("plan", "solve", scene, "--model", model, "--seconds", 60),
         }
-        traces = {name: trace(folder, *command) for name, command in commands.items()}
+        traces = {name: trace(folder, *commands[name]) for name in names}
     figures = {}
     for name, counts in traces.items():
         for unit, number in counts.items():

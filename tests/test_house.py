@@ -56,9 +56,13 @@ def test_the_source_keeps_its_figures() -> None:
     assert not beyond(measure(ROOT), RECORDED), f"{REMEDY}; names given twice: {twice}"
 
 
+def test_a_fit_and_a_diagnosis_pass_no_more_files_than_they_did() -> None:
+    assert not beyond(measure_traces(ROOT, ("fit", "diagnose")), RECORDED), REMEDY
+
+
 @pytest.mark.slow
-def test_a_command_passes_no_more_files_than_it_did() -> None:
-    assert not beyond(measure_traces(ROOT), RECORDED), REMEDY
+def test_a_comparison_and_a_plan_pass_no_more_files_than_they_did() -> None:
+    assert not beyond(measure_traces(ROOT, ("fit", "compare", "solve")), RECORDED), REMEDY
 
 
 def test_a_figure_may_fall_and_not_rise() -> None:
