@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types docs fuzz wheel clean install
+.PHONY: run test slow lint types docs fuzz wheel clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -13,6 +13,10 @@ run: install
 test: lint types
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow"
+
+# What takes a minute or more, a test: once a week, and before a release.
+slow: install
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
 
 lint: install
 	$(BIN)/ruff check .
@@ -24,6 +28,7 @@ types: install
 # The documentation's site, with the references made from the code; a warning is an error.
 docs: install
 	$(BIN)/python docs/write.py
+	$(BIN)/python docs/draw_flow.py
 	$(BIN)/mkdocs build --quiet --config-file .ci/mkdocs.yml
 
 # Spoilt files into every reader. More than a minute: make fuzz SECONDS=36000; the same again: SEED=…

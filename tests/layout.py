@@ -1,68 +1,63 @@
-"""Measures the two packages against the budget of layout.toml: lines by part, call traces, sizes, names, dependencies.
+"""Measures how plainly the two packages are written, against the numbers of layout.toml.
 
-    python tests/layout.py              # the table
-    python tests/layout.py --traces     # with the files and arrows of three whole commands (half a minute)
-    python tests/layout.py --record     # also lowers what layout.toml allows to what was measured
+    python tests/layout.py                      # the table
+    python tests/layout.py --traces             # with the call traces of four whole commands
+    python tests/layout.py --against COMMIT     # with the same of an earlier commit beside it
+    python tests/layout.py --record             # writes today's numbers, whatever they are
 
-A room is a package, or a module that stands alone, at the top of `ident` or `plan`; an arrow of the layout is one
-room's import of another's, an arrow of a trace one file's call into another file, or its first import of it.
+A room is a package, or a module that stands alone, at the top of `ident` or `plan`. An arrow of the
+layout is one room's import of another's; one of a trace is told in trace_command.py.
+Nothing counts lines of code: code may grow where it becomes plainer.
 """
 
+import argparse
 import ast
+import io
 import json
+import os
 import re
 import subprocess
 import sys
+import tarfile
 import tempfile
+import tokenize
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import chain
 from pathlib import Path
-from statistics import quantiles
 
 ROOT = Path(__file__).parents[1]
-BUDGET = Path(__file__).with_suffix(".toml")
+RECORD = Path(__file__).with_suffix(".toml")
+TRACER = Path(__file__).with_name("trace_command.py")
 PACKAGES = ("ident", "plan")
+# Commands that are traced, in the order in which one needs another.
+TRACED = ("fit", "diagnose", "compare", "solve")
+MOST_COLUMNS = 100
+# Syntax nodes a code line that files of the inference should hold at the most.
+MOST_DENSITY = 10
+INFERENCE = "ident/inference"
 MOST_PARAMETERS = 6
+# Pronouns that stood for values of the field; a name says what the value is.
+VAGUE_NAMES = {"one", "found", "own", "at", "kept", "part"}
+# Where effects may be named: the laws, and the simulated arm that has laws of its own.
+EFFECT_HOMES = ("ident/effects", "ident/laws", "ident/simulation")
+EFFECT_BASE = Path("ident/effects/base.py")
+EFFECT_ROWS = Path("ident/effects/effects.toml")
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
+# Tokens that are no code.
+SILENT = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
 Function = ast.FunctionDef | ast.AsyncFunctionDef
-
-# A command under a profiler that notes which of our files run, and which of them asks which: by a call or by an import.
-# The clock of its progress stands still: how often that is told depends on the machine's load.
-TRACED = """
-import json, sys, time
-sys.path.insert(0, {root!r})
-from importlib import import_module
-from pathlib import Path
-from threading import setprofile
-PLACES = tuple({root!r} + "/" + name for name in ("ident/", "plan/"))
-files, arrows, codes = set(), set(), {{}}
-
-def ours(code):
-    if code not in codes:
-        codes[code] = code.co_filename if code.co_filename.startswith(PLACES) else None
-    return codes[code]
-
-def note(frame, event, argument):
-    if event == "call" and (file := ours(frame.f_code)):
-        files.add(file)
-        caller = frame.f_back
-        while caller is not None and not ours(caller.f_code):
-            caller = caller.f_back
-        if caller is not None and ours(caller.f_code) != file:
-            arrows.add((ours(caller.f_code), file))
-
-sys.argv = {arguments!r}
-time.monotonic = lambda: 0.0
-setprofile(note)
-sys.setprofile(note)
-app = import_module({module!r} + ".cli.app").app
-status = app(standalone_mode=False)
-sys.setprofile(None)
-Path({out!r}).write_text(json.dumps([len(files), len(arrows), status or 0]))
-"""
+Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+Figures = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -73,10 +68,6 @@ class Source:
     text: str
     tree: ast.Module
     room: str
-
-    @property
-    def lines(self) -> int:
-        return len(self.text.splitlines())
 
     @cached_property
     def nodes(self) -> list[ast.AST]:
@@ -94,217 +85,431 @@ class Source:
             elif isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
 
+    def constants(self) -> Iterator[tuple[ast.stmt, ast.expr]]:
+        """Assignments of the module's constants, and what they are given."""
+        for statement in self.tree.body:
+            if isinstance(statement, ast.Assign):
+                target = statement.targets[0]
+            elif isinstance(statement, ast.AnnAssign):
+                target = statement.target
+            else:
+                continue
+            if not isinstance(target, ast.Name) or statement.value is None:
+                continue
+            if CONSTANT.fullmatch(target.id):
+                yield statement, statement.value
+
 
 @cache
 def read_sources(folder: Path) -> list[Source]:
     """All modules of both packages."""
-    found = []
+    sources = []
     for package in PACKAGES:
         for path in sorted((folder / package).rglob("*.py")):
             parts = path.relative_to(folder).with_suffix("").parts
             room = ".".join(parts[:2]) if parts[1:] != ("__init__",) else package
             text = path.read_text(encoding="utf-8")
-            found.append(Source(path.relative_to(folder), text, ast.parse(text), room))
-    return found
+            sources.append(Source(path.relative_to(folder), text, ast.parse(text), room))
+    return sources
 
 
-def arrows(sources: list[Source]) -> set[tuple[str, str]]:
-    """Pairs of rooms of which the first imports the second; the doors of the packages, which offer all, left out."""
-    rooms = {one.room for one in sources} - set(PACKAGES)
-    pairs = {(one.room, ".".join(name.split(".")[:2])) for one in sources for name in one.imports()}
-    return {(first, second) for first, second in pairs if first != second and {first, second} <= rooms}
+def docstring_lines(source: Source) -> set[int]:
+    """Numbers of the lines that docstrings take."""
+    lines: set[int] = set()
+    for node in source.nodes:
+        if not isinstance(node, ast.Module | ast.ClassDef | Function):
+            continue
+        if ast.get_docstring(node) is not None:
+            text = node.body[0]
+            lines.update(range(text.lineno, (text.end_lineno or text.lineno) + 1))
+    return lines
 
 
-def depth(pairs: set[tuple[str, str]]) -> int:
-    """Floors: rooms on the longest way down; 0 where the arrows run in a circle."""
-    below: dict[str, set[str]] = {room: set() for pair in pairs for room in pair}
-    for first, second in pairs:
-        below[first].add(second)
-    floors: dict[str, int] = {}
-    while len(floors) < len(below):
-        ready = [room for room, under in below.items() if room not in floors and under <= floors.keys()]
-        if not ready:
-            return 0
-        floors.update({room: 1 + max((floors[one] for one in below[room]), default=0) for room in ready})
-    return max(floors.values(), default=0)
+def code_lines(source: Source) -> int:
+    """Lines that hold code; blank lines, comments and docstrings are none."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source.text).readline):
+        if token.type not in SILENT:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    return len(lines - docstring_lines(source))
 
 
-def body_lines(function: Function) -> int:
-    """Lines of a function's body without its docstring."""
-    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
-    return 1 + (body[-1].end_lineno or 0) - body[0].lineno if body else 0
+def node_density(sources: list[Source]) -> float:
+    """Syntax nodes a line of code."""
+    nodes = sum(len(source.nodes) for source in sources)
+    lines = sum(code_lines(source) for source in sources)
+    return nodes / lines if lines else 0.0
+
+
+def is_dense(source: Source) -> bool:
+    """Whether a file of the inference has more nodes a line than it should."""
+    return source.path.is_relative_to(INFERENCE) and node_density([source]) > MOST_DENSITY
+
+
+def long_lines(source: Source) -> int:
+    """Lines of more than `MOST_COLUMNS` characters."""
+    return sum(len(line) > MOST_COLUMNS for line in source.text.splitlines())
+
+
+def vague_names(source: Source) -> int:
+    """Bindings of a name that does not say what the value is."""
+    count = 0
+    for node in source.nodes:
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            count += node.id in VAGUE_NAMES
+        elif isinstance(node, ast.arg):
+            count += node.arg in VAGUE_NAMES
+    return count
+
+
+def parallel_assignments(source: Source) -> int:
+    """Assignments of several written-out values in one statement; a swap is none."""
+    count = 0
+    for node in source.nodes:
+        if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Tuple):
+            continue
+        target = node.targets[0]
+        if isinstance(target, ast.Tuple):
+            given = {ast.unparse(value) for value in node.value.elts}
+            count += given != {ast.unparse(name) for name in target.elts}
+    return count
+
+
+def nested_comprehensions(source: Source) -> int:
+    """Comprehensions that stand inside another."""
+    inner: set[ast.AST] = set()
+    for node in source.nodes:
+        if isinstance(node, Comprehension):
+            inside = (other for other in ast.walk(node) if other is not node)
+            inner.update(other for other in inside if isinstance(other, Comprehension))
+    return len(inner)
 
 
 def parameters(function: Function) -> int:
     """How many a caller may give, the object itself not counted."""
     given = function.args
-    named = [one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
-    return sum(name not in ("self", "cls") for name in named)
+    names = [argument.arg for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    return sum(name not in ("self", "cls") for name in names)
 
 
-def is_annotated(function: Function) -> bool:
-    """Whether the result and every argument but self have a type."""
-    given = function.args
-    named = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-    return function.returns is not None and all(one.annotation or one.arg in ("self", "cls") for one in named)
+def wide_functions(source: Source) -> int:
+    """Functions of more than `MOST_PARAMETERS` parameters."""
+    return sum(parameters(function) > MOST_PARAMETERS for function in source.functions())
 
 
-def called_once(source: Source) -> list[str]:
-    """Private functions, methods left out, whose name the module uses a single time."""
-    private = [one.name for one in source.tree.body if isinstance(one, Function) and re.match(r"_[^_]", one.name)]
-    used: Counter[str] = Counter()
+def has_late_constants(source: Source) -> bool:
+    """Whether a constant of the module stands below its first function or method."""
+    first = min((function.lineno for function in source.functions()), default=None)
+    if first is None:
+        return False
+    return any(statement.lineno > first for statement, _ in source.constants())
+
+
+def any_annotations(source: Source) -> int:
+    """How often an annotation says `Any`."""
+    annotations: list[ast.expr] = []
     for node in source.nodes:
-        if isinstance(node, ast.Name | ast.Attribute):
-            used[node.id if isinstance(node, ast.Name) else node.attr] += 1
-    return [name for name in private if used[name] == 1]
+        given = node.returns if isinstance(node, Function) else getattr(node, "annotation", None)
+        if given is not None:
+            annotations.append(given)
+    count = 0
+    for annotation in annotations:
+        for node in ast.walk(annotation):
+            count += isinstance(node, ast.Name) and node.id == "Any"
+    return count
 
 
-def docstrings(source: Source) -> Iterator[ast.Constant]:
-    """The text of every docstring."""
-    for node in source.nodes:
-        if isinstance(node, ast.Module | ast.ClassDef | Function) and ast.get_docstring(node) is not None:
-            assert isinstance(node.body[0], ast.Expr)
-            assert isinstance(node.body[0].value, ast.Constant)
-            yield node.body[0].value
+def effect_body(sources: list[Source]) -> list[ast.stmt]:
+    """Statements of the class `Effect`."""
+    for source in sources:
+        if source.path == EFFECT_BASE:
+            for node in source.tree.body:
+                if isinstance(node, ast.ClassDef) and node.name == "Effect":
+                    return node.body
+    raise LookupError(f"no class Effect in {EFFECT_BASE}: say in tests/layout.py where it is now")
 
 
-def explaining_lines(source: Source) -> int:
-    """Lines of docstrings, and lines that hold a comment alone."""
-    inside = sum(1 + (one.end_lineno or 0) - one.lineno for one in docstrings(source))
-    return inside + len(re.findall(r"(?m)^ *#", source.text))
+def effect_ids(folder: Path) -> set[str]:
+    """Ids of the effects, as their rows give them."""
+    return set(tomllib.loads((folder / EFFECT_ROWS).read_text(encoding="utf-8"))["effects"])
 
 
-def quoted_ids(source: Source, ids: frozenset[str]) -> int:
+def effect_classes(sources: list[Source]) -> set[str]:
+    """Names of the effects' classes; those that others derive from are none."""
+    parents: dict[str, set[str]] = {}
+    for source in sources:
+        for node in source.nodes:
+            if isinstance(node, ast.ClassDef):
+                bases = {base.id for base in node.bases if isinstance(base, ast.Name)}
+                parents.setdefault(node.name, set()).update(bases)
+    family = {"Effect"}
+    grown = True
+    while grown:
+        heirs = {name for name, bases in parents.items() if bases & family}
+        grown = not heirs <= family
+        family |= heirs
+    inherited = set().union(*parents.values())
+    return family - inherited
+
+
+def is_effect_home(source: Source) -> bool:
+    """Whether effects may be named in the module."""
+    return any(source.path.is_relative_to(home) for home in EFFECT_HOMES)
+
+
+def quoted_ids(source: Source, ids: set[str]) -> int:
     """How often a literal of the module is the id of an effect."""
     literals = (node.value for node in source.nodes if isinstance(node, ast.Constant))
     return sum(value in ids for value in literals if isinstance(value, str))
 
 
+def named_classes(source: Source, classes: set[str]) -> int:
+    """How often the module names one of the classes, imports included."""
+    count = 0
+    for node in source.nodes:
+        if isinstance(node, ast.Name):
+            count += node.id in classes
+        elif isinstance(node, ast.Attribute):
+            count += node.attr in classes
+        elif isinstance(node, ast.ImportFrom):
+            count += sum(alias.name in classes for alias in node.names)
+    return count
+
+
+def is_number(value: ast.expr) -> bool:
+    """Whether an expression is made of numerals alone."""
+    if isinstance(value, ast.UnaryOp):
+        return is_number(value.operand)
+    if isinstance(value, ast.BinOp):
+        return is_number(value.left) and is_number(value.right)
+    if not isinstance(value, ast.Constant) or isinstance(value.value, bool):
+        return False
+    return isinstance(value.value, int | float)
+
+
+def number_constants(source: Source) -> int:
+    """Constants of the module that are numbers."""
+    return sum(is_number(value) for _, value in source.constants())
+
+
+def written_settings(source: Source) -> int:
+    """Settings that a field gives in Python: `number(value, unit, meaning, source)`."""
+    calls = (node for node in source.nodes if isinstance(node, ast.Call))
+    named = (call for call in calls if isinstance(call.func, ast.Name))
+    return sum(call.func.id == "number" and bool(call.args or call.keywords) for call in named)
+
+
+def count_rows(table: dict[str, object]) -> int:
+    """Rows with a value, in a table of settings and in those below it."""
+    if "value" in table:
+        return 1
+    return sum(count_rows(entry) for entry in table.values() if isinstance(entry, dict))
+
+
+def settings_rows(folder: Path) -> int:
+    """Rows of all files of settings."""
+    rows = 0
+    for package in PACKAGES:
+        for path in sorted((folder / package).rglob("settings.toml")):
+            rows += count_rows(tomllib.loads(path.read_text(encoding="utf-8")))
+    return rows
+
+
 def names_twice(sources: list[Source]) -> dict[str, list[str]]:
     """Public classes whose name stands in more than one module."""
     places: dict[str, list[str]] = {}
-    for one in sources:
-        for node in one.tree.body:
+    for source in sources:
+        for node in source.tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places.setdefault(node.name, []).append(str(one.path))
+                places.setdefault(node.name, []).append(str(source.path))
     return {name: where for name, where in sorted(places.items()) if len(where) > 1}
 
 
-def part_of(path: Path, parts: dict[str, dict[str, object]]) -> str:
-    """The part of the budget that a module belongs to: that of the longest of the prefixes."""
-    fitting = [
-        (len(prefix), name)
-        for name, part in parts.items()
-        for prefix in part["of"]  # type: ignore[attr-defined]
-        if path.is_relative_to(prefix) or path.is_relative_to(f"{prefix}.py")
-    ]
-    return max(fitting)[1] if fitting else "unassigned"
+def arrows(sources: list[Source]) -> set[tuple[str, str]]:
+    """Pairs of rooms of which the first imports the second.
+
+    The doors of the packages, which offer all, are left out.
+    """
+    rooms = {source.room for source in sources} - set(PACKAGES)
+    pairs = set()
+    for source in sources:
+        for name in source.imports():
+            imported = ".".join(name.split(".")[:2])
+            if imported != source.room and {imported, source.room} <= rooms:
+                pairs.add((source.room, imported))
+    return pairs
 
 
-def lines_by_part(sources: list[Source], budget: dict[str, dict[str, dict[str, object]]]) -> dict[str, int]:
-    """Lines of every part of the budget, and of what belongs to none."""
-    found = dict.fromkeys([*budget["parts"], "unassigned"], 0)
-    for one in sources:
-        found[part_of(one.path, budget["parts"])] += one.lines
-    return found
+def depth(pairs: set[tuple[str, str]]) -> int:
+    """Floors: rooms on the longest way down; 0 where the arrows run in a circle."""
+    below: dict[str, set[str]] = {}
+    for first, second in pairs:
+        below.setdefault(first, set()).add(second)
+        below.setdefault(second, set())
+    floors: dict[str, int] = {}
+    while len(floors) < len(below):
+        waiting = [room for room in below if room not in floors]
+        ready = [room for room in waiting if below[room] <= floors.keys()]
+        if not ready:
+            return 0
+        for room in ready:
+            floors[room] = 1 + max((floors[lower] for lower in below[room]), default=0)
+    return max(floors.values(), default=0)
 
 
-def measure(folder: Path) -> dict[str, float]:
+def total(count: Callable[[Source], int], sources: list[Source]) -> int:
+    """A count over all modules."""
+    return sum(map(count, sources))
+
+
+def measure(folder: Path) -> Figures:
     """What the text of a working tree holds; names as in layout.toml."""
-    budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
     sources = read_sources(folder)
-    functions = list(chain.from_iterable(one.functions() for one in sources))
-    laws = tuple(budget["effects"]["homes"])
+    body = effect_body(sources)
+    ids = effect_ids(folder)
+    classes = effect_classes(sources)
+    elsewhere = [source for source in sources if not is_effect_home(source)]
+    named_uses = [named_classes(source, classes) for source in elsewhere]
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lines = sum(one.lines for one in sources)
-    ids = frozenset(budget["effects"]["ids"])
     return {
-        "lines": lines,
-        "lines_of_tests": sum(
-            len(path.read_text(encoding="utf-8").splitlines()) for path in (folder / "tests").rglob("*.py")
-        ),
-        "lines_of_readme": len((folder / "README.md").read_text(encoding="utf-8").splitlines()),
-        "lines_of_longest_file": max(one.lines for one in sources),
-        "body_lines_p90": round(quantiles(map(body_lines, functions), n=10)[-1]),
-        "explaining_share": round(sum(map(explaining_lines, sources)) / lines, 4),
-        "annotated_share": round(sum(map(is_annotated, functions)) / len(functions), 4),
-        "classes": sum(isinstance(node, ast.ClassDef) for one in sources for node in one.nodes),
-        "functions_of_more_than_six_parameters": sum(parameters(one) > MOST_PARAMETERS for one in functions),
-        "private_helpers_called_once": sum(len(called_once(one)) for one in sources),
-        "effect_ids_quoted_elsewhere": sum(
-            quoted_ids(one, ids) for one in sources if not str(one.path).startswith(laws)
-        ),
+        "nodes_per_code_line": round(node_density(sources), 2),
+        "files_of_inference_over_10_nodes": total(is_dense, sources),
+        "lines_over_100_columns": total(long_lines, sources),
+        "bindings_of_vague_names": total(vague_names, sources),
+        "parallel_assignments": total(parallel_assignments, sources),
+        "nested_comprehensions": total(nested_comprehensions, sources),
+        "functions_of_more_than_six_parameters": total(wide_functions, sources),
+        "files_with_constants_below_a_function": total(has_late_constants, sources),
+        "any_annotations": total(any_annotations, sources),
+        "attributes_of_effect": sum(isinstance(line, ast.AnnAssign | ast.Assign) for line in body),
+        "methods_of_effect": sum(isinstance(line, Function) for line in body),
+        "effect_ids_quoted_elsewhere": sum(quoted_ids(source, ids) for source in elsewhere),
+        "effect_classes_named_elsewhere": sum(named_uses),
+        "settings_that_decide": settings_rows(folder) + total(written_settings, sources),
+        "number_constants": total(number_constants, sources),
+        "public_class_names_given_twice": len(names_twice(sources)),
+        "floors_of_rooms": depth(arrows(sources)),
         "mandatory_dependencies": len(project["dependencies"]),
     }
 
 
-def trace(package: str, *arguments: object) -> dict[str, int]:
+def trace(folder: Path, *arguments: object) -> dict[str, int]:
     """Files entered and file-to-file arrows of one whole command, in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "trace.json"
-        given = [package, *map(str, arguments)]
-        script = TRACED.format(root=str(ROOT), module=package, arguments=given, out=str(out))
-        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    given = list(map(str, arguments))
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "trace.json"
+        done = subprocess.run(
+            [sys.executable, str(TRACER), str(folder), str(out), *given],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=environment,
+        )
         if not out.is_file():
             raise RuntimeError(f"{' '.join(given)} ended early: {done.stderr[-2000:]}")
-        files, pairs, status = json.loads(out.read_text())
-    assert not status, f"{' '.join(given)}: status {status}"
-    return {"files": files, "arrows": pairs}
+        counts: dict[str, int] = json.loads(out.read_text(encoding="utf-8"))
+    status = counts.pop("status")
+    if status:
+        raise RuntimeError(f"{' '.join(given)}: status {status}")
+    return counts
 
 
-def measure_traces() -> dict[str, int]:
-    """The same of a diagnosis, a fit without a net and a plan, on the shipped recordings."""
-    logs = ROOT / "logs" / "tm5_900"
-    with tempfile.TemporaryDirectory() as folder:
-        model, scene = Path(folder) / "model", ROOT / "tests" / "plan" / "data" / "obstacle.toml"
-        fit = ("ident", "fit", logs / "T1", logs / "T2", "--robot", "tm5-900", "--net", "none", "--out", model)
+def measure_traces(folder: Path, names: Sequence[str] = TRACED) -> Figures:
+    """Traces of a fit without a net, a diagnosis, a comparison and a plan, on shipped recordings.
+
+    Args:
+        folder: A working tree.
+        names: Those of `TRACED` that are wanted; a plan needs the fit's model.
+    """
+    logs = folder / "logs" / "tm5_900"
+    scene = folder / "tests" / "plan" / "data" / "obstacle.toml"
+    robot = ("--robot", "tm5-900")
+    with tempfile.TemporaryDirectory() as scratch:
+        model = Path(scratch) / "model"
+        fit = ("ident", "fit", logs / "T1", logs / "T2", *robot, "--net", "none", "--out", model)
         commands = {
             "fit": fit,
-            "diagnose": ("ident", "diagnose", logs / "sealed_1", "--robot", "tm5-900"),
+            "diagnose": ("ident", "diagnose", logs / "sealed_1", *robot),
+            "compare": ("ident", "compare", logs / "E1", logs / "E2", *robot),
             "solve": ("plan", "solve", scene, "--model", model, "--seconds", 60),
         }
-        found = {name: trace(*command) for name, command in commands.items()}
-    return {f"{unit}_of_{name}": number for name, one in found.items() for unit, number in one.items()}
+        traces = {name: trace(folder, *commands[name]) for name in names}
+    figures = {}
+    for name, counts in traces.items():
+        for unit, number in counts.items():
+            figures[f"{unit}_of_{name}"] = number
+    return figures
 
 
-def lower(text: str, measured: dict[str, float]) -> str:
-    """The budget's text with every number that fell put to what was measured, but not below its target."""
-
-    def rewrite(line: re.Match[str]) -> str:
-        name, now, target = line["name"].strip('"'), float(line["now"]), float(line["target"])
-        return f"{line['head']}{min(now, max(measured.get(name, now), target)):g}, target = {line['target']}"
-
-    number = r"[\d.]+"
-    head = r'^(?P<head>(?P<name>"[^"\n]+"|\w+) *= *\{ *now *= *)'
-    return re.sub(rf"(?m){head}(?P<now>{number}), target = (?P<target>{number})", rewrite, text)
-
-
-def beyond(measured: dict[str, float], budget: dict[str, dict[str, dict[str, float]]]) -> list[str]:
-    """What is beyond the budget, in words: shares may not fall below it, everything else may not pass it."""
-    allowed = {**budget["parts"], **budget["figures"]}
-    return [
-        f"{name}: {number:g}, allowed {allowed[name]['now']:g}"
-        for name, number in measured.items()
-        if (number < allowed[name]["now"] if name.endswith("_share") else number > allowed[name]["now"])
-    ]
-
-
-def main(options: list[str]) -> None:
-    """Prints the table; see the module."""
-    text = BUDGET.read_text(encoding="utf-8")
-    budget = tomllib.loads(text)
-    sources = read_sources(ROOT)
-    measured: dict[str, float] = {**lines_by_part(sources, budget), **measure(ROOT)}
-    if "--traces" in options:
-        measured |= measure_traces()
-    print(f"{'':<52}{'now':>9}{'allowed':>9}{'target':>9}")
+def beyond(measured: Figures, recorded: Figures) -> list[str]:
+    """Figures that passed what is recorded, and those that are not, in words."""
+    words = []
     for name, number in measured.items():
-        allowed = {**budget["parts"], **budget["figures"]}.get(name, {"now": 0, "target": 0})
-        print(f"{name:<52}{number:>9g}{allowed['now']:>9g}{allowed['target']:>9g}")
-    print(f"{'floors of rooms':<52}{depth(arrows(sources)):>9}")
-    if "--record" in options:
-        BUDGET.write_text(lower(text, measured), encoding="utf-8")
+        if name not in recorded:
+            words.append(f"{name}: {number:g}, not recorded yet")
+        elif number > recorded[name]:
+            words.append(f"{name}: {number:g}, recorded {recorded[name]:g}")
+    return words
+
+
+def with_numbers(text: str, measured: Figures) -> str:
+    """The record's text with today's numbers; rows that it lacks are put at its end."""
+    missing = []
+    for name, number in measured.items():
+        row = re.compile(rf"(?m)^{name} = [-+.e\d]+")
+        if row.search(text):
+            text = row.sub(f"{name} = {number:g}", text, count=1)
+        else:
+            missing.append(f"{name} = {number:g}\n")
+    return text + "".join(missing)
+
+
+def unpack(commit: str, folder: Path) -> None:
+    """Puts the tree of a commit into a folder."""
+    done = subprocess.run(["git", "archive", commit], cwd=ROOT, capture_output=True, check=True)
+    with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+        archive.extractall(folder, filter="data")
+
+
+def measure_all(folder: Path, traces: bool) -> Figures:
+    """All figures of a working tree."""
+    figures = measure(folder)
+    if traces:
+        figures |= measure_traces(folder)
+    return figures
+
+
+def print_table(columns: dict[str, Figures]) -> None:
+    """One row a figure, one column a tree."""
+    names = Counter(name for figures in columns.values() for name in figures)
+    print(f"{'':<40}" + "".join(f"{title:>14}" for title in columns))
+    for name in names:
+        numbers = [figures.get(name) for figures in columns.values()]
+        cells = ["" if number is None else f"{number:g}" for number in numbers]
+        print(f"{name:<40}" + "".join(f"{cell:>14}" for cell in cells))
+
+
+def main() -> None:
+    """Prints the table; see the module."""
+    parser = argparse.ArgumentParser(description="how plainly the two packages are written")
+    parser.add_argument("--traces", action="store_true", help="trace whole commands, too")
+    parser.add_argument("--against", metavar="COMMIT", help="put this commit beside it")
+    parser.add_argument("--record", action="store_true", help="write today's numbers and traces")
+    options = parser.parse_args()
+    traces = options.traces or options.record
+    columns: dict[str, Figures] = {}
+    if options.against:
+        with tempfile.TemporaryDirectory() as scratch:
+            unpack(options.against, Path(scratch))
+            columns[options.against[:12]] = measure_all(Path(scratch), traces)
+    text = RECORD.read_text(encoding="utf-8")
+    columns["recorded"] = tomllib.loads(text).get("recorded", {})
+    columns["now"] = measure_all(ROOT, traces)
+    print_table(columns)
+    if options.record:
+        RECORD.write_text(with_numbers(text, columns["now"]), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
