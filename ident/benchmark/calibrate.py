@@ -79,9 +79,7 @@ class Fitted:
     model: Logistic
     ridge: float
     scores: dict[float, float]  # held-out log score of each ridge that was tried
-    held_out: Float[
-        Array, " N"
-    ]  # probability of each row of the table, from a fit without its unit
+    held_out: Float[Array, " N"]  # probability of each row of the table, from a fit without its unit
     labels: Array  # of each row of the table
 
 
@@ -148,9 +146,7 @@ def fit_calibration(
     return fitted
 
 
-def problem_of(
-    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
-) -> Problem:
+def problem_of(table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str) -> Problem:
     """The rows of a table that are right or wrong.
 
     Raises:
@@ -171,9 +167,7 @@ def problem_of(
     return Problem(features, tuple(names), right[counted], weights, units, signs)
 
 
-def _fit_labelled(
-    table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str
-) -> Fitted:
+def _fit_labelled(table: Table, names: Sequence[str], signs: Mapping[str, int], labels: Array, scheme: str) -> Fitted:
     return _fit_problem(problem_of(table, names, signs, labels, scheme), table, labels)
 
 
@@ -198,9 +192,7 @@ def _said_by(models: Mapping[str, Logistic], table: Table) -> Float[Array, " N"]
 # What is said of a fit
 
 
-def judged(
-    table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]
-) -> dict[str, Any]:
+def judged(table: Table, probability: Float[Array, " N"], labels: Array, rows: Bool[Array, " N"]) -> dict[str, Any]:
     """How probabilities hold on some rows that are right or wrong."""
     counted = rows & (labels != UNKNOWN)
     right = labels[counted] == RIGHT
@@ -242,9 +234,7 @@ class Further:
     widths: Widths | None
 
 
-def fit_further(
-    table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]
-) -> Further:
+def fit_further(table: Table, fitted: Fitted, results: Mapping[str, Any], entries: Mapping[str, Entry]) -> Further:
     """Fits gaps at joints, the temper between rivals, and the widths of intervals."""
     by_case: dict[str, list[float]] = {case: [] for case in results}
     for row, probability in zip(table.rows, fitted.held_out, strict=True):
@@ -260,14 +250,10 @@ def fit_further(
             intervals = json.loads(row["intervals"])
             sizes = sizes_of({one["parameter"]: one["value"] for one in intervals})
             misses += [_miss(row, interval, unit, sizes) for interval in intervals]
-    return Further(
-        gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses)
-    )
+    return Further(gaps, fit_temper(choices(results, entries)), _even_nats(table, fitted), fit_widths(misses))
 
 
-def _miss(
-    row: Mapping[str, Any], interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float]
-) -> Miss:
+def _miss(row: Mapping[str, Any], interval: Mapping[str, Any], unit: str, sizes: Mapping[str, float]) -> Miss:
     error = abs(interval["true"] - interval["value"])
     if interval["parameter"] == "phase_rad":
         error = abs(float(np.angle(np.exp(1j * error))))
@@ -322,9 +308,7 @@ def calibration_record(
             "units": units,
         },
         "held_out": judge_groups(table, fitted),
-        "ridges": {
-            f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())
-        },
+        "ridges": {f"{ridge:.2e}": round(score, 5) for ridge, score in sorted(fitted.scores.items())},
     }
     if width is not None:
         record["interval_width"] = width.to_dict()
@@ -410,16 +394,12 @@ def read_signs(path: Path) -> dict[str, int]:
 def current_commit() -> str:
     """The commit of the working tree; empty where there is none."""
     command = ["git", "rev-parse", "--short", "HEAD"]
-    done = subprocess.run(
-        command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
     return done.stdout.strip()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     jobs = parser.add_subparsers(dest="job", required=True)
     storing = jobs.add_parser("store")
     storing.add_argument("results", type=Path)
@@ -436,9 +416,7 @@ def main() -> None:
     fitting.add_argument("--select", action="store_true", help="leave needless features out")
     fitting.add_argument("--nested", action="store_true", help="choose them anew without each unit")
     fitting.add_argument("--seed", type=int, default=0, help="of the corpus, to be written down")
-    fitting.add_argument(
-        "--commit", default="", help="of the engine whose rows these are; the current one"
-    )
+    fitting.add_argument("--commit", default="", help="of the engine whose rows these are; the current one")
     given = parser.parse_args()
     if given.job == "store":
         sessions, rows = use_index(given.index, given.results, given.table)

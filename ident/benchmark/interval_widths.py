@@ -34,11 +34,7 @@ def misses_of(table: Table, counted: Bool[Array, " N"]) -> tuple[Float[Array, " 
     for row, is_counted in zip(table.rows, counted, strict=True):
         for interval in json.loads(row["intervals"]) if is_counted else ():
             above = interval["true"] >= interval["value"]
-            half = (
-                interval["high"] - interval["value"]
-                if above
-                else interval["value"] - interval["low"]
-            )
+            half = interval["high"] - interval["value"] if above else interval["value"] - interval["low"]
             miss = abs(interval["true"] - interval["value"])
             if interval["parameter"] == "phase_rad":
                 miss = abs(float(np.angle(np.exp(1j * miss))))

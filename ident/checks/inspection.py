@@ -190,7 +190,9 @@ def inspect_alone(
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
-        torque = misplaced + check_between_runs(session, judged) + (check_absent(session, states, absent) if absent else [])
+        torque = (
+            misplaced + check_between_runs(session, judged) + (check_absent(session, states, absent) if absent else [])
+        )
         torque += check_placeholders(session, arm)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)

@@ -87,9 +87,7 @@ def diagnose(
         settings: Thresholds and priors of all stages.
     """
     stage("tuning the arm", 0.2, 0.35)
-    baseline = fit_baseline(
-        motions, arm, inertia_share, settings.regression, still_joints(motions, arm)
-    )
+    baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still_joints(motions, arm))
     session = build_session(baseline, motions, common_clock)
     stage("torques of every law", 0.35, 0.6)
     evidence, untestable = sum_candidates(session, baseline, catalogue)
@@ -202,9 +200,7 @@ def _hidden(limits: Sequence[SizeLimit], arm: ArmModel) -> tuple[NotTestable, ..
     return tuple(limit.untestable(arm.joint_names) for limit in hidden)
 
 
-def _tuned_joints(
-    conclusion: Conclusion, baseline: Baseline, models: Models
-) -> dict[str, TunedJoint]:
+def _tuned_joints(conclusion: Conclusion, baseline: Baseline, models: Models) -> dict[str, TunedJoint]:
     """The baseline's parameters beside the names."""
     estimates = [name.estimate for name in conclusion.names]
     if not estimates:
@@ -244,9 +240,7 @@ def _identify(
     )
 
 
-def _findings(
-    conclusion: Conclusion, arm: ArmModel, remaining: Remaining, models: Models
-) -> tuple[Finding, ...]:
+def _findings(conclusion: Conclusion, arm: ArmModel, remaining: Remaining, models: Models) -> tuple[Finding, ...]:
     """The names: those that are likelier than all others of their class first, then what closes most."""
     improvement = remaining.improvement
     findings = []
@@ -260,9 +254,7 @@ def _place_of(finding: Finding) -> tuple[bool, float]:
     return finding.estimate.probability < EVEN_ODDS, -finding.closed
 
 
-def _finding(
-    name: Named, before: Sequence, arm: ArmModel, remaining: Remaining, models: Models
-) -> Finding:
+def _finding(name: Named, before: Sequence, arm: ArmModel, remaining: Remaining, models: Models) -> Finding:
     """One name with what it closes beside those before it.
 
     Of one that tuned inertias hide that is judged against the URDF as it is.

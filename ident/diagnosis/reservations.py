@@ -47,9 +47,7 @@ class Reservation:
         words = " and ".join(against) or "nothing speaks for it"
         where = joints_of(name, joints)
         probability = estimate.class_probability
-        return cls(
-            name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons
-        )
+        return cls(name.group.effect.id, where, words, estimate.parameters, probability, estimate.reasons)
 
     def to_dict(self) -> dict[str, Any]:
         weighed = {}

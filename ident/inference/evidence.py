@@ -40,9 +40,7 @@ class Solved:
     covariance: Float[Array, "k k"]  # posterior covariance
 
 
-def log_evidence(
-    gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]
-) -> Solved:
+def log_evidence(gram: Float[Array, "k k"], target: Float[Array, " k"], deviation: Float[Array, " k"]) -> Solved:
     """Log evidence, mean and covariance of coefficients θ ~ N(0, diag deviation²).
 
     Args:
@@ -97,6 +95,4 @@ def optimise(
     best = minimize(minus_evidence, first, jac=True, method="L-BFGS-B", bounds=bounds)
     variances = np.where(best.x > LEAST_LOG_VARIANCE + 1e-6, np.exp(best.x), 0.0)
     nats = log_evidence(gram, target, np.sqrt(variances)[block]).nats
-    return (
-        BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))
-    )
+    return BlockVariances(nats, variances) if nats > 0.0 else BlockVariances(0.0, np.zeros(len(sizes)))

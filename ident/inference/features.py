@@ -236,9 +236,7 @@ def _all_nats(fine: Inferred) -> float:
     return fine.search.nats(fine.chosen)
 
 
-def _of_held_out(
-    view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group
-) -> dict[str, float]:
+def _of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
     """What an effect gains on parts of the session that it never saw."""
     own = list(joints)
     gain, error = view.after.gain_over(view.before, own)
@@ -286,18 +284,12 @@ def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str
     }
 
 
-def _of_others(
-    inference: Inference, fine: Inferred, group: Group, joints: Sequence[int]
-) -> dict[str, float]:
+def _of_others(inference: Inference, fine: Inferred, group: Group, joints: Sequence[int]) -> dict[str, float]:
     """What stands beside an effect, and whether the other starts lead to it, too."""
     n = fine.model.sums.evidence.layout.n
     reached = [{other.key for other in one.chosen} for one in inference.reached[1:]]
     again = [group.key in keys for keys in reached]
-    near = [
-        other
-        for other in rest_of(fine.chosen, group)
-        if other.effect.rows == "own" and other.joint in joints
-    ]
+    near = [other for other in rest_of(fine.chosen, group) if other.effect.rows == "own" and other.joint in joints]
     behind = inference.best.log_evidence - min(one.log_evidence for one in inference.reached)
     return {
         "from_every_start": float(np.mean(again)) if again else 1.0,
@@ -377,9 +369,7 @@ def describe_joints(fine: Inferred, names: Sequence[Group]) -> list[JointLeft]:
     model = fine.model
     evidence = model.sums.evidence
     with_rows = [j for j in range(evidence.layout.n) if evidence.samples[j] >= 1.0]
-    smooth = {
-        j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows
-    }
+    smooth = {j: discrepancy_at(model, j, names, warm=len(names) == len(fine.chosen)) for j in with_rows}
     beside = model.with_discrepancy({j: variances for j, (variances, _) in smooth.items()})
     residual, smooth_share = beside.residual(names), beside.smooth_share(names)
     tuned = HeldOut(evidence_of(model), model.prior())

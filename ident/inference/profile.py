@@ -54,13 +54,9 @@ class Profile:
             # What is one of a few numbers lies at one of them.
             elif name in self.group.effect.doubt.exact:
                 likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
-                found[name] = Interval(
-                    float(value), float(min(value, *likely)), float(max(value, *likely))
-                )
+                found[name] = Interval(float(value), float(min(value, *likely)), float(max(value, *likely)))
             else:
-                falls = np.array(
-                    [self.log_likelihood[values == point].max() for point in values_on_grid]
-                )
+                falls = np.array([self.log_likelihood[values == point].max() for point in values_on_grid])
                 found[name] = _interval(np.log(values_on_grid), falls, self.drop)
         return found
 
@@ -74,10 +70,7 @@ class Profile:
         for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != best)):
             others = self._at(int(k), session)
             narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
-            reported = {
-                name: _union(interval, others[name], narrowing, name)
-                for name, interval in reported.items()
-            }
+            reported = {name: _union(interval, others[name], narrowing, name) for name, interval in reported.items()}
         return reported | self.inner_parameters()
 
     def _at(self, point: int, session: SessionContext) -> dict[str, Interval]:

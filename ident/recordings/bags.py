@@ -126,7 +126,7 @@ class Stream:
         """
         filled = np.array([[len(values) > 0 for values in row] for row in self.rows])
         usual = filled.mean(axis=0) > 0.5
-        whole = filled[:, usual].all(axis=1)
+        whole = np.asarray(filled[:, usual].all(axis=1))
         if whole.all() or not whole.any():
             return self, 0
         kept = [np.array(values)[whole].tolist() for values in (self.stamps, self.receipts)]

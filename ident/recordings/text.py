@@ -260,8 +260,8 @@ def constant_texts(path: Path) -> dict[str, str]:
     rows = [cells for line in head if len(cells := split_cells(line, layout.separator)) == len(layout.names)]
     found = {}
     for i, name in enumerate(layout.names):
-        cells = {row[i] for row in rows if row[i]}
-        if len(cells) == 1 and not is_number(text := cells.pop()):
+        spoken = {row[i] for row in rows if row[i]}
+        if len(spoken) == 1 and not is_number(text := spoken.pop()):
             found[name] = text
     return found
 

@@ -119,8 +119,7 @@ class Layout:
         """For each joint, where the columns of its discrepancy stand in its rows."""
         columns = [[c for group in blocks for c in group.columns] for blocks in self.flexible]
         return tuple(
-            np.flatnonzero(np.isin(local, own))
-            for local, own in zip(self.local, columns or [[]] * self.n, strict=True)
+            np.flatnonzero(np.isin(local, own)) for local, own in zip(self.local, columns or [[]] * self.n, strict=True)
         )
 
     @cached_property

@@ -52,6 +52,11 @@ class ChangeModel:
         return self.evidence.gram()
 
     @property
+    def last(self) -> int:
+        """Number of the torque's column."""
+        return len(self.gram) - 1
+
+    @property
     def sums(self) -> Any:
         """What has the evidence, as a session's sums do."""
         return SimpleNamespace(evidence=self.evidence)

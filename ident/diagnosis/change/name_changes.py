@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.diagnosis.change.change_sets import ChangeSet, choose_set, describe_changes, find_rivals
 from ident.diagnosis.change.paired_design import PairedDesign
-from ident.diagnosis.selection.name_probability import Estimate
+from ident.diagnosis.selection.estimates import Estimate
 from ident.inference.calibration import Odds, load_odds
 from ident.inference.conclusion import EVEN_ODDS
 from ident.inference.estimate import CLASS_ODDS

@@ -32,9 +32,7 @@ class Ceiling:
         return self.rms / self.before if self.before > 0.0 else 1.0
 
 
-def measure_ceiling(
-    series: Sequence[RunResidual], joint: int, share: float, kind: str | None
-) -> Ceiling:
+def measure_ceiling(series: Sequence[RunResidual], joint: int, share: float, kind: str | None) -> Ceiling:
     """How much of a joint's residual beside the accepted effects can be explained.
 
     Args:
@@ -47,9 +45,7 @@ def measure_ceiling(
     return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind)
 
 
-def share_repeated(
-    series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING
-) -> float:
+def share_repeated(series: Sequence[RunResidual], joint: int, settings: CeilingSettings = USUAL_CEILING) -> float:
     """Share of a joint's residual squares that the same angles of other runs predict.
 
     Args:
@@ -60,9 +56,7 @@ def share_repeated(
     left = np.concatenate([item.after[inside, joint] for item, inside in pairs])
     if len(left) == 0:
         return 0.0
-    angle = np.concatenate(
-        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in pairs]
-    )
+    angle = np.concatenate([item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in pairs])
     speed = np.concatenate([item.speed[inside, joint] for item, inside in pairs])
     piece = np.concatenate([np.full(int(inside.sum()), item.index) for item, inside in pairs])
     # Samples of opposite motion are no neighbours.

@@ -20,9 +20,7 @@ def truth(effect: str, joint: str, **parameters: float) -> Truth:
     return Truth(effect, True, (joint,), (joint,), dict(parameters), asked=3.0)
 
 
-def entry(
-    case: str, *truths: Truth, kind: str = "single", arm: str = "made", control: str = ""
-) -> Entry:
+def entry(case: str, *truths: Truth, kind: str = "single", arm: str = "made", control: str = "") -> Entry:
     """A session of the corpus, without recordings."""
     group = case.partition("/")[0]
     return Entry(case, group, kind, "", "", arm, arm, truths, control)
@@ -45,9 +43,7 @@ def write_result(out: Path, case: str, *candidates: dict[str, Any], **changes: A
     }
     path = result_path(out, case)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(
-        json.dumps({**record, "diagnosis": {"findings": []}, **changes}), encoding="utf-8"
-    )
+    path.write_text(json.dumps({**record, "diagnosis": {"findings": []}, **changes}), encoding="utf-8")
 
 
 def make_corpus(out: Path, sessions: int, seed: int, arms: int = 6) -> list[Entry]:
@@ -69,9 +65,7 @@ def make_corpus(out: Path, sessions: int, seed: int, arms: int = 6) -> list[Entr
         hidden = chosen if right else places[int(order[-1])]
         size = float(rng.uniform(0.5, 2.0))
         estimate = size + 0.1 * float(rng.standard_normal())
-        figures = {
-            "amplitude_Nm": {"value": estimate, "low": estimate - 0.1, "high": estimate + 0.1}
-        }
+        figures = {"amplitude_Nm": {"value": estimate, "low": estimate - 0.1, "high": estimate + 0.1}}
         features = {"evidence": evidence, "nothing": float(rng.standard_normal())}
         rows = [candidate(*chosen, features=features, parameters=figures)]
         entries.append(entry(case, truth(*hidden, amplitude_Nm=size), arm=f"arm_{arm}"))

@@ -89,9 +89,7 @@ def test_a_feature_that_says_nothing_is_left_out(table: Table) -> None:
     assert select_features(problem_of(table)).names == ("evidence",)
     fitted = fit_calibration(table, FEATURES, {}, select=True, nested=True)
     assert fitted.model.names == ("evidence",)
-    assert (
-        np.abs(fitted.held_out - fitted.model.probability(table.matrix(["evidence"]))).max() > 1e-4
-    )
+    assert np.abs(fitted.held_out - fitted.model.probability(table.matrix(["evidence"]))).max() > 1e-4
 
 
 def test_a_weight_has_the_sign_of_its_meaning(table: Table) -> None:
@@ -118,9 +116,7 @@ def test_a_ridge_draws_to_the_base_rate(table: Table) -> None:
     rate = float(problem.weights @ problem.right / problem.weights.sum())
     assert np.allclose(stiff, rate, atol=0.01)
     loose = problem.fit(1e-5).probability(problem.features)
-    assert log_score(loose, problem.right, problem.weights) > log_score(
-        stiff, problem.right, problem.weights
-    )
+    assert log_score(loose, problem.right, problem.weights) > log_score(stiff, problem.right, problem.weights)
 
 
 def test_what_is_not_known_says_nothing(table: Table) -> None:
@@ -135,9 +131,7 @@ def test_groups_and_sessions_count_alike(tmp_path: Path) -> None:
     entries = [entry(f"real/case_{k}", truth("spring_torque", "joint_1")) for k in range(3)]
     entries.append(entry("other/case_9", truth("spring_torque", "joint_1")))
     for number, session in enumerate(entries):
-        rows = [
-            candidate("torque_ripple", f"joint_{k}", features={"x": 0.0}) for k in range(number + 1)
-        ]
+        rows = [candidate("torque_ripple", f"joint_{k}", features={"x": 0.0}) for k in range(number + 1)]
         write_result(tmp_path / "results", session.case, *rows)
     store(entries, tmp_path / "results", tmp_path / "table")
     table = load_table(tmp_path / "table")
@@ -155,9 +149,7 @@ def test_groups_and_sessions_count_alike(tmp_path: Path) -> None:
 
 def test_the_file_says_what_was_fitted(table: Table, tmp_path: Path) -> None:
     fitted = fit_calibration(table, FEATURES, {})
-    record = calibration_record(
-        table, fitted, fit_width(table, fitted.held_out >= 0.5), {"seed": 3}
-    )
+    record = calibration_record(table, fitted, fit_width(table, fitted.held_out >= 0.5), {"seed": 3})
     write_calibration(tmp_path / "calibration.toml", record)
     model = read_calibration(tmp_path / "calibration.toml")
     matrix = table.matrix(model.names)

@@ -69,9 +69,7 @@ def test_every_beginning_holds_all_kinds() -> None:
         "untouched": 10,
         "healthy": 20,
     }
-    entries = [
-        entry(f"real/{kind}_{k}", kind=kind) for kind, count in counts.items() for k in range(count)
-    ]
+    entries = [entry(f"real/{kind}_{k}", kind=kind) for kind, count in counts.items() for k in range(count)]
     order = interleaved(entries)
     beginning = [one.kind for one in order[:20]]
     assert sorted(one.case for one in order) == sorted(one.case for one in entries)

@@ -34,21 +34,15 @@ def named(effect: str, joint: str, **changes: Any) -> Name:
         (named("torque_ripple", "joint_2"), WRONG),
     ],
 )
-def test_a_name_is_right_by_its_class_at_a_joint_where_it_may_stand(
-    name: Name, expected: str
-) -> None:
+def test_a_name_is_right_by_its_class_at_a_joint_where_it_may_stand(name: Name, expected: str) -> None:
     assert label(name, entry("other/case", SPRING)) == expected
 
 
 def test_a_name_of_the_whole_arm_is_right_where_it_shows() -> None:
     whole = Truth("payload", True, ("joint_2", "joint_3"), ("joint_2", "joint_3"))
     session = entry("other/case", whole)
-    at_2 = Name.of_candidate(
-        {"effect": "payload", "joint": None, "joints": ["joint_2"], "class": []}
-    )
-    at_1 = Name.of_candidate(
-        {"effect": "payload", "joint": None, "joints": ["joint_1"], "class": []}
-    )
+    at_2 = Name.of_candidate({"effect": "payload", "joint": None, "joints": ["joint_2"], "class": []})
+    at_1 = Name.of_candidate({"effect": "payload", "joint": None, "joints": ["joint_1"], "class": []})
     assert label(at_2, session) == RIGHT
     assert label(at_1, session) == WRONG
 
@@ -87,9 +81,7 @@ def outcomes_of(folder: Path, probability: float, rival: float = 0.1) -> dict[st
                 features={"p": rival if session.kind != "control" else 0.01},
             ),
         ]
-        write_result(
-            folder / "results", session.case, *rows, verdict="named" if session.truth else "no_gap"
-        )
+        write_result(folder / "results", session.case, *rows, verdict="named" if session.truth else "no_gap")
     store(entries, folder / "results", folder / "table")
     table = load_table(folder / "table")
     return apply_rule(table, table.matrix(["p"])[:, 0])
@@ -103,9 +95,7 @@ def test_a_perfect_rule_names_all_that_is_there_and_nothing_else(tmp_path: Path)
 
 def test_a_rule_that_names_a_rival_is_wrong_everywhere_but_on_the_control(tmp_path: Path) -> None:
     outcomes = outcomes_of(tmp_path / "a", 0.9, rival=0.8)
-    assert {case for case, outcome in outcomes.items() if outcome.wrong} == set(outcomes) - {
-        "real/control"
-    }
+    assert {case for case, outcome in outcomes.items() if outcome.wrong} == set(outcomes) - {"real/control"}
 
 
 def test_a_table_compared_with_itself_wins_and_loses_nothing(tmp_path: Path) -> None:
@@ -144,9 +134,7 @@ def test_scores_count_what_the_outcomes_say(tmp_path: Path) -> None:
     assert record["real"]["single 3x class"]["count"] == 1
     assert record["all"]["untouched new name"]["value"] == 0.0
     assert record["intervals"]["spring_torque.stiffness_Nm_rad"]["inside"]["value"] == 1.0
-    assert record["intervals"]["spring_torque.stiffness_Nm_rad"][
-        "median half-width"
-    ] == pytest.approx(0.1)
+    assert record["intervals"]["spring_torque.stiffness_Nm_rad"]["median half-width"] == pytest.approx(0.1)
 
 
 def test_one_thing_is_named_once(tmp_path: Path) -> None:

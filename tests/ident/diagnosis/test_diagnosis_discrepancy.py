@@ -31,7 +31,10 @@ from tests.ident.diagnosis.planted import NOISE as NOISE_STD
 from tests.ident.made_up import exact_motion, made_motions
 
 
-@pytest.mark.xfail(strict=False, reason="a freed discrepancy imitates friction's memory; it is a feature of the calibration, not a gate")
+@pytest.mark.xfail(
+    strict=False,
+    reason="a freed discrepancy imitates friction's memory; it is a feature of the calibration, not a gate",
+)
 def test_a_law_is_no_rival_of_its_own(short_arm: ArmModel) -> None:
     """Law: friction that builds up over some travel after each reversal is named, though a discrepancy may have such a
     function of the travel, too; and beside the freed discrepancy it keeps a good part of what it adds.
