@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 # Distributions whose numbers stand in results: linear algebra, dynamics, solvers, collisions, simulation, nets, tables.
-ENGINES: tuple[str, ...] = ("numpy", "scipy", "numba", "pin", "cvxpy", "clarabel", "pyarrow", "scikit-learn")
+ENGINES: tuple[str, ...] = ("numpy", "scipy", "numba", "pin", "clarabel", "pyarrow", "scikit-learn")
 ENGINES += ("casadi", "coal", "cma", "daqp", "mujoco", "torch")
 HASH = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
 # Where git writes down what a checkout stands at, and how deep names may point at names.

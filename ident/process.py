@@ -25,7 +25,7 @@ EXTRA_OF = {
     **dict.fromkeys(("mujoco", "example_robot_data", "llvmlite"), "sim"),
     "rerun": "view",
     **dict.fromkeys(("rosbags", "xacro", "yaml", "lz4", "backports"), "bags"),
-    **dict.fromkeys(("coal", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
+    **dict.fromkeys(("coal", "clarabel", "casadi", "cma", "daqp", "toppra", "plyfile", "pypcd4", "ruckig"), "plan"),
     "tornado": "open",
     **dict.fromkeys(("joblib", "distributed", "pydantic", "typing_extensions"), "monitor"),
 }

@@ -91,6 +91,9 @@ def _mark(run: Recording) -> bytes:
     return digest.digest()
 
 
+# Broken cells, which come from neither units nor signs.
+DAMAGE = frozenset({"garbage_cells", "effort_spike"})
+
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 
 
@@ -176,7 +179,7 @@ def inspect_alone(
         return TelemetryReport(session, tuple(issues), arm)
     # Inertia and the bodies' places are part of every torque: where they are wrong, nothing else can be read.
     misplaced = check_bodies(session, arm)
-    if misplaced or is_clock_wrong(session, arm):
+    if misplaced or is_damaged(issues) or is_clock_wrong(session, arm):
         reading = as_it_is(session, arm)
     else:
         reading = read_conventions(session, arm, settings.effort)
@@ -190,9 +193,8 @@ def inspect_alone(
     issues += check_gains(session)
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
-        torque = (
-            misplaced + check_between_runs(session, judged) + (check_absent(session, states, absent) if absent else [])
-        )
+        torque = misplaced + (check_absent(session, states, absent) if absent else [])
+        torque += [] if is_damaged(issues) else check_between_runs(session, judged)
         torque += check_placeholders(session, arm)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
@@ -203,6 +205,11 @@ def inspect_alone(
             issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
     effort = judge_effort(session, states, issues)
     return TelemetryReport(session, tuple(issues), arm, effort, reading.conventions)
+
+
+def is_damaged(issues: Sequence[TelemetryIssue]) -> bool:
+    """Whether so many cells are broken that what is left of a run tells neither its units nor its signs."""
+    return any(issue.severity == "fatal" and issue.issue in DAMAGE for issue in issues)
 
 
 def check_rows(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.inference.evidence import optimise
+from ident.inference.evidence import factorise, optimise
 from ident.inference.names import Names
 from ident.inference.sums import SessionSums, without_negative_directions
 from ident.records import read_group
@@ -160,7 +160,7 @@ class ModelSums:
         scale = deviation[used]
         inner = scale[:, None] * whole[np.ix_(places, places)] * scale
         inner[np.diag_indices(len(inner))] += 1.0
-        factor = cholesky(inner, lower=True, check_finite=False)
+        factor = factorise(inner)
         half = solve_triangular(factor, scale[:, None] * whole[places], lower=True, check_finite=False)
         return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
 
@@ -202,7 +202,7 @@ class ModelSums:
         error = self.components.urdf if error is None else error
         prior = self.prior(error)
         inside, information = self.information(chosen, prior)
-        factor = cholesky(information, lower=True, check_finite=False)
+        factor = factorise(information)
         target = self.gram[inside, -1]
         half = solve_triangular(factor, target, lower=True, check_finite=False)
         nats = 0.5 * float(half @ half - self.gram[-1, -1])
@@ -218,7 +218,7 @@ class ModelSums:
         """What the baseline, some effects and the discrepancies leave."""
         layout = self.sums.evidence.layout
         inside, information = self.information(chosen, self.prior())
-        factor = cholesky(information, lower=True, check_finite=False)
+        factor = factorise(information)
         estimate = cho_solve((factor, True), self.gram[inside, -1], check_finite=False)
         weights = np.zeros(layout.size + 1)
         weights[inside] = -estimate
@@ -289,7 +289,7 @@ class ModelSums:
         inner = everything[:width, :width].copy()
         self._add_priors(inner, chosen, self.prior())
         across = everything[:width, width:]
-        factor = cholesky(inner, lower=True, check_finite=False)
+        factor = factorise(inner)
         half = solve_triangular(factor, across, lower=True, check_finite=False)
         return without_negative_directions(everything[width:, width:] - half.T @ half)
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh, qr, solve_triangular
 from scipy.optimize import minimize
 
 from ident.arrays import Array, Float
@@ -29,6 +29,24 @@ from ident.arrays import Array, Float
 # Logarithms of variances of whitened coefficients that are looked at: beyond them a block is off,
 # or free [nats].
 LEAST_LOG_VARIANCE, MOST_LOG_VARIANCE = -18.0, 16.0
+# Below this share of the largest eigenvalue, in units of the diagonal, double precision tells nothing.
+ROUNDING = 1e-13
+
+
+def factorise(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
+    """Lower factor L, L Lᵀ the matrix, of one that is positive but for rounding.
+
+    Where columns are nearly the same, as in a single short run, what is left of one beside the others is lost in
+    rounding and may come out below zero: it is raised to what rounding leaves of it.
+    """
+    try:
+        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+    except LinAlgError:
+        size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        values, vectors = eigh(matrix / np.outer(size, size), check_finite=False)
+        root = vectors * np.sqrt(np.maximum(values, ROUNDING * values[-1]))
+        upper = np.asarray(qr((size[:, None] * root).T, mode="r", check_finite=False)[0])[: len(matrix)]
+        return upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +68,7 @@ def log_evidence(gram: Float[Array, "k k"], target: Float[Array, " k"], deviatio
     """
     inner = deviation[:, None] * gram * deviation
     inner[np.diag_indices(len(inner))] += 1.0
-    factor = cholesky(inner, lower=True, check_finite=False)
+    factor = factorise(inner)
     scaled = deviation * target
     half = solve_triangular(factor, scaled, lower=True, check_finite=False)
     mean = deviation * cho_solve((factor, True), scaled, check_finite=False)

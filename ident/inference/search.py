@@ -15,9 +15,10 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
+from ident.inference.evidence import factorise
 from ident.inference.names import Names
 from ident.regression.design import Group, Key
 from ident.regression.least_squares import Prior, solve_signed
@@ -83,7 +84,7 @@ class SetSearch:
         layout = model.sums.evidence.layout
         tuned = layout.tuned
         _, information = model.information((), model.prior())
-        factor = cholesky(information, lower=True, check_finite=False)
+        factor = factorise(information)
         across = model.gram[:tuned, tuned:]
         half = solve_triangular(factor, across, lower=True, check_finite=False)
         rest = model.gram[tuned:, tuned:] - half.T @ half
@@ -138,7 +139,7 @@ class SetSearch:
         inner = deviation[:, None] * self.rest[np.ix_(columns, columns)] * deviation
         inner[np.diag_indices(len(inner))] += 1.0
         own = np.flatnonzero(np.isin(columns, group.columns - self.first))
-        factor = cholesky(inner, lower=True, check_finite=False)
+        factor = factorise(inner)
         part = cho_solve((factor, True), np.eye(len(inner))[:, own], check_finite=False)[own]
         scale = deviation[own] / self.scale[columns[own]]
         return np.asarray(scale[:, None] * part * scale)
@@ -160,7 +161,7 @@ class SetSearch:
         columns = np.concatenate([group.columns for group in chosen]) - self.first
         deviation = np.concatenate([self.names.deviation[group] for group in chosen])
         inner = self.rest[np.ix_(columns, columns)] + np.diag(np.maximum(deviation, 1e-12) ** -2.0)
-        factor = cholesky(inner, lower=True, check_finite=False)
+        factor = factorise(inner)
         half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         return self.rest - half.T @ half
 
@@ -176,7 +177,7 @@ class SetSearch:
             columns = np.concatenate([group.columns for group in chosen]) - self.first
             deviation = np.concatenate([self.names.deviation[group] for group in chosen])
             inner = self.rest[np.ix_(columns, columns)] + np.diag(np.maximum(deviation, 1e-12) ** -2.0)
-            factor = cholesky(inner, lower=True, check_finite=False)
+            factor = factorise(inner)
             half = solve_triangular(factor, self.rest[columns], lower=True, check_finite=False)
         target = self.rest[:, -1] - half.T @ half[:, -1]
         gains = np.full(len(self.names.groups), -np.inf)
@@ -320,7 +321,7 @@ def solve_set(
     """
     inner = deviation[:, None] * sums * deviation
     inner[np.diag_indices(len(inner))] += 1.0
-    factor = cholesky(inner, lower=True, check_finite=False)
+    factor = factorise(inner)
     scaled = deviation * target
     free = cho_solve((factor, True), scaled, check_finite=False)
     if (free[signed] < 0.0).any():

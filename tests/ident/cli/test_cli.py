@@ -103,7 +103,7 @@ def test_diagnose_of_a_flipped_sign(run: Run, spoilt: Path, tmp_path: Path) -> N
 def test_diagnose_in_full(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: with a gap or without, page, timeline and JSON are written, the JSON as promised."""
     monkeypatch.setattr(catalogue, "CATALOGUE", (catalogue.find_effect("load_dependent_friction"),))
-    monkeypatch.setattr("ident.diagnosis.remaining.measure_ceiling", lambda *_, **__: Ceiling(0.1, 0.1, None, False))
+    monkeypatch.setattr("ident.diagnosis.remaining.measure_ceiling", lambda *_, **__: Ceiling(0.1, 0.1, None))
     outputs = ("--html", tmp_path / "d.html", "--json", tmp_path / "d.json", "--rrd", tmp_path / "d.rrd")
     ended = run("diagnose", E1, *ROBOT, *outputs)
     assert ended.status == 0, ended.err

@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal
 
 from ident.arrays import Array
 from ident.inference import evidence
-from ident.inference.evidence import log_evidence, optimise
+from ident.inference.evidence import factorise, log_evidence, optimise
 from ident.inference.sums import without_negative_directions
 
 SAMPLES = 2400
@@ -124,3 +124,18 @@ def test_sums_lose_their_negative_directions_and_no_other(seed: int) -> None:
     after = without_negative_directions(sums) / np.outer(root, root)
     assert before.min() < -1e-3
     assert np.linalg.eigvalsh(after) == pytest.approx(np.maximum(before, 0.0), abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_factor_is_found_where_rounding_leaves_less_than_nothing(seed: int) -> None:
+    """Law: L Lᵀ is the matrix to rounding, of any units; L has a positive diagonal, as the determinant asks for."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((12, 9)) * 10.0 ** rng.uniform(-4.0, 4.0, 9)
+    units = 10.0 ** rng.uniform(-5.0, 5.0, 12)
+    matrix = (root @ root.T) * np.outer(units, units)  # of twelve directions three are empty
+    size = np.sqrt(np.diag(matrix))
+    matrix -= np.diag(1e-14 * size**2)
+    factor = factorise(matrix)
+    assert (np.diag(factor) > 0.0).all()
+    assert np.allclose(np.triu(factor, 1), 0.0)
+    assert np.abs((factor @ factor.T - matrix) / np.outer(size, size)).max() < 1e-11

@@ -26,7 +26,7 @@ def _runs(arm: ArmModel, seeds: Sequence[int], payload: Payload | None = None) -
 
 @pytest.fixture(scope="module")
 def model(arm: ArmModel) -> HybridModel:
-    return fit_hybrid(_runs(arm, [1, 2]), arm, FitOptions(net="none")).model
+    return fit_hybrid(_runs(arm, [1, 2]), arm, FitOptions(net="none", inertia="consistent")).model
 
 
 def _swing(error: Sequence[float], names: tuple[str, ...] = ("a", "b"), resting: int | None = None) -> RunTrace:
