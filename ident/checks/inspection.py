@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.arrangement import check_bodies
-from ident.checks.between_runs import check_between_runs
 from ident.checks.channels import check_clipping, check_commands, drop_stuck, drop_stuck_velocity
 from ident.checks.clock import (
     check_clock,
@@ -194,7 +193,6 @@ def inspect_alone(
     if states is not None:
         # Each question is asked only where the ones before it left the torque its meaning.
         torque = misplaced + (check_absent(session, states, absent) if absent else [])
-        torque += [] if is_damaged(issues) else check_between_runs(session, judged)
         torque += check_placeholders(session, arm)
         # A torque that is off at all joints by one factor is told once.
         in_model_unit = not any(issue.issue in ("mass_factor", "effort_not_torque") for issue in reading.issues)
