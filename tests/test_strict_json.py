@@ -19,7 +19,8 @@ from tests.ident.export.diagnoses import write_diagnosis
 ROOT = Path(__file__).parents[1]
 # Texts in quotes for TOML, YAML and messages; schemas; an envelope of texts; the door itself.
 ALLOWED = ("ensure_ascii=False", "json.dumps(name)", "make_schema", "ident.envelope/1")
-ALLOWED += ("list(self.joints)", "_strict(record)")
+ALLOWED += ("list(self.joints)", "_strict(record)", "json.dumps(value)", "json.dumps(foreign)", "json.dumps(f'")
+ALLOWED += ("json.dumps(sessions, sort_keys=True)",)
 NO_NUMBERS = (math.nan, math.inf, -math.inf)
 
 

@@ -12,7 +12,6 @@ prints how the probabilities hold on arms that were left out whole.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from ident.diagnosis.change.from_reports import design_reports
 from ident.diagnosis.change.name_changes import MOST_BEHIND, LikelyChange, likely_set
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.records import as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
 
@@ -108,7 +108,7 @@ def store(cases: Path, results: Path) -> None:
         except InputError as error:
             record["error"] = str(error)
         with atomic_write(path) as part:
-            part.write_text(json.dumps(record) + "\n", encoding="utf-8")
+            part.write_text(as_json(record, None) + "\n", encoding="utf-8")
         print(folder.name, len(record["changes"]), flush=True)
 
 

@@ -27,6 +27,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
 from ident.inference.rows import candidate_rows, joint_rows
+from ident.records import as_json
 from ident.sessions import Given, inspect_sources
 
 TIMEOUT_S = 120.0  # of the processor
@@ -94,7 +95,7 @@ def _work(entry: Entry, path: Path, diagnose: Diagnose, timeout: float) -> None:
 
 def _write(path: Path, record: dict[str, Any]) -> None:
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(_as_json(record)) + "\n", encoding="utf-8")
+        temporary.write_text(as_json(_as_json(record), None) + "\n", encoding="utf-8")
 
 
 def _as_json(value: Any) -> Any:

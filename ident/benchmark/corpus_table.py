@@ -32,6 +32,7 @@ from ident.benchmark.labels import (
 from ident.benchmark.scoring import is_inside
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.records import as_json
 
 CANDIDATE, FINDING = "candidate", "finding"
 """Sources of rows: what was weighed, and what was reported."""
@@ -148,7 +149,7 @@ class Table:
         for row, name in zip(self.rows, self.names, strict=True):
             session = self.sessions[row["case"]]
             owned = by_case.get(row["case"] if session.kind == "control" else session.control, [])
-            if self._is_the_arms_own(row["case"], name, of_arm.get(session.arm, {})):
+            if session.group in REAL and self._is_the_arms_own(row["case"], name, of_arm.get(session.arm, {})):
                 owned = [*owned, name]
             if row["matched"] >= 0:
                 labels.append(RIGHT)
@@ -218,7 +219,7 @@ def session_row(entry: Entry, record: Mapping[str, Any]) -> Row:
         "error": str(record.get("error", "")),
         "seconds": _number(record.get("seconds")),
         "peak_mb": _number(record.get("peak_mb")),
-        "truths": json.dumps(truths),
+        "truths": as_json(truths, None),
     }
 
 
@@ -261,7 +262,7 @@ def _row(entry: Entry, name: Name, parameters: Mapping[str, Any] | None, measure
         "matched": -1 if number is None else number,
         "strict": strict,
         "known": name.effect in entry.excused or any(says(name, cause) for cause in measured),
-        "intervals": json.dumps(intervals),
+        "intervals": as_json(intervals, None),
     }
 
 

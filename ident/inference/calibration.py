@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import t as student
+from scipy.special import expit, stdtrit
 
 from ident.effects.intervals import NORMAL_95
 from ident.safe_read import read_toml
@@ -29,7 +28,7 @@ from ident.safe_read import read_toml
 FILE = Path(__file__).with_name("calibration.toml")
 # Degrees of freedom of errors of estimates over the corpus: a few are far off.
 FREEDOM = 4.0
-QUANTILE = float(student.ppf(0.975, FREEDOM))
+QUANTILE = float(stdtrit(FREEDOM, 0.975))
 # Parameters of place have no size that a law could be off by a share of.
 PLACES = ("phase_rad", "order", "start_s", "end_s", "exponent")
 

@@ -25,6 +25,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from ident.errors import InputError
 from ident.local_page.desk import PAGE, Desk
+from ident.records import as_json
 
 LOOPBACK = "127.0.0.1"
 # The largest recording that a browser may hand over [bytes]; larger ones are given on the command line.
@@ -57,7 +58,7 @@ class Handler(RequestHandler):
         except InputError as error:
             self.set_status(400)
             found = {"error": str(error), "where": error.where, "what": error.what, "remedy": error.remedy}
-        self.write(json.dumps(found if found is not None else {}))
+        self.write(as_json(found if found is not None else {}, None))
         self.set_header("Content-Type", "application/json")
 
 
@@ -78,7 +79,7 @@ class State(Handler):
             "log": None if self.desk.log is None else self.desk.log.name,
             "robot": None if self.desk.robot is None else Path(self.desk.robot).name,
         }
-        self.write(json.dumps({**vars(progress), **given, "files": self.desk.files}))
+        self.write(as_json({**vars(progress), **given, "files": self.desk.files}, None))
         self.set_header("Content-Type", "application/json")
 
 

@@ -14,7 +14,6 @@ Source: Al-Bender 2005 (stop operators); Kohavi 1994 (oblivious trees).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +32,7 @@ from ident.model.net_gate import JointGate, make_folds, shrink_net
 from ident.model.residual_net import TRAINED_SAMPLES, Known
 from ident.motion.motion import Motion
 from ident.motion.stretches import hold
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
@@ -136,7 +136,7 @@ class JointMemory:
             save_file({name: np.ascontiguousarray(values) for name, values in arrays.items()}, part)
         record: dict[str, Any] = {"joints": self.n, "ranges_rad": RANGES, "times_s": TIMES}
         with atomic_write(folder / RECORD) as part:
-            part.write_text(json.dumps(record, indent=1), encoding="utf-8")
+            part.write_text(as_json(record), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path, joints: int) -> JointMemory:

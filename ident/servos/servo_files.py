@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.files import atomic_folder
 from ident.recordings.recording import Recording, Session
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.servos.roll_out import Drive, ServoModel, fit_servo
 
@@ -133,11 +133,11 @@ def write_servos(folder: Path, servos: Sequence[RolledOut], sessions: Sequence[s
     """
     record = {"schema": SCHEMA, "sessions": list(sessions), "joints": {one.joint: one.to_dict() for one in servos}}
     with atomic_folder(folder, KIND) as part:
-        (part / "servo.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+        (part / "servo.json").write_text(as_json(record), encoding="utf-8")
         (part / "servo.xml").write_text(as_mujoco(servos), encoding="utf-8")
         (part / "mjlab.py").write_text(as_mjlab(servos), encoding="utf-8")
         for one in servos:
-            (part / f"bam_{one.joint}.json").write_text(json.dumps(as_bam(one), indent=1), encoding="utf-8")
+            (part / f"bam_{one.joint}.json").write_text(as_json(as_bam(one)), encoding="utf-8")
     return folder
 
 

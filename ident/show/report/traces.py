@@ -6,7 +6,6 @@ named effects. The last two were fitted without the part of the recording that t
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.identified import COULOMB, VISCOUS, stated_friction
 from ident.diagnosis.next_experiment import joints_shown
+from ident.records import as_json
 from ident.robot.arm import ArmModel
 from ident.show.palette import FLEXIBLE, MEASURED, NAMED, TUNED
 from ident.show.report.figures import WIDE, make_panel, thin, to_svg
@@ -61,7 +61,7 @@ class Traces:
             "curves": [{"name": name, "label": label(name)} for name in self.curves],
             "runs": [self._run_record(run) for run in self.runs],
         }
-        text = json.dumps(record, separators=(",", ":"))
+        text = as_json(record, None)
         return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))
 
     def _run_record(self, run: RunTraces) -> dict[str, Any]:

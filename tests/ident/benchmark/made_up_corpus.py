@@ -29,7 +29,7 @@ def entry(case: str, *truths: Truth, kind: str = "single", arm: str = "made", co
 def candidate(effect: str, joint: str, **changes: Any) -> dict[str, Any]:
     """A candidate as an engine writes it."""
     row = {"effect": effect, "joint": joint, "other": None, "class": [effect], "joints": [joint]}
-    return {**row, "features": {}, "parameters": {}, "named": False, **changes}
+    return {**row, "features": {}, "parameters": {}, "rivals": [], "named": False, **changes}
 
 
 def write_result(out: Path, case: str, *candidates: dict[str, Any], **changes: Any) -> None:
@@ -55,7 +55,7 @@ def make_corpus(out: Path, sessions: int, seed: int, arms: int = 6) -> list[Entr
     entries: list[Entry] = []
     for number in range(sessions):
         arm = number % arms
-        group = "real" if arm % 2 else "other"
+        group = "worlds" if arm % 2 else "other"  # what a real arm has of its own is neither right nor wrong
         case = f"{group}/case_{number:04d}"
         places = [(effect, joint) for effect in EFFECTS for joint in JOINTS]
         order = rng.permutation(len(places))

@@ -12,14 +12,17 @@ from ident.benchmark.calibrate import (
     GROUPS,
     ROWS,
     SESSIONS,
+    SIGNS,
     calibration_record,
     fit_calibration,
     judged,
+    read_signs,
     row_weights,
 )
 from ident.benchmark.calibration_file import read_calibration, write_calibration
 from ident.benchmark.corpus_check import calibrate_corpus, check_corpus
 from ident.benchmark.corpus_table import Table, load_table, store
+from ident.benchmark.gap_odds import FEATURES as GAP_FEATURES
 from ident.benchmark.interval_widths import fit_width
 from ident.benchmark.labels import RIGHT, UNKNOWN
 from ident.benchmark.leave_out import Problem, left_out, select_features
@@ -186,8 +189,15 @@ def write_other(folder: Path, sessions: int, arms: tuple[str, ...]) -> None:
             effect = {"effect": "spring_torque", "joint": hidden, "size": 1.0, "visible": 3.0}
             name = f"session_{number:03d}"
             answers[name] = {"kind": "single", "effects": [effect]}
-            row = candidate("spring_torque", "joint_1", features={"evidence": evidence})
-            write_result(folder / "results", f"other/{arm}_{name}", row)
+            features = {**dict.fromkeys(read_signs(SIGNS), 0.0), "log_nats": evidence}
+            row = candidate("spring_torque", "joint_1", features=features)
+            # What is left at the joint of a cause that has no name is larger.
+            left = {joint: 2.0 * (joint == hidden and not right) for joint in ("joint_1", "joint_2")}
+            joints = [
+                {"joint": joint, "features": {word: float(rng.normal(size)) for word in GAP_FEATURES}}
+                for joint, size in left.items()
+            ]
+            write_result(folder / "results", f"other/{arm}_{name}", row, joints=joints)
         home = folder / "other" / arm
         home.mkdir(parents=True)
         (home / "answers.json").write_text(json.dumps(answers), encoding="utf-8")
@@ -201,7 +211,7 @@ def test_a_corpus_is_scored_as_reported_and_then_by_its_calibration(tmp_path: Pa
     before = check_corpus(tmp_path, None, options, *nothing)
     assert before.record["other"]["single 3x class"]["value"] == 0.0
     calibration = calibrate_corpus(tmp_path, seed=0)
-    assert calibration.record["feature"]["evidence"]["weight"] > 0.0
+    assert calibration.record["feature"]["log_nats"]["weight"] > 0.0
     after = check_corpus(tmp_path, None, options, *nothing)
     assert after.record["other"]["single 3x class"]["value"] > 0.2
     assert json.loads((tmp_path / "score.json").read_text(encoding="utf-8")) == after.record
