@@ -101,3 +101,11 @@ def test_a_scene_frees_its_duration(tmp_path: Path) -> None:
         task.compare(CompareOptions())
     (tmp_path / "scene.toml").write_text(TASK + "standby_W = 30")
     assert open_task(tmp_path / "scene.toml").problem.longest == np.inf
+
+
+@pytest.mark.parametrize("seconds", [0.3, 0.6, 1.0])
+def test_seconds_that_end_within_a_search_leave_what_was_found(seconds: float) -> None:
+    """Law: however early they end, there is an answer, a plan or a reason."""
+    task = replace(problem(duration=1.0), longest=6.0, standby=STANDBY)
+    short = solve_free_duration(task, replace(OPTIONS, seconds=seconds), QUICK)
+    assert short.solved or short.reason
