@@ -28,12 +28,12 @@ from ident.closed_loop.loop import (
 )
 from ident.closed_loop.recorder import REST_S, SimulatedArm, draw_effects
 from ident.errors import InputError
-from ident.export.controllers import describe_arm
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.loaded import LawModel, SimulatorModel
 from ident.export.write import write_patch
 from ident.files import write_record
 from ident.laws.motion import Losses
+from ident.model.carried import describe_arm
 from ident.model.residual_net import PRESETS, ResidualNet, fit_net_of_arm
 from ident.motion.motion import Motion, prepare
 from ident.results import Result

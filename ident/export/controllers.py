@@ -25,6 +25,7 @@ from ident.files import atomic_folder
 from ident.laws.acting import KNOWN
 from ident.laws.carried import COLUMNS
 from ident.laws.motion import Arm, Losses
+from ident.model.carried import describe_arm
 from ident.model.loss import LossFigure
 from ident.robot.arm import ArmModel
 
@@ -240,21 +241,6 @@ def write_ranges(out: Path, robot: str, ranges: Mapping[str, Mapping[str, tuple[
 
 # Files of `ident.laws` in their order.
 PARTS = ("motion", "friction_laws", "elastic", "acting")
-
-
-def describe_arm(arm: ArmModel) -> Arm:
-    """The arm's chain in plain arrays."""
-    chain = arm.chain
-    return Arm(
-        rotations=chain.rotations[:, 0],
-        offsets=chain.offsets,
-        axes=chain.axes,
-        sliding=chain.sliding,
-        links=arm.inertial_parameters.reshape(arm.n, 10),
-        gravity=chain.gravity,
-        gears=None if arm.gear_ratios is None else np.array(arm.gear_ratios),
-        rated=np.array(arm.effort_limit),
-    )
 
 
 # What a file beside the module holds, of which the module says what is missing: indices of the effects that it has, its

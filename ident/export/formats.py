@@ -18,11 +18,11 @@ from scipy.optimize import lsq_linear
 
 from ident.arrays import Array
 from ident.effects.effect_info import Expression
-from ident.export.controllers import describe_arm
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.loaded import LawModel, WrittenFile
 from ident.laws.acting import acting_torque
 from ident.laws.motion import Losses, MovingArm
+from ident.model.carried import describe_arm
 from ident.robot.arm import ArmModel
 
 FORMATS = ("urdf", "mjcf", "parameters", "module")

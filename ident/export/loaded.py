@@ -18,12 +18,12 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.export.bodies import random_states
-from ident.export.controllers import describe_arm
 from ident.export.identified import IdentifiedArm, in_module
 from ident.export.mjcf import SPRING_SUFFIX, write_mjcf, write_urdf
 from ident.files import run_python
 from ident.laws.acting import Effect, acting_torque, read_log, shifted
 from ident.laws.motion import Arm, Losses, MovingArm
+from ident.model.carried import describe_arm
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel

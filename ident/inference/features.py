@@ -174,8 +174,8 @@ def describe(inference: Inference, fine: Inferred, session: SessionContext) -> l
             "smooth_share": float(smooth_share[list(joints)].max()),
             "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
         }
-        rivals = find_rivals(coarse, point)
-        features |= _of_rivals(rivals, point)
+        rivals = find_rivals(coarse.search, coarse.chosen, point)
+        features |= of_rivals(rivals, point)
         described.append(Described(group, point, joints, view, features, rivals))
     return described
 
@@ -299,20 +299,19 @@ def _of_others(inference: Inference, fine: Inferred, group: Group, joints: Seque
     }
 
 
-def find_rivals(coarse: Inferred, group: Group) -> dict[Key, float]:
+def find_rivals(search: SetSearch, chosen: Sequence[Group], group: Group) -> dict[Key, float]:
     """Candidates that could stand in an effect's place, with what each explains less there [nats].
 
     A rival explains the same torque: beside it, the effect adds less than half of what it adds
     alone.
     """
-    search = coarse.search
-    others = rest_of(coarse.chosen, group)
+    others = rest_of(chosen, group)
     gains = search.gains(others)
     best: dict[Key, tuple[float, Group]] = {}
     for gain, candidate in zip(gains, search.names.groups, strict=True):
         if gain > best.get(candidate.key, (0.0, candidate))[0]:
             best[candidate.key] = float(gain), candidate
-    own = search.nats(coarse.chosen) - search.nats(others)
+    own = search.nats(chosen) - search.nats(others)
     rivals: dict[Key, float] = {}
     for key, (gain, candidate) in best.items():
         if key == group.key or own - gain > MOST_DEFICIT:
@@ -324,7 +323,7 @@ def find_rivals(coarse: Inferred, group: Group) -> dict[Key, float]:
     return rivals
 
 
-def _of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
+def of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
     """How far behind the nearest other effect and the nearest other joint are."""
     other_effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
     other_places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]

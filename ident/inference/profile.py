@@ -57,7 +57,7 @@ class Profile:
                 found[name] = Interval(float(value), float(min(value, *likely)), float(max(value, *likely)))
             else:
                 falls = np.array([self.log_likelihood[values == point].max() for point in values_on_grid])
-                found[name] = _interval(np.log(values_on_grid), falls, self.drop)
+                found[name] = profile_interval(np.log(values_on_grid), falls, self.drop)
         return found
 
     def parameters(self, session: SessionContext) -> dict[str, Interval]:
@@ -70,7 +70,7 @@ class Profile:
         for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != best)):
             others = self._at(int(k), session)
             narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
-            reported = {name: _union(interval, others[name], narrowing, name) for name, interval in reported.items()}
+            reported = {name: unite(interval, others[name], narrowing, name) for name, interval in reported.items()}
         return reported | self.inner_parameters()
 
     def _at(self, point: int, session: SessionContext) -> dict[str, Interval]:
@@ -80,7 +80,7 @@ class Profile:
         return group.effect.parameters(session, group.joint, group.variant, *cells)
 
 
-def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
+def unite(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
     """An interval widened to hold another one that is shrunk about its value first; phases are
     compared modulo 2π.
     """
@@ -91,7 +91,7 @@ def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Inter
     return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
 
 
-def _interval(x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float) -> Interval:
+def profile_interval(x: Float[np.ndarray, " k"], falls: Float[np.ndarray, " k"], drop: float) -> Interval:
     """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the
     top points.
 

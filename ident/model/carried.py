@@ -65,12 +65,10 @@ class CarriedEffect:
         return f"{place}: {self.effect} carried with {values}"
 
 
-def moving_arm(
-    arm: ArmModel, loss: LossParameters, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-) -> MovingArm:
-    """The arm along states, as the laws see it."""
+def describe_arm(arm: ArmModel) -> Arm:
+    """The arm's chain in plain arrays."""
     chain = arm.chain
-    own = Arm(
+    return Arm(
         rotations=chain.rotations[:, 0],
         offsets=chain.offsets,
         axes=chain.axes,
@@ -80,9 +78,15 @@ def moving_arm(
         gears=None if arm.gear_ratios is None else np.array(arm.gear_ratios),
         rated=np.array(arm.effort_limit),
     )
+
+
+def moving_arm(
+    arm: ArmModel, loss: LossParameters, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+) -> MovingArm:
+    """The arm along states, as the laws see it."""
     width = np.maximum(loss.transition_speed, 1e-4)
     losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, width, np.zeros(arm.n))
-    return MovingArm(own, losses, q, dq, ddq, sampling_interval(q, dq) or 0.0)
+    return MovingArm(describe_arm(arm), losses, q, dq, ddq, sampling_interval(q, dq) or 0.0)
 
 
 def carried_torque(effects: Sequence[CarriedEffect], moving: MovingArm) -> Float[Array, "T n"]:

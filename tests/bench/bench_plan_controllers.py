@@ -32,14 +32,7 @@ from plan.problem.execution import write_motion_file
 from tests.bench.bench_plan_checked import BOXES, ROBOTS, TIPS, Bench, draw, prepared
 from tests.plan.checker import SHORT, Model, World
 from tests.plan.emulated_controllers import (
-    Moved,
-    by_polynomials,
-    by_servoj,
-    by_speedj,
-    read_tmscript,
-    read_trajectory,
-    read_urscript,
-    through_tm_driver,
+    moved,
 )
 
 # Arms by which each controller is tried, by turns.
@@ -64,18 +57,6 @@ class Tally:
     broken: list[str] = field(default_factory=list)
     largest: float = 0.0
     dearer: list[float] = field(default_factory=list)
-
-
-def moved(controller: Controller, path: Path, start: np.ndarray) -> Moved:
-    """The written file as its controller executes it."""
-    if controller.name == "tmscript":
-        return by_polynomials(read_tmscript(path, start))
-    if controller.suffix == ".script":
-        return by_servoj(*read_urscript(path))
-    points = read_trajectory(path)
-    if controller.name == "tm_ros2":
-        return by_polynomials(through_tm_driver(points))
-    return by_speedj(points, controller.tick_s) if controller.name == "ur_spline" else by_polynomials(points)
 
 
 def one_task(
@@ -106,7 +87,7 @@ def one_task(
     out = folder / f"motion{controller.suffix}"
     write_motion_file(result, out)
     rest = np.array(list(result.held.values()))
-    run = moved(controller, out, np.concatenate([result.splines.points[0, 0], rest]))
+    run = moved(controller.name, controller.tick_s, out, np.concatenate([result.splines.points[0, 0], rest]))
     whole = tomllib.loads(path.read_text())
     source = ArmModel.load(name).source
     packages = [str(Path(pin.__file__).parents[4] / "share"), str(source.parents[3])]

@@ -176,3 +176,15 @@ def by_servoj(targets: np.ndarray, tick: float) -> Moved:
     # Acceleration is steady between the middles of two lines: its value there by the change of velocity.
     ddq = np.gradient(dq, tick / fine, axis=0)
     return Moved(t[middle], q, dq, ddq)
+
+
+def moved(name: str, tick_s: float, path: Path, start: np.ndarray) -> Moved:
+    """A written file as the controller of that name executes it, one of ticks a point each such time [s]."""
+    if name == "tmscript":
+        return by_polynomials(read_tmscript(path, start))
+    if path.suffix == ".script":
+        return by_servoj(*read_urscript(path))
+    points = read_trajectory(path)
+    if name == "tm_ros2":
+        return by_polynomials(through_tm_driver(points))
+    return by_speedj(points, tick_s) if name == "ur_spline" else by_polynomials(points)

@@ -12,7 +12,7 @@ against what its law gains between permuted sets, and against friction's variati
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ from ident.diagnosis.change.friction_drift import day_to_day
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import joint_of
 from ident.diagnosis.change.search import LaterHeldOut
-from ident.inference.features import signed_log, squashed
+from ident.inference.features import find_rivals, of_rivals, signed_log, squashed
 from ident.inference.names import Names
 from ident.inference.search import SetSearch, rest_of
 from ident.regression.design import Group, Key
@@ -141,7 +141,7 @@ def _features(found: ChangeSet, held_out: LaterHeldOut, group: Group) -> dict[st
     n = found.evidence.layout.n
     joints = group.acts_on(n)
     rows = float(found.evidence.samples[joints].sum())
-    rivals = find_rivals(found, group)
+    rivals = find_rivals(found.search, found.chosen, group)
     near = [other for other in others if set(other.acts_on(n)) & set(joints)]
     everything = max(found.search.nats(found.chosen), 1.0)
     return {
@@ -159,7 +159,7 @@ def _features(found: ChangeSet, held_out: LaterHeldOut, group: Group) -> dict[st
         "parts": float(min(found.design.sides.counts)),
         **_of_held_out(found, held_out, group, joints),
         **_against_runs(found, group),
-        **_of_rivals(rivals, group),
+        **of_rivals(rivals, group),
     }
 
 
@@ -201,34 +201,4 @@ def _against_runs(found: ChangeSet, group: Group) -> dict[str, float]:
         "log_size_in_errors": 0.5 * float(np.log(max(square, 1e-6))),
         "log_size_over_runs": 0.5 * float(np.log(max(square * joint_ratio / null.ratio, 1e-6))),
         "log_size_over_days": -0.5 * float(np.log(max(walk, 1e-6))),
-    }
-
-
-def find_rivals(found: ChangeSet, group: Group) -> Mapping[Key, float]:
-    """Changes that could stand in one's place, with what each explains less there [nats]."""
-    search = found.search
-    others = rest_of(found.chosen, group)
-    best: dict[Key, tuple[float, Group]] = {}
-    for gain, candidate in zip(search.gains(others), search.names.groups, strict=True):
-        if gain > best.get(candidate.key, (0.0, candidate))[0]:
-            best[candidate.key] = float(gain), candidate
-    own = search.nats(found.chosen) - search.nats(others)
-    rivals: dict[Key, float] = {}
-    for key, (gain, candidate) in best.items():
-        if key == group.key or own - gain > MOST_DEFICIT:
-            continue
-        with_rival = search.nats([*others, candidate])
-        added = search.nats([*others, candidate, group]) - with_rival
-        if added < 0.5 * own:
-            rivals[key] = own - (with_rival - search.nats(others))
-    return rivals
-
-
-def _of_rivals(rivals: Mapping[Key, float], group: Group) -> dict[str, float]:
-    """How far behind the nearest other effect, and the nearest other joint of the same effect, are."""
-    effects = [deficit for key, deficit in rivals.items() if key[0] != group.effect.id]
-    places = [deficit for key, deficit in rivals.items() if key[0] == group.effect.id]
-    return {
-        "rival_behind": signed_log(min(effects, default=MOST_DEFICIT)),
-        "place_behind": signed_log(min(places, default=MOST_DEFICIT)),
     }

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.diagnosis.change.change_sets import ChangeSet, choose_set, describe_changes, find_rivals
+from ident.diagnosis.change.change_sets import ChangeSet, choose_set, describe_changes
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.selection.estimates import Estimate
 from ident.inference.calibration import Odds, load_odds
 from ident.inference.conclusion import EVEN_ODDS
 from ident.inference.estimate import CLASS_ODDS
+from ident.inference.features import find_rivals
 from ident.regression.design import Group, Key
 
 FILE = Path(__file__).with_name("calibration_changes.toml")
@@ -72,7 +73,7 @@ def likely_set(design: PairedDesign, excluded: frozenset[Key]) -> list[LikelyCha
     """The likeliest set of changes with features and rivals, before any calibration."""
     found: ChangeSet = choose_set(design, excluded)
     each = zip(found.chosen, describe_changes(found), strict=True)
-    return [LikelyChange(group, features, find_rivals(found, group)) for group, features in each]
+    return [LikelyChange(group, features, find_rivals(found.search, found.chosen, group)) for group, features in each]
 
 
 def split_names(likely: list[LikelyChange]) -> tuple[list[LikelyChange], list[LikelyChange]]:

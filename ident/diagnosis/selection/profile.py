@@ -18,14 +18,14 @@ Source: Pawitan 2001 (profile likelihood).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.base import Interval, SessionContext
+from ident.inference.profile import profile_interval, unite
 from ident.regression.design import Group
 from ident.regression.least_squares import LEAST_POWER, Projection
 
@@ -58,7 +58,7 @@ class Profile:
                 found[name] = Interval(float(value), float(min(value, *likely)), float(max(value, *likely)))
             else:
                 falls = np.array([self.log_likelihood[values == point].max() for point in values_on_grid])
-                found[name] = _interval(np.log(values_on_grid), falls, self.drop)
+                found[name] = profile_interval(np.log(values_on_grid), falls, self.drop)
         return found
 
     def widen(
@@ -80,7 +80,7 @@ class Profile:
             variant = self.points[k].variant
             others = effect.parameters(session, self.group.joint, variant, self.coefficients[k], covariance)
             narrowing = float(np.sqrt(1.0 - falls[k] / self.drop))
-            found = {name: _union(one, others[name], narrowing, name) for name, one in found.items()}
+            found = {name: unite(one, others[name], narrowing, name) for name, one in found.items()}
         return found
 
 
@@ -119,37 +119,3 @@ def _inverse(information: Float[Array, "k k"]) -> Float[Array, "k k"]:
     scale = np.sqrt(np.maximum(np.diag(information), LEAST_POWER))
     even = information / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     return np.asarray(np.linalg.inv(even) / np.outer(scale, scale))
-
-
-def _union(one: Interval, other: Interval, narrowing: float, name: str) -> Interval:
-    """An interval widened to hold another one that is shrunk about its value first; phases are compared modulo 2π."""
-    shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
-    middle = other.value + shift
-    low = middle - narrowing * (other.value - other.low)
-    high = middle + narrowing * (other.high - other.value)
-    return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
-
-
-def _interval(x: Float[Array, " k"], falls: Float[Array, " k"], drop: float) -> Interval:
-    """Maximum and 95 % interval of a profile over a parameter's logarithm: a parabola through the top points.
-
-    Where the profile does not fall by the drop within the grid, the interval is open: it ends half a step beyond the
-    grid.
-    """
-    top = int(np.argmax(falls))
-    best, peak = x[top], falls[top]
-    step = float(np.min(np.diff(x)))
-    low, high, margin = best, best, step / 2
-    if 0 < top < len(x) - 1:
-        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], falls[top - 1 : top + 2], 2)
-        if a < 0:
-            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
-            reach = float(np.sqrt(drop / -a))
-            low, high, margin = best - reach, best + reach, 0.0
-    inside = falls > peak - drop
-    low = min(low, x[inside].min(initial=best) - margin)
-    high = max(high, x[inside].max(initial=best) + margin)
-    low, high = max(low, x[0] - step / 2), min(high, x[-1] + step / 2)
-    ends = {(True, False): "low", (False, True): "high", (True, True): "both"}
-    open_: Any = ends.get((bool(inside[0]), bool(inside[-1])), "")
-    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)), open_)

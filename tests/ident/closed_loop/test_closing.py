@@ -17,9 +17,9 @@ from ident.closed_loop.result import TRACKED, Closing, put_on_a_clock
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
-from ident.export.controllers import describe_arm
 from ident.export.loaded import LawModel
 from ident.laws.motion import Losses
+from ident.model.carried import describe_arm
 from ident.motion.filter import FOR_DIAGNOSIS
 from ident.motion.motion import prepare
 from ident.recordings.recording import Session

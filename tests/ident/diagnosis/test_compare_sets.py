@@ -7,11 +7,12 @@ import pytest
 
 from ident.arrays import Array
 from ident.benchmark.change_calibration import SIGNS, Rows, fit, write
-from ident.diagnosis.change.change_sets import choose_set, describe_changes, find_rivals
+from ident.diagnosis.change.change_sets import choose_set, describe_changes
 from ident.diagnosis.change.compare import once_moved
 from ident.diagnosis.change.name_changes import LikelyChange
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.inference.calibration import load_odds
+from ident.inference.features import find_rivals
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import Plant, at_joint, record
 
@@ -42,7 +43,7 @@ def test_the_likeliest_set_holds_what_changed(three_joints: ArmModel) -> None:
     group = found.chosen[most]
     assert features[most]["folds_that_gain"] == 1.0
     assert features[most]["log_size_over_runs"] > np.log(4.0)
-    change = LikelyChange(group, features[most], find_rivals(found, group), 0.9)
+    change = LikelyChange(group, features[most], find_rivals(found.search, found.chosen, group), 0.9)
     alike = {group.key, *change.twins}
     assert ("torque_offset", 0, None) in alike
     assert {joint for _, joint, _ in alike} == {0}

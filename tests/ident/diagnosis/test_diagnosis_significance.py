@@ -5,8 +5,8 @@ import pytest
 
 from ident.arrays import Array, Bool
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.selection.profile import _interval
 from ident.diagnosis.selection.settings import USUAL_SELECTION
+from ident.inference.profile import profile_interval
 from ident.regression.least_squares import solve_signed
 from tests.ident.diagnosis.planted import all_evidence, candidates_of
 
@@ -54,7 +54,7 @@ def test_profile_of_a_parabola(middle: float) -> None:
     """Law: a profile that is a parabola in log x has its maximum and its 95 % ends exactly, wherever the grid lies."""
     x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
     width = 0.7
-    found = _interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
+    found = profile_interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
     reach = width * np.sqrt(2 * USUAL_SELECTION.interval_fall)
     assert found.value == pytest.approx(middle, rel=1e-9)
     assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from ident.arrays import Array
 from ident.effects.base import Effect, RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.export.controllers import describe_arm
 from ident.export.identified import Change, untuned
 from ident.laws import elastic
 from ident.laws.acting import acting_torque, read_log
 from ident.laws.motion import Losses, MovingArm
+from ident.model.carried import describe_arm
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 from tests.ident.effects.test_effect_sentences import JOINT, draw

@@ -16,7 +16,6 @@ from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, nearest_bodies
-from ident.export.controllers import describe_arm
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, in_module, untuned
 from ident.export.loaded import LoadedMjcf, load_module
@@ -24,6 +23,7 @@ from ident.export.mjcf import spring_at_rest, write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
+from ident.model.carried import describe_arm
 from ident.model.inertia import base_parameters, is_consistent, lift_base, parameter_scale
 from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER

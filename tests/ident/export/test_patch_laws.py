@@ -5,9 +5,9 @@ import pytest
 
 from ident.effects.base import Effect, SessionContext
 from ident.effects.catalogue import CATALOGUE
-from ident.export.controllers import describe_arm
 from ident.laws.acting import KNOWN, acting_torque, read_log, undo_log
 from ident.laws.motion import Losses, MovingArm, rigid_torque
+from ident.model.carried import describe_arm
 from ident.model.linearisation import Sliding
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS

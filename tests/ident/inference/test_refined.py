@@ -10,7 +10,7 @@ from ident.effects.effect_info import TABLE
 from ident.errors import InputError
 from ident.inference.calibration import Odds, Term, load_calibration
 from ident.inference.features import FEATURE_WORDS, signed_log, squashed
-from ident.inference.profile import DROP, _interval
+from ident.inference.profile import DROP, profile_interval
 
 
 def test_a_refined_point_fits_no_worse(slowed: Analysis) -> None:
@@ -44,7 +44,7 @@ def test_profile_of_a_parabola(middle: float) -> None:
     x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
     width = 0.7
     falls = 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2
-    found = _interval(x, falls, DROP)
+    found = profile_interval(x, falls, DROP)
     reach = width * np.sqrt(2 * DROP)
     assert found.value == pytest.approx(middle, rel=1e-9)
     assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)

@@ -18,14 +18,7 @@ from plan.problem.ramps import TimeLaw
 from plan.problem.result import PlanResult
 from plan.solving.solve import _certified, solve
 from tests.plan.emulated_controllers import (
-    Moved,
-    by_polynomials,
-    by_servoj,
-    by_speedj,
-    read_tmscript,
-    read_trajectory,
-    read_urscript,
-    through_tm_driver,
+    moved,
 )
 from tests.plan.worlds import MONITOR, problem
 
@@ -47,18 +40,6 @@ def planned(controller: Controller, objective: str) -> tuple[PlanningProblem, Pl
     return asked, replace(result, held=WRIST)
 
 
-def moved(controller: Controller, path: Path, start: np.ndarray) -> Moved:
-    """The written file as its controller executes it."""
-    if controller.name == "tmscript":
-        return by_polynomials(read_tmscript(path, start))
-    if controller.suffix == ".script":
-        return by_servoj(*read_urscript(path))
-    points = read_trajectory(path)
-    if controller.name == "tm_ros2":
-        return by_polynomials(through_tm_driver(points))
-    return by_speedj(points, controller.tick_s) if controller.name == "ur_spline" else by_polynomials(points)
-
-
 @pytest.mark.parametrize("objective", ["energy", "time"])
 @pytest.mark.parametrize("name", list(CONTROLLERS))
 def test_what_is_executed_keeps_all_limits(name: str, objective: str, tmp_path: Path) -> None:
@@ -67,7 +48,7 @@ def test_what_is_executed_keeps_all_limits(name: str, objective: str, tmp_path: 
     asked, result = planned(controller, objective)
     path = tmp_path / f"motion{controller.suffix}"
     write_motion_file(result, path)
-    run = moved(controller, path, np.concatenate([asked.start, list(WRIST.values())]))
+    run = moved(controller.name, controller.tick_s, path, np.concatenate([asked.start, list(WRIST.values())]))
     q, dq, ddq = (np.ascontiguousarray(part[:, :3]) for part in (run.q, run.dq, run.ddq))
     limits, slack = asked.limits, 1.0 + 1e-6
     assert limits.acceleration is not None
