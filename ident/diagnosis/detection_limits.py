@@ -121,8 +121,7 @@ class _LimitFinder:
 
     def __init__(self, conclusion: Conclusion, session: SessionContext) -> None:
         best = conclusion.inference.best
-        named = {name.described.coarse for name in conclusion.names}
-        chosen = [group for group in best.chosen if group in named]
+        chosen = [name.described.coarse for name in conclusion.names]
         self.session, self.evidence = session, best.model.sums.evidence
         self.needed_nats = conclusion.calibration.even_nats
         self.names = best.search.names

@@ -35,7 +35,7 @@ from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import decide, score_outside
 from ident.effects.base import Effect, SessionContext
 from ident.inference.conclusion import EVEN_ODDS, Conclusion, Named, conclude
-from ident.inference.features import evidence_of
+from ident.inference.infer import evidence_of
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.motion.stretches import runs_recorded
@@ -218,8 +218,7 @@ def _identify(
     """What the URDF says beside what the recordings say, from the sums of all candidates."""
     best = conclusion.inference.best
     evidence, prior = evidence_of(best.model), best.model.prior()
-    named = {name.described.coarse for name in conclusion.names}
-    groups = [group for group in best.chosen if group in named]
+    groups = [name.described.coarse for name in conclusion.names]
     gram = evidence.gram()
     tuned = project(gram, evidence, prior, groups)
     given = prior.tightened(FIXED_URDF_FACTOR * prior.error.scale)

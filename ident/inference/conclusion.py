@@ -1,7 +1,7 @@
 """From a session's sums to its causes: the one inference from end to end.
 
-    sums -> sets and variances (`infer`) -> fine grids (`refine`) -> features -> probabilities and
-    parameters
+    sums -> sets and variances of three starts (`infer`) -> fine grids (`refine`) -> features
+    -> probabilities and parameters
 
 An effect whose class is likelier than not is a name. The others are reported with their probability
 and what speaks against them; nothing is struck out.
@@ -25,9 +25,8 @@ from ident.inference.features import (
     Scorers,
     describe,
     describe_joints,
-    evidence_of,
 )
-from ident.inference.infer import Inference, Inferred, infer
+from ident.inference.infer import Inference, Inferred, evidence_of, infer
 from ident.inference.refine import refine
 from ident.regression.baseline import Baseline
 from ident.regression.cross_validation import HeldOut, HeldOutScore
@@ -82,7 +81,7 @@ class Conclusion:
 
     Attributes:
         inference: What was reached on coarse grids.
-        fine: The best set on fine grids.
+        fine: The likeliest set on fine grids, with the names of other sets.
         scorers: Cross-validated scores on the fine grids' sums.
         names: The effects that are likelier than not, in the order of the torque that they explain.
         unlikely: The other chosen effects.
@@ -149,11 +148,13 @@ def conclude(
     """
     calibration = load_calibration() if calibration is None else calibration
     inference = infer(evidence, baseline, session)
-    fine = refine(inference.best, session, baseline)
-    described = describe(inference, fine, session)
-    estimates = estimate(fine, described, session, calibration)
-    sure = [k for k, one in enumerate(estimates) if one.class_probability >= EVEN_ODDS]
+    refined = refine(inference, session, baseline)
+    described = describe(inference, refined, session)
+    estimates = estimate(described, session, calibration)
+    sure = _consistent(described, estimates)
     order = sorted(sure, key=lambda k: -_explained(described[k]))
+    best = refined.best
+    fine = Inferred.of(best.model, best.search, _with(best.chosen, [described[k].group for k in order]))
     scorers = Scorers.of(fine)
     ladder = [scorers.tuned.score()]
     names: list[Named] = []
@@ -180,6 +181,35 @@ def conclude(
         joints,
         calibration,
     )
+
+
+def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -> list[int]:
+    """The effects that are likelier than not, the likeliest first.
+
+    Of two sets, an effect of one may explain what an effect of the other does: of these the likelier
+    alone is a name. Effects of one set explain what the others leave, so both may be.
+    """
+    order = sorted(range(len(described)), key=lambda k: -estimates[k].class_probability)
+    names: list[int] = []
+    for k in order:
+        if estimates[k].class_probability < EVEN_ODDS:
+            break
+        if not any(_rival(described[k], described[other]) for other in names):
+            names.append(k)
+    return names
+
+
+def _rival(first: Described, second: Described) -> bool:
+    """Whether two effects of different sets explain the same torque."""
+    if first.fine is second.fine:
+        return False
+    return second.coarse.key in first.rivals or first.coarse.key in second.rivals
+
+
+def _with(chosen: Sequence[Group], names: Sequence[Group]) -> list[Group]:
+    """A set with some names, each at its own point."""
+    keys = {name.key for name in names}
+    return [*names, *(group for group in chosen if group.key not in keys)]
 
 
 def _explained(one: Described) -> float:

@@ -86,22 +86,21 @@ class Estimate:
 
 
 def estimate(
-    fine: Inferred,
     described: Sequence[Described],
     session: SessionContext,
     calibration: Calibration,
 ) -> list[Estimate]:
-    """Estimates of all chosen effects, in their order.
+    """Estimates of some effects, each in its own set, in their order.
 
     Args:
-        fine: The effects on fine grids.
-        described: Their features and rivals.
+        described: The effects with their features and rivals.
         session: The runs.
         calibration: The fitted numbers.
     """
-    fixed = SetSearch.of(_with_fixed_inertias(fine.model))
+    fixed_of = {id(one.fine): SetSearch.of(_with_fixed_inertias(one.fine.model)) for one in described}
     estimates = []
     for one in described:
+        fine, fixed = one.fine, fixed_of[id(one.fine)]
         given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
         free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
         sizes = sizes_of({name: interval.value for name, interval in given.items()})

@@ -16,11 +16,10 @@ import numpy as np
 
 from ident.effects.base import SessionContext, impossible
 from ident.inference.components import ModelSums, discrepancy_at
-from ident.inference.infer import Inference, Inferred
+from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.search import SetSearch, rest_of
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
-from ident.regression.gram import Evidence
 
 # Divisor of the URDF's tolerance where its inertias are taken as they are.
 FIXED = 20.0
@@ -71,7 +70,18 @@ FEATURE_WORDS = {
         "every start of the search leads to it",
         "another start of the search leads elsewhere",
     ),
-    "starts_apart": ("other explanations are far less likely", "other explanations are as likely"),
+    "start_behind": (
+        "it stands in the likeliest explanation of all",
+        "it stands in an explanation that is not the likeliest of all",
+    ),
+    "held": (
+        "it shows whatever the URDF and friction may do",
+        "it shows only if the URDF and friction are taken for as sure as they usually are",
+    ),
+    "log_friction_spread": (
+        "the joint's friction is steady",
+        "the joint's friction varies from run to run",
+    ),
     "others_here": ("nothing else acts at the joint", "other effects act at the joint, too"),
     "names_a_joint": ("few effects explain this arm", "this arm would need many effects"),
     "smooth_share": (
@@ -110,6 +120,7 @@ class Described:
     Attributes:
         group: The effect at its point of the fine grid.
         coarse: The same at its point of the coarse grid.
+        fine: The set in which it is described.
         joints: Indices of the joints where it shows.
         view: Held-out scores without and with it.
         features: What speaks for and against it, by name.
@@ -120,6 +131,7 @@ class Described:
 
     group: Group
     coarse: Group
+    fine: Inferred
     joints: tuple[int, ...]
     view: HeldOutView
     features: Mapping[str, float]
@@ -142,41 +154,47 @@ class Scorers:
         return cls(HeldOut(evidence, prior), HeldOut(evidence, prior.tightened(factor)))
 
 
-def evidence_of(model: ModelSums) -> Evidence:
-    """A model's sums with its friction spread and dispersion."""
-    components = model.components
-    spread = model.sums.evidence.with_run_spread(components.friction)
-    return spread.with_dispersion(components.dispersion)
-
-
-def describe(inference: Inference, fine: Inferred, session: SessionContext) -> list[Described]:
-    """Features and rivals of every chosen effect.
+def describe(inference: Inference, refined: Inference, session: SessionContext) -> list[Described]:
+    """Features and rivals of every effect that a start leads to, in the likeliest set that has it.
 
     Args:
         inference: What was reached on coarse grids.
-        fine: The best set on fine grids.
+        refined: The same sets on fine grids, in the same order.
         session: The runs.
     """
+    described = []
+    taken: set[Key] = set()
+    for coarse, fine in zip(inference.reached, refined.reached, strict=True):
+        new = [group for group in fine.chosen if group.key not in taken]
+        if new:
+            described += _describe_set(inference, coarse, fine, new, session)
+        taken |= {group.key for group in new}
+    return described
+
+
+def _describe_set(
+    inference: Inference, coarse: Inferred, fine: Inferred, new: Sequence[Group], session: SessionContext
+) -> list[Described]:
+    """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
-    coarse = inference.best
     smooth_share = fine.model.smooth_share(fine.chosen)
     described = []
-    points = {point.key: point for point in coarse.chosen}
-    for group in fine.chosen:
-        point = points[group.key]
+    for group in new:
+        point = coarse.member(group.key)
+        assert point is not None
         view = _held_out(scorers, fine.chosen, group)
         joints = _shows_at(group, view, fine.model)
         features = {
             **_of_evidence(fine, group, joints),
             **_of_held_out(view, scorers, joints, group),
             **_of_shape(fine, group, session),
-            **_of_others(inference, fine, group, joints),
+            **_of_others(inference, coarse, fine, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
             "log_dispersion": float(np.log(residual_dispersion(fine.model, joints))),
         }
         rivals = find_rivals(coarse.search, coarse.chosen, point)
         features |= of_rivals(rivals, point)
-        described.append(Described(group, point, joints, view, features, rivals))
+        described.append(Described(group, point, fine, joints, view, features, rivals))
     return described
 
 
@@ -276,7 +294,6 @@ def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str
         "log_size_over_usual": float(np.log(max(float(np.max(np.abs(scaled) / deviation)), 1e-6))),
         "visibility": float(np.clip(left / max(power, 1e-300), 0.0, 1.0)),
         "unlike_any_arm": float(unlike_any_arm is not None),
-        "log_urdf_scale": float(np.log(model.components.urdf.scale)),
         "inertia_like": float(group.effect.inertia_like),
         "event": float(group.effect.event),
         "whole_arm": float(group.effect.scope == "arm"),
@@ -284,16 +301,23 @@ def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str
     }
 
 
-def _of_others(inference: Inference, fine: Inferred, group: Group, joints: Sequence[int]) -> dict[str, float]:
+def _of_others(
+    inference: Inference, coarse: Inferred, fine: Inferred, group: Group, joints: Sequence[int]
+) -> dict[str, float]:
     """What stands beside an effect, and whether the other starts lead to it, too."""
     n = fine.model.sums.evidence.layout.n
-    reached = [{other.key for other in one.chosen} for one in inference.reached[1:]]
-    again = [group.key in keys for keys in reached]
+    others = [reached for reached in inference.reached if reached is not coarse]
+    again = [reached.member(group.key) is not None for reached in others]
     near = [other for other in rest_of(fine.chosen, group) if other.effect.rows == "own" and other.joint in joints]
-    behind = inference.best.log_evidence - min(one.log_evidence for one in inference.reached)
+    best = inference.best
+    behind = best.log_evidence - coarse.log_evidence
+    spread = best.model.components.friction[list(joints)].max()
     return {
-        "from_every_start": float(np.mean(again)) if again else 1.0,
-        "starts_apart": float(np.log1p(max(behind, 0.0))),
+        "log_urdf_scale": float(np.log(best.model.components.urdf.scale)),
+        "log_friction_spread": float(np.log(spread)),
+        "held": float(coarse.held),
+        "from_every_start": float(np.mean(again)),
+        "start_behind": float(np.log1p(max(behind, 0.0))),
         "others_here": float(len(near)),
         "names_a_joint": len(fine.chosen) / n,
     }

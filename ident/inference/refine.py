@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from ident.effects.base import SessionContext
 from ident.inference.components import ModelSums
-from ident.inference.infer import Inferred
+from ident.inference.infer import Inference, Inferred
 from ident.inference.names import Names
 from ident.inference.search import SetSearch, rest_of
 from ident.inference.sums import SessionSums
@@ -25,28 +25,37 @@ from ident.regression.gram import gather
 REFINE_ROUNDS = 3
 
 
-def refine(coarse: Inferred, session: SessionContext, baseline: Baseline) -> Inferred:
-    """A set of effects at its likeliest points of fine grids, in the order of the set.
+def refine(inference: Inference, session: SessionContext, baseline: Baseline) -> Inference:
+    """The sets of all starts at their likeliest points of fine grids, in the order of the starts.
+
+    An effect has one fine grid, about its point in the likeliest set that has it.
 
     Args:
-        coarse: The set on coarse grids, with its variance components.
+        inference: The sets on coarse grids, with their variance components.
         session, baseline: The runs, and the tuned model.
     """
     grids = []
-    for group in coarse.chosen:
+    for key, reached in inference.candidates.items():
+        group = reached.member(key)
+        assert group is not None
         points = group.effect.refined(session, group.joint, group.variant)
         grids.append((group.effect, group.joint, tuple(points)))
     rank = baseline.base.rank
     layout = layout_of(session, rank, grids, beside=(HeldFriction(),), flexible=KINDS)
-    whitening = coarse.model.sums.evidence.whitening
+    whitening = inference.best.model.sums.evidence.whitening
     evidence = gather(session, baseline, layout, whitening, rest=True).with_dwells()
     sums, names = SessionSums(evidence), Names.of(evidence, session)
-    model = ModelSums(sums, names, baseline, coarse.model.components)
+    return Inference(tuple(_refined(reached, sums, names) for reached in inference.reached))
+
+
+def _refined(coarse: Inferred, sums: SessionSums, names: Names) -> Inferred:
+    """One start's set on fine grids, with its variance components."""
+    model = ModelSums(sums, names, coarse.model.baseline, coarse.model.components)
     search = SetSearch.of(model)
     chosen = _ascend(search, [_middle(names.groups, group) for group in coarse.chosen])
     # Beside fine grids an effect that stood for another's coarse point adds nothing any more.
     chosen = search.without_idle(chosen)
-    return Inferred.of(model, search, _ascend(search, chosen))
+    return Inferred.of(model, search, _ascend(search, chosen), coarse.held)
 
 
 def _middle(points: Sequence[Group], group: Group) -> Group:

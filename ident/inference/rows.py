@@ -22,7 +22,7 @@ def candidate_rows(conclusion: Conclusion, session: SessionContext, joints: Sequ
     chosen = [*conclusion.names, *conclusion.unlikely]
     described = [name.described for name in chosen]
     plain = replace(conclusion.calibration, widths=None)
-    estimates = estimate(conclusion.fine, described, session, plain)
+    estimates = estimate(described, session, plain)
     rows = []
     for k, (name, plain_estimate) in enumerate(zip(chosen, estimates, strict=True)):
         rows.append(_row(name, plain_estimate, joints, k < len(conclusion.names)))

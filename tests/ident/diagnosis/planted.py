@@ -10,7 +10,7 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.inference.features import evidence_of
+from ident.inference.infer import evidence_of
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session
 from ident.regression.cross_validation import HeldOut
