@@ -40,6 +40,10 @@ FEATURE_WORDS = {
         "it lowers the error on every run that the fit never saw",
         "it does not lower the error on all runs that the fit never saw",
     ),
+    "size_in_errors": (
+        "its size is the same in all parts of the recordings",
+        "its size differs between parts of the recordings",
+    ),
     "folds_that_gain": (
         "all parts of the recordings agree",
         "parts of the recordings disagree",
@@ -187,6 +191,7 @@ def _describe_set(
         features = {
             **_of_evidence(fine, group, joints),
             **_of_held_out(view, scorers, joints, group),
+            "size_in_errors": _size_in_errors(scorers, fine.chosen, group, view),
             **_of_shape(fine, group, session),
             **_of_others(inference, coarse, fine, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
@@ -275,6 +280,30 @@ def _of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], gro
         "log_size_over_noise": float(np.log(np.sqrt(max(fell, 1e-6 * level**2)) / level)),
         "log_left_over_noise": float(np.log(max(float(new[most]), 1e-12) / level)),
     }
+
+
+def _size_in_errors(scorers: Scorers, chosen: Sequence[Group], group: Group, view: HeldOutView) -> float:
+    """How large an effect is beside the error of its size that its variation between parts shows.
+
+    The error is the jackknife's over solutions that leave out one part each, along the mean
+    solution, in which a coefficient counts by its column's power.
+
+    Of what happens once other parts say nothing.
+
+    Source: Efron and Tibshirani 1993, chapter 11.
+    """
+    if group.effect.event:
+        return 0.0
+    scorer = scorers.fixed if view.fixed else scorers.tuned
+    solved = scorer.weights(chosen)
+    places = np.flatnonzero(np.isin(solved.columns, group.columns))
+    sizes = -solved.values[:, places] * np.sqrt(scorer.power(group.columns))
+    mean = sizes.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    along = sizes @ mean / max(length, 1e-300)
+    parts = len(along)
+    error = np.sqrt((parts - 1) / parts * np.sum((along - length) ** 2))
+    return squashed(length, max(float(error), 1e-6 * length))
 
 
 def _of_shape(fine: Inferred, group: Group, session: SessionContext) -> dict[str, float]:

@@ -121,6 +121,10 @@ class HeldOut:
         """Scores the baseline and some groups."""
         return self._of(groups)[1]
 
+    def power(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
+        """Whitened squares of some columns over the whole session."""
+        return np.maximum(self._whole[columns, columns], 0.0)
+
     def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
         key = tuple(groups)
         if key not in self._scored:
