@@ -10,7 +10,7 @@ and what speaks against them; nothing is struck out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from ident.arrays import Float
 from ident.effects.base import SessionContext
 from ident.inference.calibration import Calibration, load_calibration
-from ident.inference.estimate import Estimate, estimate
+from ident.inference.estimate import Estimate, Reason, estimate
 from ident.inference.features import (
     Described,
     JointLeft,
@@ -151,7 +151,9 @@ def conclude(
     refined = refine(inference, session, baseline)
     described = describe(inference, refined, session)
     estimates = estimate(described, session, calibration)
-    sure = _consistent(described, estimates)
+    sure, hidden = _consistent(described, estimates)
+    for k, by in hidden.items():
+        estimates[k] = _behind(estimates[k], estimates[by])
     order = sorted(sure, key=lambda k: -_explained(described[k]))
     best = refined.best
     fine = Inferred.of(best.model, best.search, _with(best.chosen, [described[k].group for k in order]))
@@ -183,20 +185,32 @@ def conclude(
     )
 
 
-def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -> list[int]:
-    """The effects that are likelier than not, the likeliest first.
+def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -> tuple[list[int], dict[int, int]]:
+    """The effects that are likelier than not, the likeliest first, and those that one of them hides.
 
     Of two sets, an effect of one may explain what an effect of the other does: of these the likelier
     alone is a name. Effects of one set explain what the others leave, so both may be.
     """
     order = sorted(range(len(described)), key=lambda k: -estimates[k].class_probability)
     names: list[int] = []
+    hidden: dict[int, int] = {}
     for k in order:
         if estimates[k].class_probability < EVEN_ODDS:
             break
-        if not any(_rival(described[k], described[other]) for other in names):
+        by = next((other for other in names if _rival(described[k], described[other])), None)
+        if by is None:
             names.append(k)
-    return names
+        else:
+            hidden[k] = by
+    return names, hidden
+
+
+def _behind(estimate: Estimate, named: Estimate) -> Estimate:
+    """An effect's estimate where a likelier one explains the same torque: it is left what that leaves."""
+    left = 1.0 - named.class_probability
+    words = "a likelier cause explains the same"
+    reason = Reason("rival_behind", float(np.log(max(left, 1e-12))), words)
+    return replace(estimate, probability=estimate.probability * left, reasons=(reason, *estimate.reasons))
 
 
 def _rival(first: Described, second: Described) -> bool:
