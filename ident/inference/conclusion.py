@@ -18,7 +18,7 @@ import numpy as np
 from ident.arrays import Float
 from ident.effects.base import SessionContext
 from ident.inference.calibration import Calibration, load_calibration
-from ident.inference.estimate import Estimate, estimate
+from ident.inference.estimate import Estimate, Solution, estimate
 from ident.inference.features import (
     Described,
     JointLeft,
@@ -105,6 +105,11 @@ class Conclusion:
         return [name.group for name in self.names]
 
     @cached_property
+    def solution(self) -> Solution:
+        """Sums that parameters are read from."""
+        return Solution.of(self.fine)
+
+    @cached_property
     def evidence(self) -> Evidence:
         """Sums of the names on fine grids, with friction's spread and dispersion."""
         return evidence_of(self.fine.model)
@@ -151,10 +156,40 @@ def conclude(
     inference = infer(evidence, baseline, session)
     fine = refine(inference.best, session, baseline)
     described = describe(inference, fine, session)
-    estimates = estimate(fine, described, session, calibration)
+    estimates = estimate(Solution.of(fine), described, session, calibration)
+    scorers = Scorers.of(fine)
+    told = tell(described, estimates, scorers)
+    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in told.names])}
+    return Conclusion(
+        inference,
+        fine,
+        scorers,
+        told.names,
+        told.unlikely,
+        told.ladder,
+        joints,
+        calibration,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Chosen effects by whether they are likelier than not."""
+
+    names: tuple[Named, ...]  # the likelier ones, in the order of the torque that they explain
+    unlikely: tuple[Named, ...]
+    ladder: tuple[HeldOutScore, ...]  # held-out scores without effects, and after each name
+
+
+def tell(described: Sequence[Described], estimates: Sequence[Estimate], scorers: Scorers) -> Told:
+    """Which of the chosen effects are names.
+
+    Args:
+        described, estimates: The effects with their features, and with their probabilities.
+        scorers: Cross-validated scores of models with some of them.
+    """
     sure = [k for k, one in enumerate(estimates) if one.class_probability >= EVEN_ODDS]
     order = sorted(sure, key=lambda k: -_explained(described[k]))
-    scorers = Scorers.of(fine)
     ladder = [scorers.tuned.score()]
     names: list[Named] = []
     for k in order:
@@ -169,17 +204,7 @@ def conclude(
         for k, one in enumerate(described)
         if k not in sure
     ]
-    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in names])}
-    return Conclusion(
-        inference,
-        fine,
-        scorers,
-        tuple(names),
-        tuple(unlikely),
-        tuple(ladder),
-        joints,
-        calibration,
-    )
+    return Told(tuple(names), tuple(unlikely), tuple(ladder))
 
 
 def _explained(one: Described) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.inference.calibration import Calibration, Widths, sizes_of
+from ident.inference.calibration import NameCalibration, Widths, sizes_of
 from ident.inference.components import ModelSums
 from ident.inference.features import FEATURE_WORDS, Described
 from ident.inference.infer import Inferred
@@ -85,30 +85,39 @@ class Estimate:
         return min(sum((*self.shares.values(), *elsewhere)), 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Sums of a set of effects, from which their parameters are read."""
+
+    search: SetSearch
+    fixed: SetSearch  # with inertias as the URDF has them
+    chosen: tuple[Group, ...]
+
+    @classmethod
+    def of(cls, fine: Inferred) -> Solution:
+        """The sums of the effects on fine grids."""
+        return cls(fine.search, SetSearch.of(_with_fixed_inertias(fine.model)), fine.chosen)
+
+
 def estimate(
-    fine: Inferred,
+    solution: Solution,
     described: Sequence[Described],
     session: SessionContext,
-    calibration: Calibration,
+    calibration: NameCalibration,
 ) -> list[Estimate]:
     """Estimates of all chosen effects, in their order.
 
     Args:
-        fine: The effects on fine grids.
+        solution: Sums of the effects.
         described: Their features and rivals.
         session: The runs.
         calibration: The fitted numbers.
     """
-    fixed = SetSearch.of(_with_fixed_inertias(fine.model))
     estimates = []
     for one in described:
-        given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
-        free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
-        sizes = sizes_of({name: interval.value for name, interval in given.items()})
-        parameters = {}
-        for name, interval in given.items():
-            fit = Fit(one.group.effect.id, name, sizes[name], calibration.widths)
-            parameters[name] = _both(fit, interval, free[name])
+        given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
+        free, _, _ = _parameters(solution, solution.search, one.group, session)
+        parameters = widened(one.group.effect.id, given, free, calibration.widths)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
@@ -143,16 +152,17 @@ def _with_fixed_inertias(model: ModelSums) -> ModelSums:
 
 
 def _parameters(
-    search: SetSearch, spread: SetSearch, fine: Inferred, group: Group, session: SessionContext
+    solution: Solution, spread: SetSearch, group: Group, session: SessionContext
 ) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
     """Parameters of an effect at its best point, with its coefficients and their covariance.
 
     Args:
-        search: Sums that the estimates come from.
+        solution: Sums that the estimates come from.
         spread: Sums that the covariances come from.
-        fine, group, session: The set, one of its effects, and the runs.
+        group, session: One of the effects, and the runs.
     """
-    others = rest_of(fine.chosen, group)
+    search = solution.search
+    others = rest_of(solution.chosen, group)
     width = len(group.columns)
     points = tuple(
         point
@@ -170,6 +180,24 @@ def _parameters(
     profile = Profile(group, points, np.array(nats), tuple(coefficients), tuple(covariances))
     best = points.index(group)
     return profile.parameters(session), coefficients[best], covariances[best]
+
+
+def widened(
+    effect: str, given: Mapping[str, Interval], free: Mapping[str, Interval], widths: Widths | None
+) -> dict[str, Interval]:
+    """Parameters with intervals as wide as the corpus asks for.
+
+    Args:
+        effect: The effect's id.
+        given, free: Its parameters for the URDF as it is, and for one that may be off.
+        widths: The fitted numbers; None for intervals as the recordings alone have them.
+    """
+    sizes = sizes_of({name: interval.value for name, interval in given.items()})
+    parameters = {}
+    for name, interval in given.items():
+        fit = Fit(effect, name, sizes[name], widths)
+        parameters[name] = _both(fit, interval, free[name])
+    return parameters
 
 
 @dataclass(frozen=True)

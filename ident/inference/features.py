@@ -84,6 +84,16 @@ FEATURE_WORDS = {
     ),
     "rival_behind": ("no other effect explains it", "another effect explains it nearly as well"),
     "place_behind": ("no other joint explains it", "another joint explains it nearly as well"),
+    # Of what changed between two sets of recordings:
+    "log_size_over_runs": (
+        "it is far more than runs of one set differ by",
+        "runs of one set differ by as much among themselves",
+    ),
+    "log_null_ratio": (
+        "runs of one set are alike",
+        "runs of one set differ by more than their noise",
+    ),
+    "parts": ("both sets have many runs", "one of the sets has few runs"),
 }
 # Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
 MOST_DEFICIT = 2000.0
@@ -165,10 +175,10 @@ def describe(inference: Inference, fine: Inferred, session: SessionContext) -> l
     for group in fine.chosen:
         point = points[group.key]
         view = _held_out(scorers, fine.chosen, group)
-        joints = _shows_at(group, view, fine.model)
+        joints = shows_at(group, view, fine.model.sums.evidence.layout.n)
         features = {
             **_of_evidence(fine, group, joints),
-            **_of_held_out(view, scorers, joints, group),
+            **of_held_out(view, scorers, joints, group),
             **_of_shape(fine, group, session),
             **_of_others(inference, fine, group, joints),
             "smooth_share": float(smooth_share[list(joints)].max()),
@@ -197,11 +207,10 @@ def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOu
     return max(views, key=lambda view: view.closed(joints))
 
 
-def _shows_at(group: Group, view: HeldOutView, model: ModelSums) -> tuple[int, ...]:
+def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
     """The effect's own joint, or of one of the whole arm those where it closes a third of the most
-    or more.
+    or more; n is the number of joints.
     """
-    n = model.sums.evidence.layout.n
     if group.effect.rows == "own":
         return (group.joint,)
     fall = view.after.fall_from(view.before)
@@ -236,7 +245,7 @@ def _all_nats(fine: Inferred) -> float:
     return fine.search.nats(fine.chosen)
 
 
-def _of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
+def of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
     """What an effect gains on parts of the session that it never saw."""
     own = list(joints)
     gain, error = view.after.gain_over(view.before, own)

@@ -16,6 +16,8 @@ from ident.effects.session_context import friction_level, hardly_moves, travel
 
 # Id of a change that follows no law of the catalogue.
 UNLISTED = "unlisted_change"
+# Id of a change of plain friction.
+PLAIN_FRICTION = "friction_change"
 
 
 class FrictionChange(Effect):
@@ -24,7 +26,7 @@ class FrictionChange(Effect):
     In one recording these are tuned as losses of the baseline; only between two is their change a finding.
     """
 
-    id = "friction_change"
+    id = PLAIN_FRICTION
     summary = "the joint turns harder or more easily than before"
     defining = ("coulomb_change_Nm", "viscous_change_Nms_rad")
     doubt = Doubt(share=0.0)
