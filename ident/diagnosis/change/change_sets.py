@@ -4,7 +4,7 @@ The paired sums already have every law in all runs beside the arm, each with a v
 is measured against. Two variance components are theirs alone. Friction of another day stands beside every set
 (`daily_friction`). And laws gain between sets of permuted runs, where nothing changed: each joint's sums are divided by
 how much more than noise lets them, as a session's are by its dispersion, beside the set that is likeliest so far. Then
-sets are searched by their log evidence (`ident.inference.search`), until neither changes.
+sets are searched by their log evidence (`ident.inference.search`) from two starts, until neither changes.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.change.daily_friction import daily_friction
+from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.inference.names import Names
 from ident.inference.search import SetSearch
@@ -103,12 +104,29 @@ def choose_set(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key
         search = SetSearch.of(ChangeModel(evidence, design.prior, beside))
         search = replace(search, names=names, rest=search.beside(list(daily)))
         before = {group.key for group in chosen}
-        chosen = search.run(chosen)
+        chosen = _from_both_starts(search, chosen)
         found = ChangeSet(design, search, evidence, ratio, tuple(chosen))
         if {group.key for group in chosen} == before:
             break
     assert found is not None
     return found
+
+
+def _from_both_starts(search: SetSearch, chosen: Sequence[Group]) -> list[Group]:
+    """The likelier of the sets that are reached from two starts.
+
+    What follows no law is in no law's place: torque over angle and direction, it can do most of what any law can. So
+    one start is the likeliest set of laws alone, to which it may come; the other is the set so far.
+
+    Args:
+        search: Sums of all candidates.
+        chosen: The set so far.
+    """
+    laws = tuple(group for group in search.names.groups if group.effect.id != UNLISTED)
+    of_laws = [group for group in chosen if group.effect.id != UNLISTED]
+    alone = replace(search, names=replace(search.names, groups=laws))
+    reached = [search.run(alone.run(of_laws)), search.run(chosen)]
+    return max(reached, key=search.nats)
 
 
 def _names(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key, float]) -> Names:

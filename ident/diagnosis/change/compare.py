@@ -125,7 +125,7 @@ def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: 
     model = project(evidence.gram(), evidence, design.prior, [name.group for name in told.names])
     label, later = parts_of(design.sides), design.sides.later_blocks
     risen = find_risen(squares_left(evidence, model), evidence.rows, label, later, joints)
-    unforetold = find_unforetold(design)
+    unforetold = find_unforetold(design, told.found.chosen)
     verdict = "not_testable" if design.sides.too_short else "no_change"
     if changes or risen or unforetold:
         verdict = "changed_unexplained"

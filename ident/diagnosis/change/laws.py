@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.settings import CHANGE
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import AsChange, Doubt, Range
+from ident.effects.effect_info import AsChange, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import friction_level, hardly_moves, travel
 
@@ -29,7 +29,6 @@ class FrictionChange(Effect):
     id = PLAIN_FRICTION
     summary = "the joint turns harder or more easily than before"
     defining = ("coulomb_change_Nm", "viscous_change_Nms_rad")
-    doubt = Doubt(share=0.0)
     as_change = AsChange(friction=True)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -73,7 +72,6 @@ class UnlistedChange(Effect):
     id = UNLISTED
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
     defining = ("rms_Nm",)
-    doubt = Doubt(share=0.0)
     as_change = AsChange(friction=True)
     variance_floor: ClassVar[float] = 1e-12
 
