@@ -164,10 +164,10 @@ def as_finding(row: Row, near: Sequence[Row], alone: bool = False) -> Row:
         alone: Whether they stand in its place.
     """
     joints = [row["joint"]] if row["joint"] else row["joints"]
-    here = [rival["effect"] for rival in near if not rival["joint"] or rival["joint"] in joints]
-    elsewhere = [rival for rival in near if rival["joint"]]
-    own = [""] if alone else [row["effect"]]
-    return {"effect": own[0], "joints": joints, "class": [*own, *here], "elsewhere": elsewhere}
+    here = [rival["effect"] for rival in near if rival["joint"] == row["joint"]]
+    elsewhere = [rival for rival in near if rival["joint"] != row["joint"]]
+    effect = "" if alone else row["effect"]
+    return {"effect": effect, "joints": joints, "class": [effect, *here], "elsewhere": elsewhere}
 
 
 def store(cases: Path, results: Path) -> None:
