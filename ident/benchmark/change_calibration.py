@@ -1,13 +1,15 @@
-"""Probabilities of changes: rows of pairs of sets with truth, stored, and a calibration that is fitted to them.
+"""Probabilities of changes: rows of pairs of sets with truth, stored, and a calibration that is
+fitted to them.
 
     python -m ident.benchmark.change_calibration store CASES RESULTS
     python -m ident.benchmark.change_calibration fit CASES RESULTS --out calibration_changes.toml
 
-`CASES` is what `python -m ident.benchmark.real_check make … --compare` writes. `store` compares each pair and writes
-what it said with a row for each change of the likeliest set, its features and rivals; what is there already is not made
-again. `fit` takes those that are what was planted, or of its class, for right and all others for wrong, and prints how
-the probabilities hold on arms that were left out whole. With the probabilities are fitted how far the evidence between
-rivals is to be believed, and how wide intervals have to be, as for a diagnosis.
+`CASES` is what `python -m ident.benchmark.real_check make … --compare` writes. `store` compares
+each pair and writes what it said with a row for each change of the likeliest set, its features and
+rivals; what is there already is not made again. `fit` takes those that are what was planted, or of
+its class, for right and all others for wrong, and prints how the probabilities hold on arms that
+were left out whole. With the probabilities are fitted how far the evidence between rivals is to be
+believed, and how wide intervals have to be, as for a diagnosis.
 """
 
 from __future__ import annotations
@@ -84,7 +86,7 @@ class Pairs:
 
     def choices(self) -> list[Choice]:
         """Changes that are what was planted or have it among their rivals, with the deficits."""
-        found = []
+        choices = []
         for case, row in self.rows():
             members = [(as_finding(row, []), 0.0)]
             members += [(as_finding(row, [rival], alone=True), rival["deficit"]) for rival in row["rivals"]]
@@ -92,18 +94,18 @@ class Pairs:
             for effect in self.answers[case]["effects"]:
                 true = [deficit for finding, deficit in members if holds(finding, effect)]
                 if true:
-                    found.append(Choice(min(true), deficits))
-        return found
+                    choices.append(Choice(min(true), deficits))
+        return choices
 
     def misses(self) -> list[Miss]:
         """Errors of the parameters of changes that are what was planted."""
-        found = []
+        misses = []
         for case, row in self.rows():
             answer = self.answers[case]
             for effect in answer["effects"]:
                 if row["effect"] == effect["effect"] and holds(as_finding(row, []), effect):
-                    found += _misses(row, effect["parameters"], answer["arm"])
-        return found
+                    misses += _misses(row, effect["parameters"], answer["arm"])
+        return misses
 
     def table(self, temper: float) -> Rows:
         """Features and labels of all changes.
@@ -181,11 +183,11 @@ def store(cases: Path, results: Path) -> None:
         record: Row = {"rows": []}
         try:
             arm, reports = inspect_sources(Given(sides, sides[1] / "robot.urdf")).whole
-            found = compare_reports(reports[:1], reports[1:], arm)
-            record["comparison"] = found.to_dict()
-            if found.told is not None:
-                session = found.told.found.design.later_session
-                record["rows"] = candidate_rows(found.told, session, found.joints)
+            comparison = compare_reports(reports[:1], reports[1:], arm)
+            record["comparison"] = comparison.to_dict()
+            if comparison.told is not None:
+                session = comparison.told.likely.design.later_session
+                record["rows"] = candidate_rows(comparison.told, session, comparison.joints)
         except InputError as error:
             record["error"] = str(error)
         record["processor_seconds"] = time.process_time() - start
@@ -196,12 +198,12 @@ def store(cases: Path, results: Path) -> None:
 
 def leave_arms_out(rows: Rows, ridge: float) -> Float[Array, " N"]:
     """Probability of each row by a fit without its arm."""
-    found = np.zeros(len(rows.right))
+    probability = np.zeros(len(rows.right))
     for arm in np.unique(rows.arm):
         out = rows.arm == arm
         model = _fit(rows, ridge, ~out)
-        found[out] = model.probability(rows.features[out])
-    return found
+        probability[out] = model.probability(rows.features[out])
+    return probability
 
 
 def _fit(rows: Rows, ridge: float, chosen: Bool[Array, " N"]) -> Logistic:
@@ -221,7 +223,9 @@ class Fitted:
 
 
 def fit(rows: Rows) -> tuple[Logistic, float, Float[Array, " N"]]:
-    """The regression of the ridge that holds best on arms left out, that ridge, and the probabilities there."""
+    """The regression of the ridge that holds best on arms left out, that ridge, and the
+    probabilities there.
+    """
     held_out = {float(ridge): leave_arms_out(rows, float(ridge)) for ridge in RIDGES}
     best = max(held_out, key=lambda ridge: log_score(held_out[ridge], rows.right, rows.weights))
     return _fit(rows, best, np.ones(len(rows.right), dtype=bool)), best, held_out[best]

@@ -1,8 +1,8 @@
 """Diagnosis repeated as runs come in, until the result is certain enough.
 
-A probability that is right as often as it says is so whenever one stops to look at it: what is recorded next depends on
-it, what it says of the recordings so far does not (Berger and Wolpert 1988, the stopping rule principle). So every look
-asks for the same.
+A probability that is right as often as it says is so whenever one stops to look at it: what is
+recorded next depends on it, what it says of the recordings so far does not (Berger and Wolpert
+1988, the stopping rule principle). So every look asks for the same.
 """
 
 from __future__ import annotations

@@ -23,7 +23,8 @@ from ident.regression.design import Group, Key
 def place_bodies(
     search: SetSearch, others: Sequence[Group], session: SessionContext, effects: Sequence[Effect]
 ) -> tuple[Effect, ...]:
-    """All changes that are tested, each body laid out about the place at which it alone explains most.
+    """All changes that are tested, each body laid out about the place at which it alone explains
+    most.
 
     Args:
         search, others: Sums of a first design, and changes beside the body.
@@ -54,7 +55,9 @@ def _best_bodies(search: SetSearch, others: Sequence[Group]) -> list[Group]:
 def _centre(
     group: Group, session: SessionContext, coefficients: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " 3"] | None:
-    """Estimated centre of mass of a body, no farther out than a tool's centre; None if its mass is zero."""
+    """Estimated centre of mass of a body, no farther out than a tool's centre; None if its mass is
+    zero.
+    """
     arm = session.runs[0].arm
     certain = np.zeros((len(coefficients), len(coefficients)))
     estimates = group.effect.parameters(session, group.joint, group.variant, coefficients, certain)

@@ -1,7 +1,7 @@
 """What speaks for and against each change of a set, in numbers without unit, as in a diagnosis.
 
-Held-out scores are those of the later set's folds. Of its own a change has its size against what its law's differs by
-between permuted sets.
+Held-out scores are those of the later set's folds. Of its own a change has its size against what
+its law's differs by between permuted sets.
 """
 
 from __future__ import annotations
@@ -65,38 +65,38 @@ class AgainstRuns:
         return float(np.sqrt(beyond / sum(1.0 / count for count in counts)))
 
 
-def later_scorers(found: ChangeSet) -> Scorers:
+def later_scorers(likely: ChangeSet) -> Scorers:
     """Scores of the later set; the URDF plays no part of its own in what both sets share."""
-    design = found.design
-    held_out = LaterHeldOut(found.evidence, design.prior, design.sides.later_folds)
+    design = likely.design
+    held_out = LaterHeldOut(likely.evidence, design.prior, design.sides.later_folds)
     return Scorers(held_out, held_out)
 
 
-def describe_changes(found: ChangeSet, scorers: Scorers) -> list[Described]:
+def describe_changes(likely: ChangeSet, scorers: Scorers) -> list[Described]:
     """Features and rivals of each change of a set, in its order."""
     described = []
-    for group in found.chosen:
-        others = rest_of(found.chosen, group)
-        view = HeldOutView(scorers.tuned.score(others), scorers.tuned.score(found.chosen), fixed=False)
-        joints = shows_at(group, view, found.evidence.layout.n)
-        rivals = find_rivals(found.search, found.chosen, group)
+    for group in likely.chosen:
+        others = rest_of(likely.chosen, group)
+        view = HeldOutView(scorers.tuned.score(others), scorers.tuned.score(likely.chosen), fixed=False)
+        joints = shows_at(group, view, likely.evidence.layout.n)
+        rivals = find_rivals(likely.search, likely.chosen, group)
         features = {
-            **_of_evidence(found, group, joints),
+            **_of_evidence(likely, group, joints),
             **of_held_out(view, scorers, joints, group),
-            **_of_runs(found, group),
+            **_of_runs(likely, group),
             **of_rivals(rivals, group),
         }
         described.append(Described(group, group, joints, view, features, rivals))
     return described
 
 
-def _of_evidence(found: ChangeSet, group: Group, joints: Sequence[int]) -> dict[str, float]:
+def _of_evidence(likely: ChangeSet, group: Group, joints: Sequence[int]) -> dict[str, float]:
     """What a change adds to the log evidence, and what stands beside it."""
-    others = rest_of(found.chosen, group)
-    everything = found.search.nats(found.chosen)
-    alone = everything - found.search.nats(others)
-    rows = float(found.evidence.samples[list(joints)].sum())
-    near = [other for other in others if set(other.acts_on(found.evidence.layout.n)) & set(joints)]
+    others = rest_of(likely.chosen, group)
+    everything = likely.search.nats(likely.chosen)
+    alone = everything - likely.search.nats(others)
+    rows = float(likely.evidence.samples[list(joints)].sum())
+    near = [other for other in others if set(other.acts_on(likely.evidence.layout.n)) & set(joints)]
     return {
         "log_nats": signed_log(alone),
         "log_nats_a_row": float(np.log(max(alone, 0.1) / max(rows, 1.0))),
@@ -106,26 +106,26 @@ def _of_evidence(found: ChangeSet, group: Group, joints: Sequence[int]) -> dict[
         "whole_arm": float(group.effect.scope == "arm"),
         "columns": float(len(group.columns)),
         "others_here": float(len(near)),
-        "names_a_joint": len(found.chosen) / found.evidence.layout.n,
+        "names_a_joint": len(likely.chosen) / likely.evidence.layout.n,
     }
 
 
-def _of_runs(found: ChangeSet, group: Group) -> dict[str, float]:
+def _of_runs(likely: ChangeSet, group: Group) -> dict[str, float]:
     """A change's size against its noise, and against what its law differs by between runs."""
-    measured = against_runs(found, group)
-    joints = group.acts_on(found.evidence.layout.n)
+    measured = against_runs(likely, group)
+    joints = group.acts_on(likely.evidence.layout.n)
     return {
-        "log_null_ratio": float(np.log(found.ratio[joints].max())),
+        "log_null_ratio": float(np.log(likely.ratio[joints].max())),
         "log_size_over_runs": 0.5 * float(np.log(max(measured.square / measured.null.ratio, 1e-6))),
-        "parts": float(min(found.design.sides.counts)),
+        "parts": float(min(likely.design.sides.counts)),
     }
 
 
-def against_runs(found: ChangeSet, group: Group) -> AgainstRuns:
+def against_runs(likely: ChangeSet, group: Group) -> AgainstRuns:
     """A change's size beside the others of its set, and the null variance of its law."""
-    coefficients = found.search.coefficients(found.chosen)[group]
-    covariance = found.search.covariance(found.chosen, group)
+    coefficients = likely.search.coefficients(likely.chosen)[group]
+    covariance = likely.search.covariance(likely.chosen, group)
     square = float(coefficients @ np.linalg.pinv(covariance) @ coefficients) / len(coefficients)
-    joint_ratio = float(found.ratio[group.acts_on(found.evidence.layout.n)].max())
-    nulls = found.design.permuted.nulls(joint_of(group), found.design.prior, found.chosen)
+    joint_ratio = float(likely.ratio[group.acts_on(likely.evidence.layout.n)].max())
+    nulls = likely.design.permuted.nulls(joint_of(group), likely.design.prior, likely.chosen)
     return AgainstRuns(square * joint_ratio, len(coefficients), nulls.get(group.key, nulls[None]))

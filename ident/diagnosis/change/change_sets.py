@@ -1,10 +1,12 @@
-"""Sets of changes by the one inference: log evidence of whole sets, with the differences between runs in it.
+"""Sets of changes by the one inference: log evidence of whole sets, with the differences between
+runs in it.
 
-The paired sums already have every law in all runs beside the arm, each with a variance that was learnt: what a change
-is measured against. Two variance components are theirs alone. Friction of another day stands beside every set
-(`daily_friction`). And laws gain between sets of permuted runs, where nothing changed: each joint's sums are divided by
-how much more than noise lets them, as a session's are by its dispersion, beside the set that is likeliest so far. Then
-sets are searched by their log evidence (`ident.inference.search`) from two starts, until neither changes.
+The paired sums already have every law in all runs beside the arm, each with a variance that was
+learnt: what a change is measured against. Two variance components are theirs alone. Friction of
+another day stands beside every set (`daily_friction`). And laws gain between sets of permuted runs,
+where nothing changed: each joint's sums are divided by how much more than noise lets them, as a
+session's are by its dispersion, beside the set that is likeliest so far. Then sets are searched by
+their log evidence (`ident.inference.search`) from two starts, until neither changes.
 """
 
 from __future__ import annotations
@@ -88,15 +90,14 @@ def choose_set(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key
     """The likeliest set of changes.
 
     Args:
-        design: Both sets of runs.
-        excluded: Changes that these runs can't show.
-        odds: Log odds of changes beforehand that coarser grids gave them; those of this grid if None [nats].
+        design: Both sets of runs. excluded: Changes that these runs can't show. odds: Log odds of
+        changes beforehand that coarser grids gave them; those of this grid if None [nats].
     """
     names = _names(design, excluded, odds or {})
     daily = daily_friction(design)
     beside = replace(names, deviation={**names.deviation, **daily})
     chosen: list[Group] = []
-    found: ChangeSet | None = None
+    likely: ChangeSet | None = None
     for _ in range(ROUNDS):
         ratio = null_ratio(design, chosen)
         plain = design.sums.evidence
@@ -105,18 +106,19 @@ def choose_set(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key
         search = replace(search, names=names, rest=search.beside(list(daily)))
         before = {group.key for group in chosen}
         chosen = _from_both_starts(search, chosen)
-        found = ChangeSet(design, search, evidence, ratio, tuple(chosen))
+        likely = ChangeSet(design, search, evidence, ratio, tuple(chosen))
         if {group.key for group in chosen} == before:
             break
-    assert found is not None
-    return found
+    assert likely is not None
+    return likely
 
 
 def _from_both_starts(search: SetSearch, chosen: Sequence[Group]) -> list[Group]:
     """The likelier of the sets that are reached from two starts.
 
-    What follows no law is in no law's place: torque over angle and direction, it can do most of what any law can. So
-    one start is the likeliest set of laws alone, to which it may come; the other is the set so far.
+    What follows no law is in no law's place: torque over angle and direction, it can do most of
+    what any law can. So one start is the likeliest set of laws alone, to which it may come; the
+    other is the set so far.
 
     Args:
         search: Sums of all candidates.
@@ -137,12 +139,14 @@ def _names(design: PairedDesign, excluded: frozenset[Key], odds: Mapping[Key, fl
 
 
 def null_ratio(design: PairedDesign, chosen: Sequence[Group]) -> Float[Array, " n"]:
-    """Mean gain a column of the laws of each joint between permuted sets, beside some changes; at least one."""
+    """Mean gain a column of the laws of each joint between permuted sets, beside some changes; at
+    least one.
+    """
     joints = design.joints_with_rows
-    found = np.ones(design.sums.evidence.layout.n)
+    ratio = np.ones(design.sums.evidence.layout.n)
     for joint in joints:
         try:
-            found[joint] = design.permuted.nulls(joint, design.prior, chosen)[None].ratio
+            ratio[joint] = design.permuted.nulls(joint, design.prior, chosen)[None].ratio
         except ValueError:  # a joint without laws of its own
             continue
-    return found
+    return ratio

@@ -67,7 +67,7 @@ def compare(
         return _too_few(design, arm, sides, used)
     stage("searching for what changed", 0.5, 1.0)
     told = tell_changes(look_twice(sets, design))
-    hidden = _find_untestable(told.found.design, used)
+    hidden = _find_untestable(told.likely.design, used)
     sliding = tuple(compress(arm.joint_names, arm.sliding_joints))
     return replace(_result(told, arm, sides, hidden), used=used, slides=sliding)
 
@@ -114,7 +114,7 @@ def _find_untestable(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[
 
 def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]) -> ArmComparison:
     """The comparison's record from the changes."""
-    design, joints = told.found.design, arm.joint_names
+    design, joints = told.likely.design, arm.joint_names
     evidence = design.sums.evidence
     changes = sorted((_change(name, told, arm) for name in told.names), key=lambda change: -change.closed)
     with_rows = design.joints_with_rows
@@ -125,7 +125,7 @@ def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: 
     model = project(evidence.gram(), evidence, design.prior, [name.group for name in told.names])
     label, later = parts_of(design.sides), design.sides.later_blocks
     risen = find_risen(squares_left(evidence, model), evidence.rows, label, later, joints)
-    unforetold = find_unforetold(design, told.found.chosen)
+    unforetold = find_unforetold(design, told.likely.chosen)
     verdict = "not_testable" if design.sides.too_short else "no_change"
     if changes or risen or unforetold:
         verdict = "changed_unexplained"
@@ -152,23 +152,23 @@ def _result(told: ToldChanges, arm: ArmModel, sides: tuple[Side, Side], hidden: 
 
 def _change(name: Named, told: ToldChanges, arm: ArmModel) -> ArmChange:
     """The record of one change."""
-    found, joints = told.found, arm.joint_names
+    likely, joints = told.likely, arm.joint_names
     acts = name.affected_joints
     old, new = name.before.rms[acts], name.after.rms[acts]
     names = [joints[j] for j in acts]
-    against = against_runs(found, name.group)
-    tests = len({group.key for group in found.search.names.groups})
+    against = against_runs(likely, name.group)
+    tests = len({group.key for group in likely.search.names.groups})
     elsewhere = other_places(name.described, told.calibration.temper)
     return ArmChange(
         estimate=name.estimate,
         joints=joints_of(name, joints),
         rms_before=dict(zip(names, map(float, old), strict=True)),
         rms_after=dict(zip(names, map(float, new), strict=True)),
-        shrink=measure_shrink(old, new, found.evidence.floor[acts]),
+        shrink=measure_shrink(old, new, likely.evidence.floor[acts]),
         slides=slides(name.group, arm),
         p_value=min(1.0, tests * against.p_value),
         log_score=name.log_score,
         evidence=name.log_evidence,
-        run_spread=against.run_deviation(found.design.sides.counts),
+        run_spread=against.run_deviation(likely.design.sides.counts),
         elsewhere=tuple((effect, "" if joint < 0 else joints[joint]) for effect, joint in elsewhere),
     )

@@ -1,16 +1,16 @@
 """Friction of another day: a variance component of every model of two sets.
 
-Friction differs between two sessions though nothing was done to the arm: joints are some kelvin warmer, grease has
-settled. From run to run it follows a random walk, and the mean of R runs that start from a common level is off by R / 3
-of a step's variance. So beside every set of changes each joint's dry and viscous friction differ between the sets by
-N(0, v f²) of their level f,
+Friction differs between two sessions though nothing was done to the arm: joints are some kelvin
+warmer, grease has settled. From run to run it follows a random walk, and the mean of R runs that
+start from a common level is off by R / 3 of a step's variance. So beside every set of changes each
+joint's dry and viscous friction differ between the sets by N(0, v f²) of their level f,
 
     v = d² (1 / S₁ + 1 / S₂) + w² (R₁ / S₁² + R₂ / S₂²) / 3,
 
 with S sessions and R runs of each set, d the deviation from day to day, and w that from run to run.
 
-Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
-of a UR10e differ by 2 to 5 % of their friction.
+Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs
+of different days of a UR10e differ by 2 to 5 % of their friction.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ Counts = tuple[int, int]
 
 
 def daily_variance(run_deviation: float, runs: Counts, sessions: Counts) -> float:
-    """Variance of the difference of both sets' friction without a change of the arm, as a share of its square.
+    """Variance of the difference of both sets' friction without a change of the arm, as a share of
+    its square.
 
     Args:
         run_deviation: Standard deviation of friction from run to run, as a share.
@@ -41,7 +42,9 @@ def daily_variance(run_deviation: float, runs: Counts, sessions: Counts) -> floa
 
 
 def daily_friction(design: PairedDesign) -> dict[Group, Float[Array, " 2"]]:
-    """For each joint a group of the columns of its friction, with the deviations of their scaled coefficients."""
+    """For each joint a group of the columns of its friction, with the deviations of their scaled
+    coefficients.
+    """
     evidence = design.sums.evidence
     # Few runs determine one joint's step badly: the median over the arm's joints is used.
     run_deviation = float(np.median(evidence.spread[design.joints_with_rows]))

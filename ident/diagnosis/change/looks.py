@@ -1,4 +1,5 @@
-"""Two looks for what changed: at every law on a coarse grid, then on finer grids about what was found.
+"""Two looks for what changed: at every law on a coarse grid, then on finer grids about what was
+found.
 
 Bodies are laid out anew about the place at which they were found.
 """
@@ -68,8 +69,9 @@ def look_twice(sets: TwoSets, design: PairedDesign) -> ChangeSet:
 def hidden_changes(design: PairedDesign) -> frozenset[Key]:
     """Changes that these two sets can't show.
 
-    Laws of friction at joints that move in one run a side at most, for how much it differs from run to run is open; and
-    an error of the last link, where a load may have changed: between two sets of one arm it is one.
+    Laws of friction at joints that move in one run a side at most, for how much it differs from run
+    to run is open; and an error of the last link, where a load may have changed: between two sets
+    of one arm it is one.
     """
     once = design.moves_once
     groups = design.sums.evidence.layout.groups

@@ -1,8 +1,9 @@
-"""Which changes of the likeliest set are names: their probability by a calibration that was fitted to pairs with truth.
+"""Which changes of the likeliest set are names: their probability by a calibration that was fitted
+to pairs with truth.
 
-`calibration_changes.toml` is written by `python -m ident.benchmark.change_calibration fit`; no number of it is set by
-hand. Names, classes and intervals are those of a diagnosis (`ident.inference`). A body's size is as uncertain as the
-gains of the torque readings beside that.
+`calibration_changes.toml` is written by `python -m ident.benchmark.change_calibration fit`; no
+number of it is set by hand. Names, classes and intervals are those of a diagnosis
+(`ident.inference`). A body's size is as uncertain as the gains of the torque readings beside that.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ class ToldChanges:
     """The changes of a set by whether they are likelier than not.
 
     Attributes:
-        found: The likeliest set.
+        likely: The likeliest set.
         names: Its changes that are likelier than not, in the order of the torque that they explain.
         unlikely: Its other changes.
         ladder: Held-out scores of the later set without changes, and after each name.
         calibration: The fitted numbers.
     """
 
-    found: ChangeSet
+    likely: ChangeSet
     names: tuple[Named, ...]
     unlikely: tuple[Named, ...]
     ladder: tuple[HeldOutScore, ...]
@@ -46,39 +47,39 @@ class ToldChanges:
     @property
     def solution(self) -> Solution:
         """Sums that parameters are read from."""
-        return _solution(self.found)
+        return _solution(self.likely)
 
 
-def tell_changes(found: ChangeSet, calibration: NameCalibration | None = None) -> ToldChanges:
+def tell_changes(likely: ChangeSet, calibration: NameCalibration | None = None) -> ToldChanges:
     """The likeliest set of changes, each with its probability.
 
     Args:
-        found: The set.
+        likely: The set.
         calibration: The fitted numbers; what the package ships if None.
     """
     calibration = load_names(FILE) if calibration is None else calibration
-    scorers = later_scorers(found)
-    described = describe_changes(found, scorers)
-    session = found.design.later_session
-    estimates = estimate(_solution(found), described, session, calibration)
-    uncertain = [_with_gains_uncertain(one, found, calibration) for one in estimates]
+    scorers = later_scorers(likely)
+    described = describe_changes(likely, scorers)
+    session = likely.design.later_session
+    estimates = estimate(_solution(likely), described, session, calibration)
+    uncertain = [_with_gains_uncertain(one, likely, calibration) for one in estimates]
     told = tell(described, uncertain, scorers)
-    return ToldChanges(found, told.names, told.unlikely, told.ladder, calibration)
+    return ToldChanges(likely, told.names, told.unlikely, told.ladder, calibration)
 
 
-def _solution(found: ChangeSet) -> Solution:
+def _solution(likely: ChangeSet) -> Solution:
     """What both sets share cancels, a wrong URDF too: so it makes no interval wider."""
-    return Solution(found.search, found.search, found.chosen)
+    return Solution(likely.search, likely.search, likely.chosen)
 
 
-def _with_gains_uncertain(told: Estimate, found: ChangeSet, calibration: NameCalibration) -> Estimate:
+def _with_gains_uncertain(told: Estimate, likely: ChangeSet, calibration: NameCalibration) -> Estimate:
     """The estimate of a body with each joint's gain uncertain; other estimates as they are."""
-    group, design = told.refined, found.design
+    group, design = told.refined, likely.design
     if group.effect.id not in BODIES:
         return told
-    model = project(found.evidence.gram(), found.evidence, design.prior, found.chosen)
-    scale = found.evidence.scale[group.columns]
-    scaled, covariance = solve_body(found.evidence, model, group, told.coefficients * scale, design.gain_uncertainty)
+    model = project(likely.evidence.gram(), likely.evidence, design.prior, likely.chosen)
+    scale = likely.evidence.scale[group.columns]
+    scaled, covariance = solve_body(likely.evidence, model, group, told.coefficients * scale, design.gain_uncertainty)
     coefficients = scaled / scale
     certain = covariance / np.outer(scale, scale)
     parameters = group.effect.parameters(design.later_session, group.joint, group.variant, coefficients, certain)
@@ -87,7 +88,8 @@ def _with_gains_uncertain(told: Estimate, found: ChangeSet, calibration: NameCal
 
 
 def other_places(described: Described, temper: float) -> list[tuple[str, int]]:
-    """Effects elsewhere that explain a change as well, the likeliest first: their ids and joints, -1 the whole arm.
+    """Effects elsewhere that explain a change as well, the likeliest first: their ids and joints,
+    -1 the whole arm.
 
     Args:
         described: The change with its rivals.

@@ -1,4 +1,6 @@
-"""Laws of sets of changes by log evidence, and of the probabilities that are fitted to pairs with truth."""
+"""Laws of sets of changes by log evidence, and of the probabilities that are fitted to pairs with
+truth.
+"""
 
 from pathlib import Path
 
@@ -35,7 +37,8 @@ def designed(arm: ArmModel, plant: Plant) -> PairedDesign:
 
 
 def test_the_likeliest_set_holds_what_changed(three_joints: ArmModel) -> None:
-    """Law: what changed is of the class of most evidence, at its joint; later folds gain by it, far beyond the runs.
+    """Law: what changed is of the class of most evidence, at its joint; later folds gain by it, far
+    beyond the runs.
 
     An offset and friction that differs by the direction are nearly one in motion.
     """
@@ -52,7 +55,9 @@ def test_the_likeliest_set_holds_what_changed(three_joints: ArmModel) -> None:
 
 
 def test_of_an_arm_that_did_not_change_the_runs_say_little(three_joints: ArmModel) -> None:
-    """Law: beside the differences between runs of one set no change of an unchanged arm has more than a few nats."""
+    """Law: beside the differences between runs of one set no change of an unchanged arm has more
+    than a few nats.
+    """
     design = designed(three_joints, wrong_everywhere)
     found = choose_set(design, hidden_changes(design))
     described = describe_changes(found, later_scorers(found))
@@ -68,8 +73,9 @@ def rubs_more(share: float) -> Plant:
 
 
 def test_friction_of_another_day_is_worth_less_the_more_days_differ(three_joints: ArmModel) -> None:
-    """Law: beside friction that differs from day to day a change of friction loses evidence, by far most of it where it
-    is no larger than days make it; one of half as much again keeps enough for any name.
+    """Law: beside friction that differs from day to day a change of friction loses evidence, by far
+    most of it where it is no larger than days make it; one of half as much again keeps enough for
+    any name.
     """
     left = {}
     for share in (0.03, 0.5):
@@ -82,7 +88,9 @@ def test_friction_of_another_day_is_worth_less_the_more_days_differ(three_joints
 
 
 def test_a_fit_learns_what_tells_right_from_wrong_and_is_read_again(tmp_path: Path) -> None:
-    """Law: of arms left out what is right is likelier; a file gives the probabilities that were fitted."""
+    """Law: of arms left out what is right is likelier; a file gives the probabilities that were
+    fitted.
+    """
     rng, count = np.random.default_rng(2), 200
     right = rng.uniform(size=count) < 0.5
     features = rng.standard_normal((count, len(SIGNS)))
