@@ -119,7 +119,7 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     """Looks at more and more runs, in their order, until the diagnosis is sure or no run is left.
 
     Args:
-        sure: Least probability of every name, and one less the chance of a false name over all looks.
+        sure: Least probability of every name.
         source, robot: As for `diagnose`.
         options: How each look is made.
 
@@ -131,13 +131,13 @@ def examine_until(sure: float, source: Sources, robot: Robot | None, options: Di
     sessions = tuple(Given(source, robot, options.topic, options.session_file).parts())
     examined: list[Examined] = []
 
-    def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:
-        found = examine(first_runs(sessions, runs), robot, replace(options, session_file=None, settings=spent))
+    def look(runs: int) -> Diagnosis:
+        found = examine(first_runs(sessions, runs), robot, replace(options, session_file=None))
         examined[:] = [found]
         return found.diagnosis
 
     total = sum(len(session.runs) for session in sessions)
-    looks = diagnose_sequentially(look, total, sure, options.settings or USUAL)
+    looks = diagnose_sequentially(look, total, sure)
     (last,) = examined
     return last._replace(diagnosis=replace(last.diagnosis, until=looks))
 

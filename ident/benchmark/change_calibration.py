@@ -1,17 +1,21 @@
-"""Probabilities of changes: rows of pairs of sets with truth, stored, and a calibration that is fitted to them.
+"""Probabilities of changes: rows of pairs of sets with truth, stored, and a calibration that is
+fitted to them.
 
     python -m ident.benchmark.change_calibration store CASES RESULTS
     python -m ident.benchmark.change_calibration fit CASES RESULTS --out calibration_changes.toml
 
-`CASES` is what `python -m ident.benchmark.real_check make … --compare` writes. `store` writes for each pair the
-likeliest set of changes with its features and rivals (`ident.diagnosis.change.name_changes`); what is there already is
-not made again. `fit` takes those that are what was planted, or of its class, for right and all others for wrong, and
-prints how the probabilities hold on arms that were left out whole.
+`CASES` is what `python -m ident.benchmark.real_check make … --compare` writes. `store` compares
+each pair and writes what it said with a row for each change of the likeliest set, its features and
+rivals; what is there already is not made again. `fit` takes those that are what was planted, or of
+its class, for right and all others for wrong, and prints how the probabilities hold on arms that
+were left out whole. With the probabilities are fitted how far the evidence between rivals is to be
+believed, and how wide intervals have to be, as for a diagnosis.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +25,16 @@ import numpy as np
 import tomli_w
 
 from ident.arrays import Array, Bool, Float
+from ident.benchmark.law_shares import Miss, Widths, fit_widths
 from ident.benchmark.logistic import Logistic, fit_logistic, log_score
 from ident.benchmark.real_check import holds
-from ident.diagnosis.change.from_reports import design_reports
-from ident.diagnosis.change.name_changes import MOST_BEHIND, LikelyChange, likely_set
+from ident.benchmark.tempering import Choice, fit_temper
+from ident.diagnosis.change.from_reports import compare_reports
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.inference.calibration import sizes_of
+from ident.inference.estimate import CLASS_ODDS
+from ident.inference.rows import candidate_rows
 from ident.records import as_json
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources
@@ -35,19 +43,102 @@ from ident.sessions import Given, inspect_sources
 SIGNS = {
     "log_nats": 1,
     "gain_in_errors": 1,
+    "closed_in_errors": 1,
     "folds_that_gain": 1,
     "share_of_gap": 1,
     "log_size_over_runs": 1,
-    "log_size_over_days": 1,
     "log_share_of_evidence": 1,
     "log_left_over_noise": -1,
     "log_null_ratio": -1,
     "names_a_joint": -1,
-    "columns": 0,
+    "columns": -1,
     "rival_behind": 0,
 }
 RIDGES = np.geomspace(1e-3, 1.0, 7)
 NAMED_FROM = 0.5
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of sets with what was planted and what was found."""
+
+    answers: Mapping[str, Row]  # by case
+    results: Mapping[str, Row]  # by case
+
+    @classmethod
+    def read(cls, cases: Path, results: Path) -> Pairs:
+        """Those that are stored.
+
+        Raises:
+            InputError: There is none.
+        """
+        stored = {path.stem: read_json(path, "store the rows first") for path in sorted(results.glob("*.json"))}
+        stored = {name: record for name, record in stored.items() if "rows" in record}
+        if not stored:
+            raise InputError(results, "holds no pair of sets", "store the rows first")
+        answers = {name: read_json(cases / "answers" / f"{name}.json", "make the cases first") for name in stored}
+        return cls(answers, stored)
+
+    def rows(self) -> list[tuple[str, Row]]:
+        """All changes, each with its case."""
+        return [(case, row) for case, record in self.results.items() for row in record["rows"]]
+
+    def choices(self) -> list[Choice]:
+        """Changes that are what was planted or have it among their rivals, with the deficits."""
+        choices = []
+        for case, row in self.rows():
+            members = [(as_finding(row, []), 0.0)]
+            members += [(as_finding(row, [rival], alone=True), rival["deficit"]) for rival in row["rivals"]]
+            deficits = np.array([deficit for _, deficit in members])
+            for effect in self.answers[case]["effects"]:
+                true = [deficit for finding, deficit in members if holds(finding, effect)]
+                if true:
+                    choices.append(Choice(min(true), deficits))
+        return choices
+
+    def misses(self) -> list[Miss]:
+        """Errors of the parameters of changes that are what was planted."""
+        misses = []
+        for case, row in self.rows():
+            answer = self.answers[case]
+            for effect in answer["effects"]:
+                if row["effect"] == effect["effect"] and holds(as_finding(row, []), effect):
+                    misses += _misses(row, effect["parameters"], answer["arm"])
+        return misses
+
+    def table(self, temper: float) -> Rows:
+        """Features and labels of all changes.
+
+        Args:
+            temper: Exponent of the evidence between rivals, which says what is of a class.
+        """
+        features, right, arm, case_of = [], [], [], []
+        for case, row in self.rows():
+            near = [rival for rival in row["rivals"] if temper * rival["deficit"] <= np.log(CLASS_ODDS)]
+            finding = as_finding(row, near)
+            features.append([row["features"][name] for name in SIGNS])
+            right.append(any(holds(finding, effect) for effect in self.answers[case]["effects"]))
+            arm.append(self.answers[case]["arm"])
+            case_of.append(case)
+        return Rows(np.array(features), np.array(right), np.array(arm), np.array(case_of))
+
+
+def _misses(row: Row, truth: Mapping[str, Any], arm: str) -> list[Miss]:
+    """Errors of one change's parameters."""
+    intervals = {name: one for name, one in row["parameters"].items() if one.get("value") is not None}
+    sizes = sizes_of({name: one["value"] for name, one in intervals.items()})
+    misses = []
+    for name, interval in intervals.items():
+        true = truth.get(name)
+        if not isinstance(true, (int, float)) or interval["low"] is None or interval["high"] is None:
+            continue
+        error = true - interval["value"]
+        if name == "phase_rad":
+            error = float(np.angle(np.exp(1j * error)))
+        half = interval["high"] - interval["value"] if error > 0.0 else interval["value"] - interval["low"]
+        misses.append(Miss(row["effect"], name, abs(error), half, sizes[name], arm))
+    return misses
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,79 +158,52 @@ class Rows:
         return np.asarray(weights * len(weights) / weights.sum())
 
 
-def as_row(one: LikelyChange, joints: Sequence[str]) -> dict[str, Any]:
-    """A change as it is stored."""
-    own = one.group.effect.scope == "joint"
-    acts_on = [joints[j] for j in one.group.acts_on(len(joints))]
-    rivals = []
-    for (effect, joint, _), deficit in one.rivals.items():
-        rivals.append({"effect": effect, "joint": joints[joint] if joint >= 0 else "", "deficit": deficit})
-    return {
-        "effect": one.group.effect.id,
-        "joint": joints[one.group.joint] if own else "",
-        "joints": acts_on,
-        "features": dict(one.features),
-        "rivals": rivals,
-    }
+def as_finding(row: Row, near: Sequence[Row], alone: bool = False) -> Row:
+    """A stored change as a finding.
 
-
-def as_finding(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A stored change as a finding, with its class and its other places."""
-    near = [rival for rival in row["rivals"] if rival["deficit"] <= MOST_BEHIND]
+    Args:
+        row, near: The change, and the rivals that are of its class.
+        alone: Whether they stand in its place.
+    """
     joints = [row["joint"]] if row["joint"] else row["joints"]
-    here = [rival["effect"] for rival in near if not rival["joint"] or rival["joint"] in joints]
-    elsewhere = [rival for rival in near if rival["joint"]]
-    return {"effect": row["effect"], "joints": joints, "class": here, "elsewhere": elsewhere}
+    here = [rival["effect"] for rival in near if rival["joint"] == row["joint"]]
+    elsewhere = [rival for rival in near if rival["joint"] != row["joint"]]
+    effect = "" if alone else row["effect"]
+    return {"effect": effect, "joints": joints, "class": [effect, *here], "elsewhere": elsewhere}
 
 
 def store(cases: Path, results: Path) -> None:
-    """Writes the rows of each pair that has none."""
+    """Compares each pair that has no result."""
     for folder in sorted((cases / "cases").iterdir()):
         path = results / f"{folder.name}.json"
         if path.is_file() or not (folder / "before").is_dir():
             continue
         sides = [folder / "before", folder / "after"]
-        record: dict[str, Any] = {"changes": []}
+        start = time.process_time()
+        record: Row = {"rows": []}
         try:
             arm, reports = inspect_sources(Given(sides, sides[1] / "robot.urdf")).whole
-            design, excluded = design_reports(reports[:1], reports[1:], arm)
-            joints = design.baseline.nominal.joint_names
-            record["changes"] = [as_row(one, joints) for one in likely_set(design, excluded)]
+            comparison = compare_reports(reports[:1], reports[1:], arm)
+            record["comparison"] = comparison.to_dict()
+            if comparison.told is not None:
+                session = comparison.told.likely.design.later_session
+                record["rows"] = candidate_rows(comparison.told, session, comparison.joints)
         except InputError as error:
             record["error"] = str(error)
+        record["processor_seconds"] = time.process_time() - start
         with atomic_write(path) as part:
             part.write_text(as_json(record, None) + "\n", encoding="utf-8")
-        print(folder.name, len(record["changes"]), flush=True)
-
-
-def read_rows(cases: Path, results: Path) -> Rows:
-    """All stored changes with their labels.
-
-    Raises:
-        InputError: There are none.
-    """
-    features, right, arm, case = [], [], [], []
-    for path in sorted(results.glob("*.json")):
-        answer = read_json(cases / "answers" / path.name, "make the cases first")
-        for row in read_json(path, "store the rows first")["changes"]:
-            finding = as_finding(row)
-            features.append([row["features"][name] for name in SIGNS])
-            right.append(any(holds(finding, effect) for effect in answer["effects"]))
-            arm.append(answer["arm"])
-            case.append(path.stem)
-    if not features:
-        raise InputError(results, "holds no change", "store the rows first")
-    return Rows(np.array(features), np.array(right), np.array(arm), np.array(case))
+        print(folder.name, len(record["rows"]), flush=True)
 
 
 def leave_arms_out(rows: Rows, ridge: float) -> Float[Array, " N"]:
     """Probability of each row by a fit without its arm."""
-    found = np.zeros(len(rows.right))
+    probability = np.zeros(len(rows.right))
     for arm in np.unique(rows.arm):
         out = rows.arm == arm
         model = _fit(rows, ridge, ~out)
-        found[out] = model.probability(rows.features[out])
-    return found
+        probability[out] = model.probability(rows.features[out])
+    return probability
 
 
 def _fit(rows: Rows, ridge: float, chosen: Bool[Array, " N"]) -> Logistic:
@@ -147,28 +211,63 @@ def _fit(rows: Rows, ridge: float, chosen: Bool[Array, " N"]) -> Logistic:
     return fit_logistic(features, right, rows.weights[chosen], tuple(SIGNS), ridge, SIGNS)
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A calibration with how it holds on arms that were left out."""
+
+    names: Logistic
+    ridge: float  # that which holds best on arms left out
+    held_out: Float[Array, " N"]  # probabilities there
+    temper: float
+    widths: Widths
+
+
 def fit(rows: Rows) -> tuple[Logistic, float, Float[Array, " N"]]:
-    """The calibration of the ridge that holds best on arms left out, that ridge, and the probabilities there."""
+    """The regression of the ridge that holds best on arms left out, that ridge, and the
+    probabilities there.
+    """
     held_out = {float(ridge): leave_arms_out(rows, float(ridge)) for ridge in RIDGES}
     best = max(held_out, key=lambda ridge: log_score(held_out[ridge], rows.right, rows.weights))
     return _fit(rows, best, np.ones(len(rows.right), dtype=bool)), best, held_out[best]
 
 
-def write(model: Logistic, ridge: float, rows: Rows, out: Path) -> None:
+def fit_all(pairs: Pairs) -> tuple[Fitted, Rows]:
+    """The whole calibration of pairs, and the rows that it was fitted to.
+
+    Raises:
+        InputError: Too few parameters are known for the widths of intervals.
+    """
+    temper = fit_temper(pairs.choices())
+    widths = fit_widths(pairs.misses())
+    if widths is None:
+        raise InputError("RESULTS", "too few changes are what was planted", "store more pairs")
+    rows = pairs.table(temper)
+    names, ridge, held_out = fit(rows)
+    return Fitted(names, ridge, held_out, temper, widths), rows
+
+
+def write(fitted: Fitted, rows: Rows, out: Path) -> None:
     """Writes the calibration."""
-    terms = {}
+    model, terms = fitted.names, {}
     for k, name in enumerate(model.names):
         if np.isfinite(model.scaling.scale[k]):
             centre, scale = float(model.scaling.centre[k]), float(model.scaling.scale[k])
             terms[name] = {"weight": float(model.weights[k]), "centre": centre, "scale": scale}
-    arms = sorted(np.unique(rows.arm).tolist())
     record = {
         "schema": "ident.calibration_changes/1",
         "intercept": model.intercept,
-        "ridge": ridge,
+        "ridge": fitted.ridge,
+        "temper": fitted.temper,
         "pairs": len(np.unique(rows.case)),
         "rows": len(rows.right),
-        "arms": arms,
+        "arms": sorted(np.unique(rows.arm).tolist()),
+        "widths": {
+            "factor": fitted.widths.factor,
+            "common": fitted.widths.common,
+            "share": dict(fitted.widths.shares),
+            "coverage_held_out": fitted.widths.coverage,
+            "count": fitted.widths.count,
+        },
         "feature": terms,
     }
     with atomic_write(out) as part:
@@ -185,13 +284,23 @@ def main() -> None:
     if given.job == "store":
         store(given.cases, given.results)
         return
-    rows = read_rows(given.cases, given.results)
-    model, ridge, held_out = fit(rows)
-    write(model, ridge, rows, given.out)
-    named = held_out >= NAMED_FROM
-    print(f"{len(rows.right)} changes of {len(np.unique(rows.case))} pairs, {int(rows.right.sum())} of them right")
-    print(f"ridge {ridge:.3g}; held-out log score {log_score(held_out, rows.right, rows.weights):.3f} nats a change")
-    print(f"named on arms left out: {int((named & rows.right).sum())} right, {int((named & ~rows.right).sum())} wrong")
+    fitted, rows = fit_all(Pairs.read(given.cases, given.results))
+    write(fitted, rows, given.out)
+    print("\n".join(summary_lines(fitted, rows)))
+
+
+def summary_lines(fitted: Fitted, rows: Rows) -> list[str]:
+    """How the calibration holds, in words."""
+    named = fitted.held_out >= NAMED_FROM
+    score = log_score(fitted.held_out, rows.right, rows.weights)
+    widths = fitted.widths
+    return [
+        f"{len(rows.right)} changes of {len(np.unique(rows.case))} pairs, {int(rows.right.sum())} of them right",
+        f"ridge {fitted.ridge:.3g}; held-out log score {score:.3f} nats a change; temper {fitted.temper:.3f}",
+        f"named on arms left out: {int((named & rows.right).sum())} right, {int((named & ~rows.right).sum())} wrong",
+        f"intervals of {widths.count} parameters: factor {widths.factor:.2f}, law's share {widths.common:.3f}; "
+        f"they hold {widths.coverage:.3f} on arms left out",
+    ]
 
 
 if __name__ == "__main__":

@@ -21,8 +21,8 @@ from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, SessionContext, impossible
 from ident.inference.conclusion import Conclusion
-from ident.inference.estimate import FIXED
 from ident.inference.search import SetSearch
+from ident.inference.solution import FIXED
 from ident.records import read_group
 from ident.regression.design import Group, NotTestable
 from ident.regression.noise import Whitening

@@ -15,8 +15,8 @@ from ident.diagnosis.gap.improvement import Improvement, energy_spread, measure_
 from ident.diagnosis.gap.place_ranking import ReportedCause, measure_excess_errors, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.result import Finding, JointGap
-from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.settings import DiagnosisSettings
+from ident.diagnosis.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.tuned_links import TunedLink, measure_tuned_links
 from ident.effects.base import SessionContext
 from ident.inference.conclusion import EVEN_ODDS, Conclusion
@@ -124,7 +124,7 @@ def measure_remaining(
         noise=np.where(probability >= EVEN_ODDS, floors, np.maximum(noise, np.minimum(floors, last))),
         improvement=measure_improvement(conclusion, models.given, series, baseline, floors, seed, settings.gap),
         links=measure_tuned_links(baseline, evidence, models.after, prior, models.inflation),
-        tolerance=measure_tolerance(evidence, prior, models.after, models.inflation, settings.selection),
+        tolerance=measure_tolerance(evidence, prior, models.after, models.inflation, settings.tolerance),
     )
 
 

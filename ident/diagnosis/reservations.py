@@ -11,11 +11,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.selection.criteria import Evaluated, first_of_each_joint
-from ident.diagnosis.selection.estimates import Estimate
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
-from ident.effects.base import Interval, SessionContext, impossible
+from ident.effects.base import Interval
 from ident.inference.conclusion import Named
 from ident.inference.estimate import Reason
 
@@ -33,11 +31,6 @@ class Reservation:
     parameters: dict[str, Interval]  # parameters of the rejected effect
     probability: float | None = None  # of an effect that was weighed
     reasons: tuple[Reason, ...] = ()  # why it has this probability, the largest first
-
-    @classmethod
-    def of(cls, item: Evaluated, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
-        """The reservation about an effect that was rejected."""
-        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters)
 
     @classmethod
     def unlikely(cls, name: Named, joints: Sequence[str]) -> Reservation:
@@ -63,34 +56,9 @@ class Reservation:
         }
 
 
-def joints_of(item: Evaluated | Named, joints: Sequence[str]) -> tuple[str, ...]:
+def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
     """Names of an effect's own joint, or of the joints that an effect of the whole arm affects."""
     return tuple(joints[j] for j in item.named_joints)
-
-
-def find_implausible(candidates: Mapping[int, tuple[Evaluated, Estimate]], session: SessionContext) -> dict[int, str]:
-    """Effects with implausible or insignificant parameters, and the reason for each.
-
-    If any has parameters that no arm has, all of these. Otherwise, of the insignificant effects, the one of least log
-    evidence at each joint: two collinear effects are both insignificant, and one of them alone may be significant.
-
-    Args:
-        candidates: Effects with their estimates, by index.
-        session: The runs.
-    """
-    outside, insignificant = {}, {}
-    for k, (_, estimate) in candidates.items():
-        effect = estimate.refined.effect
-        context = session
-        if reason := impossible(effect, context, estimate.refined.joint, estimate.parameters):
-            outside[k] = reason
-        elif reason := estimate.undefined:
-            insignificant[k] = reason
-    if outside or not insignificant:
-        return outside
-    weakest = sorted(insignificant, key=lambda k: candidates[k][0].criteria.log_evidence)
-    kept = first_of_each_joint([(k, candidates[k][0].affected_joints) for k in weakest])
-    return {k: insignificant[k] for k in kept}
 
 
 def unlikely_reservations(unlikely: Sequence[Named], joints: Sequence[str]) -> tuple[Reservation, ...]:

@@ -1,22 +1,18 @@
-"""Group sequential diagnosis: repeated as runs come in, until the result is certain enough.
+"""Diagnosis repeated as runs come in, until the result is certain enough.
 
-A test that is repeated until it rejects has a higher error rate than a single test. So the k-th look is given the share
-6 / (π² k²) of the probability α of a false finding. The shares add up to one over any number of looks, and the
-probability that any look gives a false finding is at most α (Boole's inequality). The threshold of the log evidence
-rises by the logarithm of the share.
-
-Source: Lan and DeMets 1983 (error spending).
+A probability that is right as often as it says is so whenever one stops to look at it: what is
+recorded next depends on it, what it says of the recordings so far does not (Berger and Wolpert
+1988, the stopping rule principle). So every look asks for the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from math import ceil, log, pi
+from dataclasses import dataclass
+from math import ceil
 from typing import Any
 
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.errors import InputError
 from ident.records import read_group
 
@@ -31,7 +27,6 @@ class RepeatedLook:
     runs: int  # number of runs
     seconds: float  # their duration together [s]
     verdict: str  # verdict of the diagnosis
-    family_error: float  # probability of a false finding that this look may spend
     missing: tuple[str, ...]  # reasons why the result is not certain enough; empty if it is
 
     def to_dict(self) -> dict[str, Any]:
@@ -64,31 +59,25 @@ class RepeatedLooks:
         }
 
 
-def diagnose_sequentially(
-    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, level: float, settings: DiagnosisSettings = USUAL
-) -> RepeatedLooks:
+def diagnose_sequentially(look: Callable[[int], Diagnosis], total: int, level: float) -> RepeatedLooks:
     """Diagnoses more and more runs until the result is certain enough.
 
     Args:
-        look: Diagnoses the first so many runs with given settings.
+        look: Diagnoses the first so many runs.
         total: Number of runs.
-        level: Least probability of each finding, and one minus the probability of a false finding over all looks.
-        settings: Settings of a single diagnosis.
+        level: Least probability of each finding.
 
     Raises:
         InputError: No finding can have this probability.
     """
-    most = settings.selection.most_sure
-    if not 0.5 <= level <= most:
-        raise InputError("--until", f"{level:g}", f"choose between 0.5 and {most:g}: no finding is given more")
+    if not 0.5 <= level < 1.0:
+        raise InputError("--until", f"{level:g}", "choose from 0.5 to below 1: no finding is certain")
     looks: list[RepeatedLook] = []
-    for number, runs in enumerate(count_runs(total), start=1):
-        error = min(1.0 - level, LIMIT.single_look)
-        spent = spend(settings, error, number)
-        diagnosis = look(runs, spent)
+    for runs in count_runs(total):
+        diagnosis = look(runs)
         seconds = float(diagnosis.session["duration_s"])
         missing = tuple(find_missing(diagnosis, level))
-        looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, error * share_of_look(number), missing))
+        looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, missing))
         if not missing:
             break
     return RepeatedLooks(level, tuple(looks), diagnosis)
@@ -101,21 +90,6 @@ def count_runs(total: int) -> Iterator[int]:
         yield runs
         runs = ceil(LIMIT.growth * runs)
     yield total
-
-
-def share_of_look(number: int) -> float:
-    """Share of the error probability that a look may spend; looks are counted from one."""
-    return 6.0 / (pi * number) ** 2
-
-
-def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
-    """Settings of one look, counted from one, such that all looks together have the error probability `error`."""
-    held, nats = settings.selection, -log(share_of_look(number) * error / LIMIT.single_look)
-    selection = held.but(
-        least_nats=held.least_nats + nats,
-        event_nats=held.event_nats + nats,
-    )
-    return replace(settings, selection=selection)
 
 
 def find_missing(diagnosis: Diagnosis, confidence: float) -> Iterator[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ident.checks.filtered_run import USUAL_TELEMETRY, TelemetrySettings
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
-from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.diagnosis.tolerance import USUAL_TOLERANCE, ToleranceSettings
 from ident.motion.filter import FOR_DIAGNOSIS, MotionSettings
 from ident.records import Settings
 from ident.regression.settings import USUAL_REGRESSION, RegressionSettings
@@ -27,16 +27,16 @@ class DiagnosisSettings(Settings):
         telemetry: The telemetry check: sign, scale and origin of the torque, and excitation.
         motion: From recordings to motions: the encoders' band and the common filter.
         regression: The sums and their priors.
-        selection: Acceptance of effects.
         gap: Map, ceiling and replay of the gap.
+        tolerance: When tuned inertias exceed the URDF's tolerance.
         verdict: From evidence to a verdict.
     """
 
     telemetry: TelemetrySettings = USUAL_TELEMETRY
     motion: MotionSettings = FOR_DIAGNOSIS
     regression: RegressionSettings = USUAL_REGRESSION
-    selection: SelectionSettings = USUAL_SELECTION
     gap: GapSettings = USUAL_GAP
+    tolerance: ToleranceSettings = USUAL_TOLERANCE
     verdict: VerdictSettings = USUAL_VERDICT
 
 

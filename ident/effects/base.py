@@ -127,10 +127,6 @@ class Effect(ABC):
         """The inner grid at a joint (`joint` is 0 for an effect of the whole arm)."""
         return (Variant(),)
 
-    def essential(self, variant: Variant) -> tuple[int, ...]:
-        """Columns without which it would be another effect: they must earn their own place; () if there are none."""
-        return ()
-
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
         """Whether a point of the inner grid is right about such coefficients: a law made linear there holds near it."""
         return True
@@ -338,14 +334,6 @@ class StatesEffect(Effect):
         """The point of the grid, and the coefficients that were found there, or those that the parameters tell."""
         stated = coefficients or [reported[name] for name in self.figures or self.defining]
         return {**self.states.usual, **shape, **{f"coefficient_{k}": float(value) for k, value in enumerate(stated)}}
-
-
-def undefined(effect: Effect, estimates: Mapping[str, Interval]) -> str | None:
-    """Why nobody can say that there is an effect of such parameters: all that define it may be zero; or None."""
-    names = [name for name in effect.defining if name in estimates]
-    if names and all(estimates[name].low <= 0.0 <= estimates[name].high for name in names):
-        return f"the 95 % interval of {' and '.join(names)} holds zero"
-    return None
 
 
 def impossible(effect: Effect, session: SessionContext, joint: int, estimates: Mapping[str, Interval]) -> str | None:

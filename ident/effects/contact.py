@@ -103,10 +103,6 @@ class ExternalContact(Effect):
                 shapes.append(ends | {"swells": swells} | where)
         return tuple(Variant(shape=shape) for shape in shapes)
 
-    def essential(self, variant: Variant) -> tuple[int, ...]:
-        """A force along some direction: all three together must not be zero."""
-        return (0, 1, 2)
-
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         """−Jᵀ for the three directions of the base frame, inside the window."""
         start, end, outward = (variant.shape[name] for name in ("start_s", "end_s", "outward"))

@@ -18,9 +18,6 @@ from typing import Any, Literal
 from ident.laws.carried import KINDS, TABLE
 
 Answer = Literal["yes", "approximate", "no"]
-# No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size (95 %, from a
-# development set of simulated arms whose laws are others than the catalogue's).
-LAW_SHARE = 0.15
 # A parameter whose name begins with this is no estimate but the state at which the fitted law was evaluated for another
 # one: `bend_Nm` is torque of the law at `at_speed_rad_s`. Sentences and cards say these: no number in them is made by a
 # formula that is written a second time.
@@ -63,19 +60,9 @@ class Typical:
 
 @dataclass(frozen=True)
 class Doubt:
-    """How far an arm's own law may differ from an effect's, beside what the recordings leave open (95 %)."""
+    """What is certain of an effect: how far an arm's own law differs from it in all else is fitted to a corpus."""
 
-    share: float = LAW_SHARE  # of each parameter's size
-    shares: Mapping[str, float] = field(default_factory=dict)  # of parameters for which it is another
-    # Of parameters of place, which have no size of their own, in the parameter's unit.
-    places: Mapping[str, float] = field(default_factory=dict)
     exact: frozenset[str] = frozenset()  # parameters of which there is no doubt
-
-    def of(self, name: str, value: float) -> float:
-        """Half the width that the doubt alone gives a parameter, in its unit; none at a named state (`STATE`)."""
-        if name in self.exact or name.startswith(STATE):
-            return 0.0
-        return self.places.get(name, self.shares.get(name, self.share) * abs(value))
 
 
 @dataclass(frozen=True)
@@ -179,7 +166,7 @@ def read_row(effect: str) -> dict[str, Any]:
 
     readers: dict[str, Callable[[Any], Any]] = {
         "typical": lambda value: Typical(**{name: _frozen(one) for name, one in value.items()}),
-        "doubt": lambda value: Doubt(**{**value, "exact": frozenset(value.get("exact", ()))}),
+        "doubt": lambda value: Doubt(frozenset(value.get("exact", ()))),
         "formats": lambda value: {form: Expression(*one) for form, one in value.items()},
         "as_change": lambda value: AsChange(**value),
         "states": lambda value: KINDS[effect],

@@ -147,10 +147,6 @@ class SpringTorque(Effect):
         """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both ways."""
         return (0,) if variant.shape["law"] == STRAIGHT else ()
 
-    def essential(self, variant: Variant) -> tuple[int, ...]:
-        """A line without a slope is an offset; so is the top of a wave."""
-        return {STRAIGHT: (0,), BENT: (0, 2, 3), PERIODIC: (0, 1)}[int(variant.shape["law"])]
-
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [_spring(run.motion.q[:, joint], variant) for run in session.runs]
 

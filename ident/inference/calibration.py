@@ -101,14 +101,20 @@ class Widths:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """All numbers that were fitted to the corpus."""
+class NameCalibration:
+    """The fitted numbers by which chosen effects are told."""
 
     names: Odds  # of a chosen effect, or one of its class, being the cause
-    gaps: Odds  # of a joint having a cause that none of the names is
-    even_nats: float  # log evidence at which half of the corpus' chosen effects were right [nats]
     temper: float  # exponent of the evidence between rivals
     widths: Widths | None  # None for intervals as the recordings alone have them
+
+
+@dataclass(frozen=True)
+class Calibration(NameCalibration):
+    """All numbers that were fitted to the corpus."""
+
+    gaps: Odds  # of a joint having a cause that none of the names is
+    even_nats: float  # log evidence at which half of the corpus' chosen effects were right [nats]
 
 
 @cache
@@ -119,25 +125,29 @@ def load_calibration(path: Path = FILE) -> Calibration:
         InputError: There is no such file, or it can't be read.
     """
     record = read_toml(path, "write it: python -m ident.benchmark.calibrate fit")
-    widths = record["widths"]
-    share = {str(effect): float(value) for effect, value in widths["share"].items()}
     return Calibration(
         names=_odds(record),
         gaps=_odds(record["gap"]),
         even_nats=float(record["even_nats"]),
         temper=float(record["temper"]),
-        widths=Widths(float(widths["factor"]), float(widths["common"]), share),
+        widths=_widths(record["widths"]),
     )
 
 
 @cache
-def load_odds(path: Path) -> Odds:
-    """A regression alone, from a file of its own.
+def load_names(path: Path) -> NameCalibration:
+    """What names alone are told by, from a file of its own.
 
     Raises:
         InputError: There is no such file, or it can't be read.
     """
-    return _odds(read_toml(path, "write it: python -m ident.benchmark.change_calibration fit"))
+    record = read_toml(path, "write it: python -m ident.benchmark.change_calibration fit")
+    return NameCalibration(_odds(record), float(record["temper"]), _widths(record["widths"]))
+
+
+def _widths(record: Mapping[str, Any]) -> Widths:
+    share = {str(effect): float(value) for effect, value in record["share"].items()}
+    return Widths(float(record["factor"]), float(record["common"]), share)
 
 
 def _odds(record: Mapping[str, Any]) -> Odds:

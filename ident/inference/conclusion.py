@@ -151,13 +151,45 @@ def conclude(
     refined = refine(inference, session, baseline)
     described = describe(inference, refined, session)
     estimates = estimate(described, session, calibration)
+    likely = [described[k].group for k in _consistent(described, estimates)[0]]
+    best = refined.best
+    fine = Inferred.of(best.model, best.search, _with(best.chosen, likely))
+    scorers = Scorers.of(fine)
+    told = tell(described, estimates, scorers)
+    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in told.names])}
+    return Conclusion(
+        inference,
+        fine,
+        scorers,
+        told.names,
+        told.unlikely,
+        told.ladder,
+        joints,
+        calibration,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Chosen effects by whether they are likelier than not."""
+
+    names: tuple[Named, ...]  # the likelier ones, in the order of the torque that they explain
+    unlikely: tuple[Named, ...]
+    ladder: tuple[HeldOutScore, ...]  # held-out scores without effects, and after each name
+
+
+def tell(described: Sequence[Described], estimates: Sequence[Estimate], scorers: Scorers) -> Told:
+    """Which of the chosen effects are names.
+
+    Args:
+        described, estimates: The effects with their features, and with their probabilities.
+        scorers: Cross-validated scores of models with some of them.
+    """
     sure, hidden = _consistent(described, estimates)
+    estimates = list(estimates)
     for k, by in hidden.items():
         estimates[k] = _behind(estimates[k], estimates[by])
     order = sorted(sure, key=lambda k: -_explained(described[k]))
-    best = refined.best
-    fine = Inferred.of(best.model, best.search, _with(best.chosen, [described[k].group for k in order]))
-    scorers = Scorers.of(fine)
     ladder = [scorers.tuned.score()]
     names: list[Named] = []
     for k in order:
@@ -172,17 +204,7 @@ def conclude(
         for k, one in enumerate(described)
         if k not in sure
     ]
-    joints = {left.joint: left for left in describe_joints(fine, [name.group for name in names])}
-    return Conclusion(
-        inference,
-        fine,
-        scorers,
-        tuple(names),
-        tuple(unlikely),
-        tuple(ladder),
-        joints,
-        calibration,
-    )
+    return Told(tuple(names), tuple(unlikely), tuple(ladder))
 
 
 def _consistent(described: Sequence[Described], estimates: Sequence[Estimate]) -> tuple[list[int], dict[int, int]]:
@@ -215,7 +237,7 @@ def _behind(estimate: Estimate, named: Estimate) -> Estimate:
 
 def _rival(first: Described, second: Described) -> bool:
     """Whether two effects of different sets explain the same torque."""
-    if first.fine is second.fine:
+    if first.solution is second.solution:
         return False
     return second.coarse.key in first.rivals or first.coarse.key in second.rivals
 

@@ -20,20 +20,17 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.effects.base import Interval, SessionContext, impossible
-from ident.inference.calibration import Calibration, Widths, sizes_of
-from ident.inference.components import ModelSums
+from ident.inference.calibration import NameCalibration, Widths, sizes_of
 from ident.inference.features import FEATURE_WORDS, Described
-from ident.inference.infer import Inferred
 from ident.inference.profile import Profile
 from ident.inference.search import SetSearch, rest_of
+from ident.inference.solution import Solution
 from ident.regression.design import Group
 
 # Odds within which two effects are told as one class (the method's own definition).
 CLASS_ODDS = 20.0
 # Share of a posterior that a 95 % interval leaves on one side at the most.
 OUTSIDE = 0.025
-# Divisor of the URDF's tolerance at which its inertias are as good as fixed.
-FIXED = 1e3
 
 
 @dataclass(frozen=True)
@@ -88,26 +85,21 @@ class Estimate:
 def estimate(
     described: Sequence[Described],
     session: SessionContext,
-    calibration: Calibration,
+    calibration: NameCalibration,
 ) -> list[Estimate]:
     """Estimates of some effects, each in its own set, in their order.
 
     Args:
-        described: The effects with their features and rivals.
+        described: The effects with their features, rivals and sums.
         session: The runs.
         calibration: The fitted numbers.
     """
-    fixed_of = {id(one.fine): SetSearch.of(_with_fixed_inertias(one.fine.model)) for one in described}
     estimates = []
     for one in described:
-        fine, fixed = one.fine, fixed_of[id(one.fine)]
-        given, beta, covariance = _parameters(fine.search, fixed, fine, one.group, session)
-        free, _, _ = _parameters(fine.search, fine.search, fine, one.group, session)
-        sizes = sizes_of({name: interval.value for name, interval in given.items()})
-        parameters = {}
-        for name, interval in given.items():
-            fit = Fit(one.group.effect.id, name, sizes[name], calibration.widths)
-            parameters[name] = _both(fit, interval, free[name])
+        solution = one.solution
+        given, beta, covariance = _parameters(solution, solution.fixed, one.group, session)
+        free, _, _ = _parameters(solution, solution.search, one.group, session)
+        parameters = widened(one.group.effect.id, given, free, calibration.widths)
         parts = calibration.names.parts(one.features)
         ordered = sorted(parts.items(), key=lambda part: -abs(part[1]))
         sure = calibration.names.probability(one.features)
@@ -135,23 +127,18 @@ def estimate(
     return estimates
 
 
-def _with_fixed_inertias(model: ModelSums) -> ModelSums:
-    """The same model with the URDF's inertias as they are."""
-    error = model.components.urdf.divided(FIXED)
-    return model.with_urdf(error)
-
-
 def _parameters(
-    search: SetSearch, spread: SetSearch, fine: Inferred, group: Group, session: SessionContext
+    solution: Solution, spread: SetSearch, group: Group, session: SessionContext
 ) -> tuple[dict[str, Interval], Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
     """Parameters of an effect at its best point, with its coefficients and their covariance.
 
     Args:
-        search: Sums that the estimates come from.
+        solution: Sums that the estimates come from.
         spread: Sums that the covariances come from.
-        fine, group, session: The set, one of its effects, and the runs.
+        group, session: One of the effects, and the runs.
     """
-    others = rest_of(fine.chosen, group)
+    search = solution.search
+    others = rest_of(solution.chosen, group)
     width = len(group.columns)
     points = tuple(
         point
@@ -169,6 +156,24 @@ def _parameters(
     profile = Profile(group, points, np.array(nats), tuple(coefficients), tuple(covariances))
     best = points.index(group)
     return profile.parameters(session), coefficients[best], covariances[best]
+
+
+def widened(
+    effect: str, given: Mapping[str, Interval], free: Mapping[str, Interval], widths: Widths | None
+) -> dict[str, Interval]:
+    """Parameters with intervals as wide as the corpus asks for.
+
+    Args:
+        effect: The effect's id.
+        given, free: Its parameters for the URDF as it is, and for one that may be off.
+        widths: The fitted numbers; None for intervals as the recordings alone have them.
+    """
+    sizes = sizes_of({name: interval.value for name, interval in given.items()})
+    parameters = {}
+    for name, interval in given.items():
+        fit = Fit(effect, name, sizes[name], widths)
+        parameters[name] = _both(fit, interval, free[name])
+    return parameters
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ident.effects.base import SessionContext, impossible
 from ident.inference.components import ModelSums, discrepancy_at
 from ident.inference.infer import Inference, Inferred, evidence_of
 from ident.inference.search import SetSearch, rest_of
+from ident.inference.solution import Solution
 from ident.regression.cross_validation import HeldOut, HeldOutScore
 from ident.regression.design import Group, Key
 
@@ -98,6 +99,16 @@ FEATURE_WORDS = {
     ),
     "rival_behind": ("no other effect explains it", "another effect explains it nearly as well"),
     "place_behind": ("no other joint explains it", "another joint explains it nearly as well"),
+    # Of what changed between two sets of recordings:
+    "log_size_over_runs": (
+        "it is far more than runs of one set differ by",
+        "runs of one set differ by as much among themselves",
+    ),
+    "log_null_ratio": (
+        "runs of one set are alike",
+        "runs of one set differ by more than their noise",
+    ),
+    "parts": ("both sets have many runs", "one of the sets has few runs"),
 }
 # Deficits beyond this many nats are all alike: nobody would call such a candidate a rival.
 MOST_DEFICIT = 2000.0
@@ -124,7 +135,7 @@ class Described:
     Attributes:
         group: The effect at its point of the fine grid.
         coarse: The same at its point of the coarse grid.
-        fine: The set in which it is described.
+        solution: Sums of the set in which it is described.
         joints: Indices of the joints where it shows.
         view: Held-out scores without and with it.
         features: What speaks for and against it, by name.
@@ -135,7 +146,7 @@ class Described:
 
     group: Group
     coarse: Group
-    fine: Inferred
+    solution: Solution
     joints: tuple[int, ...]
     view: HeldOutView
     features: Mapping[str, float]
@@ -182,15 +193,16 @@ def _describe_set(
     """Features and rivals of some effects of one set."""
     scorers = Scorers.of(fine)
     smooth_share = fine.model.smooth_share(fine.chosen)
+    solution = Solution.of(fine)
     described = []
     for group in new:
         point = coarse.member(group.key)
         assert point is not None
         view = _held_out(scorers, fine.chosen, group)
-        joints = _shows_at(group, view, fine.model)
+        joints = shows_at(group, view, fine.model.sums.evidence.layout.n)
         features = {
             **_of_evidence(fine, group, joints),
-            **_of_held_out(view, scorers, joints, group),
+            **of_held_out(view, scorers, joints, group),
             "size_in_errors": _size_in_errors(scorers, fine.chosen, group, view),
             **_of_shape(fine, group, session),
             **_of_others(inference, coarse, fine, group, joints),
@@ -199,7 +211,7 @@ def _describe_set(
         }
         rivals = find_rivals(coarse.search, coarse.chosen, point)
         features |= of_rivals(rivals, point)
-        described.append(Described(group, point, fine, joints, view, features, rivals))
+        described.append(Described(group, point, solution, joints, view, features, rivals))
     return described
 
 
@@ -220,11 +232,10 @@ def _held_out(scorers: Scorers, chosen: Sequence[Group], group: Group) -> HeldOu
     return max(views, key=lambda view: view.closed(joints))
 
 
-def _shows_at(group: Group, view: HeldOutView, model: ModelSums) -> tuple[int, ...]:
+def shows_at(group: Group, view: HeldOutView, n: int) -> tuple[int, ...]:
     """The effect's own joint, or of one of the whole arm those where it closes a third of the most
-    or more.
+    or more; n is the number of joints.
     """
-    n = model.sums.evidence.layout.n
     if group.effect.rows == "own":
         return (group.joint,)
     fall = view.after.fall_from(view.before)
@@ -259,7 +270,7 @@ def _all_nats(fine: Inferred) -> float:
     return fine.search.nats(fine.chosen)
 
 
-def _of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
+def of_held_out(view: HeldOutView, scorers: Scorers, joints: Sequence[int], group: Group) -> dict[str, float]:
     """What an effect gains on parts of the session that it never saw."""
     own = list(joints)
     gain, error = view.after.gain_over(view.before, own)

@@ -6,14 +6,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from ident.effects.base import SessionContext
+from ident.inference.calibration import NameCalibration
 from ident.inference.conclusion import Conclusion, Named
 from ident.inference.estimate import Estimate, estimate
 
 
-def candidate_rows(conclusion: Conclusion, session: SessionContext, joints: Sequence[str]) -> list[dict[str, Any]]:
+class Concluded(Protocol):
+    """Chosen effects, whatever they were chosen from."""
+
+    @property
+    def names(self) -> tuple[Named, ...]:
+        """Those that are likelier than not."""
+
+    @property
+    def unlikely(self) -> tuple[Named, ...]:
+        """The others."""
+
+    @property
+    def calibration(self) -> NameCalibration:
+        """The fitted numbers."""
+
+
+def candidate_rows(conclusion: Concluded, session: SessionContext, joints: Sequence[str]) -> list[dict[str, Any]]:
     """A row for each chosen effect: features, rivals, and intervals without the fitted factor.
 
     Args:

@@ -137,37 +137,9 @@ class Projection:
         left, power = self._left[at], self._power[at]
         return np.divide(left, power, out=np.zeros_like(left), where=power > LEAST_POWER)
 
-    def gain_without(self, group: Group, columns: Sequence[int]) -> float:
-        """What a group gains without some of its columns."""
-        kept = np.setdiff1d(np.arange(len(group.columns)), columns)
-        signs = tuple(int(np.flatnonzero(kept == k)[0]) for k in group.signed if k in kept)
-        return self._fall(group.columns[kept], signs)[0]
-
     def gain(self, group: Group) -> tuple[float, Float[Array, " k"]]:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
         return self._fall(group.columns, group.signed)
-
-    def most_gains(self, groups: Sequence[Group]) -> Float[Array, " g"]:
-        """What groups gain at most: several columns with any signs, infinity where they aren't independent."""
-        found, seen = np.empty(len(groups)), self._every_seen
-        widths = np.array([len(group.columns) for group in groups])
-        for width in np.unique(widths):
-            slots = np.flatnonzero(widths == width).tolist()
-            at = np.stack([groups[k].columns for k in slots])
-            shown = seen[at]
-            taken = self.across[:, at].transpose(1, 2, 0) @ self.slopes[:, at].transpose(1, 0, 2)
-            matrix = (self.total[at[:, :, None], at[:, None, :]] - taken) * (shown[:, :, None] & shown[:, None, :])
-            matrix[:, np.arange(width), np.arange(width)] += ~shown
-            target = self._target[at] * shown
-            if width == 1:
-                signed = np.array([bool(groups[k].signed) for k in slots])
-                target[signed] = np.maximum(target[signed], 0.0)
-            values = np.linalg.eigvalsh(matrix)
-            dependent = values[:, 0] <= 1e-12 * values[:, -1]
-            matrix[dependent] = np.eye(width)
-            along = np.linalg.solve(matrix, target[:, :, None])[:, :, 0]
-            found[slots] = np.where(dependent, np.inf, np.sum(along * target, axis=1))
-        return found
 
     @cached_property
     def _every_seen(self) -> Bool[Array, " P"]:

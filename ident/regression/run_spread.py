@@ -50,12 +50,6 @@ def block_sums_left(evidence: Evidence, projection: Projection) -> Float[Array, 
     return sums
 
 
-def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
-    """Score of every column in every block, after the model: Φ̃_bᵀ r_b."""
-    raw = block_sums_left(evidence, projection)
-    return raw - raw[:, projection.inside] @ projection.slopes
-
-
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
     """Covariance of a model's coefficients by the block sandwich, with variances not below the model's own."""
     part = block_sums_left(evidence, projection)[:, projection.inside]

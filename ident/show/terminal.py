@@ -93,7 +93,7 @@ def limit_rows(record: Mapping[str, Any]) -> list[dict[str, str]]:
 def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     """The verdict as a sentence, and what to do where no change is named."""
     from ident.diagnosis.change.candidates import CARRIED  # a diagnosis compares nothing
-    from ident.diagnosis.change.friction_drift import FRICTION
+    from ident.diagnosis.change.laws import PLAIN_FRICTION
 
     named = []
     for change in record["changes"][:3]:  # each with its place; one of the whole arm has none
@@ -108,7 +108,7 @@ def headline(record: Mapping[str, Any]) -> tuple[str, str]:
     more = len(record["changes"]) - 3
     changes = join_words(named) + (f", and {more} more" if more > 0 else "")
     kind, risen = record["verdict"], join_words(describe_risen(record))
-    if kind == "no_change" and any(row["effect"] == FRICTION for row in record["not_testable"]):
+    if kind == "no_change" and any(row["effect"] == PLAIN_FRICTION for row in record["not_testable"]):
         kind = "friction_unseen"
     unforetold = join_words(describe_unforetold(record))
     if kind == "changed_unexplained" and not changes and (unforetold or risen):

@@ -16,7 +16,7 @@ from ident.diagnosis.change.laws import FrictionChange, UnlistedChange
 from ident.diagnosis.change.settings import CHANGE
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.effect_info import Doubt, Range
+from ident.effects.effect_info import Range
 from ident.effects.ripple import TorqueRipple
 from ident.regression.design import Grid, Group
 
@@ -39,14 +39,13 @@ def ids(flag: str) -> frozenset[str]:
 IN_THE_BASELINE = ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
 # Laws of friction, which varies between runs: one run a side does not show a change.
 OF_FRICTION = ids("friction")
-# Effects as uncertain as a gain that both sets share; and the change of what the arm carries.
-COMMON_GAIN = ids("common_gain")
+# The change of what the arm carries.
 (CARRIED,) = ids("taken_off")
 MASS = "mass_kg"
 # Attributes that a change copies from its effect.
 COPIED = (
     *("id", "scope", "rows", "summary", "shown_by", "defining", "screens"),
-    *("as_change", "event", "partner", "remembers"),
+    *("as_change", "doubt", "event", "partner", "remembers"),
 )
 
 
@@ -87,7 +86,6 @@ class ChangeOf(Effect):
     def __post_init__(self) -> None:
         for name in COPIED:
             setattr(self, name, getattr(self.effect, name))
-        self.doubt = Doubt(share=0.0) if self.effect.as_change.exact else self.effect.doubt  # type: ignore[misc]
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return self.effect.columns(session, joint, variant)

@@ -12,12 +12,17 @@ worse; the second where the arm changed, or its own parts are more alike. So a c
 and the less certain of them decides. Both directions are tested at each joint, for a set that moves little may foretell
 nothing and yet be foretold. Friction of another day differs; what that may do by chance counts as expected.
 
-Source: Chow 1960 (a model of one sample tested by its predictions of another); Bartlett and Kendall 1946 (log variances
-compared as means); Berger 1982 (a claim that needs two tests has the larger p-value of both).
+Parts of one arm differ by more than noise does, and a model of few of them foretells others badly though nothing
+changed. How much the first difference is then is told by sets of permuted parts (`permuted_sets`), half of either side
+each, beside the likeliest set of changes: it counts from their mean on, and is at least as uncertain as they scatter.
+
+Source: Fisher 1935 (permutations); Chow 1960 (a model of one sample tested by its predictions of another); Bartlett and
+Kendall 1946 (log variances compared as means); Berger 1982 (a claim that needs two tests has the larger p-value).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,6 +35,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.paired_design import PairedDesign
 from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.settings import CHANGE
+from ident.regression.design import Group
 from ident.regression.least_squares import factorise, positive, ridge_of
 
 # Tests of each joint: two directions, with friction free within its usual variation and the same in all runs.
@@ -75,6 +81,7 @@ class _Sums:
     """The baseline's sums over the parts of both sets, friction the same in all runs."""
 
     design: PairedDesign
+    changes: tuple[Group, ...] = ()  # what differs between the sets, beside the baseline
 
     @cached_property
     def label(self) -> Int[Array, " B"]:
@@ -93,16 +100,17 @@ class _Sums:
 
     @cached_property
     def columns(self) -> Int[Array, " z"]:
-        """Columns of the baseline and, last, the torque."""
+        """Columns of the baseline and of the changes and, last, the torque."""
         layout = self.design.sums.evidence.layout
-        return np.append(np.arange(layout.tuned), layout.size)
+        changes = np.unique([column for group in self.changes for column in group.columns]).astype(int)
+        return np.concatenate([np.arange(layout.tuned), changes, [layout.size]])
 
     @cached_property
     def places(self) -> list[tuple[Int[Array, " k"], Int[Array, " k"]]]:
         """Of each joint's rows the places of these columns, and which of them they are."""
         layout, found = self.design.sums.evidence.layout, []
         for local in layout.local:
-            own = np.flatnonzero((local < layout.tuned) | (local == layout.size))
+            own = np.flatnonzero(np.isin(local, self.columns))
             found.append((own, np.searchsorted(self.columns, local[own])))
         return found
 
@@ -111,6 +119,11 @@ class _Sums:
         """Whitened rows of each part and joint."""
         rows = self.design.sums.evidence.rows
         return np.stack([rows[blocks].sum(axis=0) for blocks in self.members])
+
+    @cached_property
+    def seen(self) -> Int[Array, " s"]:
+        """Joints that have rows in every part."""
+        return np.flatnonzero((self.rows >= CHANGE.fewest_rows).all(axis=0))
 
     @cached_property
     def alike(self) -> list[Float[Array, "K k k"]]:
@@ -193,12 +206,25 @@ class _Models:
         found[np.arange(len(found)), np.arange(size)[tied.columns]] = tied.level[joint]
         return found
 
-    def left_out(self, side: bool, daily: Float[Array, " n"] | None, free: bool = False) -> Float[Array, "k n"]:
-        """The same of each part of a set by the model of its other parts."""
-        found, own = [], self.sums.later == side
-        for part in np.flatnonzero(own):
-            alone = np.arange(len(own)) == part
-            found.append(self.left(self.solve(own & ~alone, free), alone, daily)[0])
+    def left_out(
+        self, parts: Bool[Array, " K"], daily: Float[Array, " n"] | None, free: bool = False
+    ) -> Float[Array, "k n"]:
+        """The same of each of some parts by the model of the others of them."""
+        found = []
+        for part in np.flatnonzero(parts):
+            alone = np.arange(len(parts)) == part
+            found.append(self.left(self.solve(parts & ~alone, free), alone, daily)[0])
+        return np.array(found)
+
+    def permuted_rises(self, daily: Float[Array, " n"] | None) -> Float[Array, "h n"]:
+        """By how much more the model of one half of permuted parts leaves of the other than of its own parts."""
+        found = []
+        for later in self.sums.design.permuted.permutations:
+            half = np.isin(np.arange(len(self.sums.members)), later)
+            for own in (half, ~half):
+                other = self.left(self.solve(own), ~own, daily)
+                home = self.left_out(own, daily)
+                found.append(other.mean(axis=0) - home.mean(axis=0))
         return np.array(found)
 
 
@@ -225,8 +251,13 @@ class _Logs(NamedTuple):
     home: Float[Array, "m n"]  # of the model's own set, each part by the others
 
 
-def find_unforetold(design: PairedDesign) -> tuple[ForetoldJoint, ...]:
-    """The joints of which one set's model does not foretell the other; none where a set has one part only."""
+def find_unforetold(design: PairedDesign, changes: Sequence[Group] = ()) -> tuple[ForetoldJoint, ...]:
+    """The joints of which one set's model does not foretell the other; none where a set has one part only.
+
+    Args:
+        design: Both sets of runs.
+        changes: The likeliest set of changes, beside which permuted parts differ by chance alone.
+    """
     spread, counts = design.sums.evidence.spread, design.sides.counts
     between = CHANGE.day_to_day**2 + spread**2 * sum(1.0 / count for count in counts)
     sums = _Sums(design)
@@ -238,32 +269,40 @@ def find_unforetold(design: PairedDesign) -> tuple[ForetoldJoint, ...]:
     free = _Models(sums, np.sqrt(spread**2 + between)), None, None
     alike = _Models(sums, spread), spread**2, most
     for models, within, across in (free, alike):
-        for j, one in _unforetold_of(models, within, across):
+        permuted = replace(models, sums=_Sums(design, tuple(changes)))
+        for j, one in _unforetold_of(models, permuted, within, across):
             if j not in found or one.p_value < found[j].p_value:
                 found[j] = one
     return tuple(found[j] for j in sorted(found))
 
 
 def _unforetold_of(
-    models: _Models, within: Float[Array, " n"] | None, across: Float[Array, " n"] | None
+    models: _Models, permuted: _Models, within: Float[Array, " n"] | None, across: Float[Array, " n"] | None
 ) -> list[tuple[int, ForetoldJoint]]:
     """The joints that one of two ways to count friction shows, with their indices.
 
     Args:
         models: Models of parts of both sets.
+        permuted: The same with what changed.
         within, across: Variance of friction within a set, and across the sets; None where it is free in the sums.
     """
     sums = models.sums
     joints = sums.design.baseline.nominal.joint_names
-    home = {side: models.left_out(side, within) for side in (False, True)}
+    sets = {side: sums.later == side for side in (False, True)}
+    home = {side: models.left_out(sets[side], within) for side in sets}
     # What changed may be more than both sets' common laws can be: then its own set foretells it by nothing but itself.
-    own = {side: np.minimum(home[side], models.left_out(side, within, free=True)) for side in home}
-    seen = np.flatnonzero((sums.rows >= CHANGE.fewest_rows).all(axis=0))
+    own = {side: np.minimum(home[side], models.left_out(sets[side], within, free=True)) for side in home}
+    seen = sums.seen
+    usual: Float[Array, "h n"] | None = None  # what permuted sets say; only needed where something is beyond chance
     found: list[tuple[int, ForetoldJoint]] = []
     for forwards in (True, False):
-        model = models.solve(sums.later != forwards)
-        other = models.left(model, sums.later == forwards, across)
-        tests = _test(_Logs(other, own[forwards], home[not forwards]), sums.rows, seen)
+        model = models.solve(sets[not forwards])
+        other = models.left(model, sets[forwards], across)
+        logs = _Logs(other, own[forwards], home[not forwards])
+        tests = _test(logs, sums.rows, seen)
+        if any(WAYS * len(seen) * chance < CHANGE.risen_by_chance for _, _, chance in tests):
+            usual = permuted.permuted_rises(within) if usual is None else usual
+            tests = _test(logs, sums.rows, seen, usual)
         error = _error(sums.design, model, forwards)
         for j, (rise, reach, chance) in zip(seen.tolist(), tests, strict=True):
             p_value = min(1.0, WAYS * len(seen) * chance)
@@ -275,11 +314,17 @@ def _unforetold_of(
     return found
 
 
-def _test(logs: _Logs, rows: Float[Array, "K n"], seen: Int[Array, " s"]) -> list[tuple[float, float, float]]:
+def _test(
+    logs: _Logs, rows: Float[Array, "K n"], seen: Int[Array, " s"], usual: Float[Array, "h n"] | None = None
+) -> list[tuple[float, float, float]]:
     """Rise of the logarithm across the sets, its 95 % half-width and its p-value, of each joint seen.
 
     The variance between parts is that within the sets: the joint's own or the mean of all joints, whichever is more,
     and at least that of a mean square of so many rows.
+
+    Args:
+        logs, rows, seen: Logarithms of mean squares, rows of each part and joint, and the joints.
+        usual: Rises between permuted sets, by set and joint; none if None.
     """
     across, within, home = (one[:, seen] for one in logs)
     counts = len(across), len(home)
@@ -290,8 +335,14 @@ def _test(logs: _Logs, rows: Float[Array, "K n"], seen: Int[Array, " s"]) -> lis
     rises = across.mean(axis=0) - home.mean(axis=0), (across - within).mean(axis=0)
     shares = sum(1.0 / one for one in counts), 2.0 / counts[0]
     tested = []
-    for rise, share in zip(rises, shares, strict=True):
-        error = np.sqrt(variance * share + CHANGE.usual_rise**2)
+    if usual is not None:
+        rises = rises[0] - np.maximum(usual[:, seen].mean(axis=0), 0.0), rises[1]
+    for k, (rise, share) in enumerate(zip(rises, shares, strict=True)):
+        square = variance * share
+        if usual is not None and k == 0:
+            scatter = usual[:, seen].var(axis=0)
+            square = np.maximum(square, np.maximum(scatter, scatter.mean()))
+        error = np.sqrt(square + CHANGE.usual_rise**2)
         reach = float(student.ppf(0.975, freedom * len(seen))) * error
         tested.append((rise, reach, student.sf(rise / error, freedom * len(seen))))
     values = np.array(tested)

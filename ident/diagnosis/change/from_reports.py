@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ident.checks.report import MISREAD, TelemetryReport
-from ident.diagnosis.change.compare import compare, once_moved
+from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
-from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.settings import CHANGE
-from ident.diagnosis.change.static_joints import find_static_joints
 from ident.errors import RecordingError
 from ident.motion.filter import FOR_DIAGNOSIS, Lowpass
 from ident.motion.motion import Motion, no_motion
@@ -19,7 +17,6 @@ from ident.motion.stretches import choose_runs, within_band
 from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.regression.decimation import moved_inertia, prepare_slower
-from ident.regression.design import Key
 from ident.robot.arm import ArmModel
 
 
@@ -61,22 +58,6 @@ def compare_reports(
     found = compare(*sets, arm.keeping(joints), sides, seed, gain_uncertainty=gain_uncertainty)
     weighed = tuple(as_explained(issue, before, found) for issue in issues)
     return replace(found, telemetry=weighed, cutoff=sets[0][0].lowpass.cutoff)
-
-
-def design_reports(
-    before: Sequence[TelemetryReport], after: Sequence[TelemetryReport], arm: ArmModel
-) -> tuple[PairedDesign, frozenset[Key]]:
-    """The design of two sets of inspected sessions, and the changes that they can't show: what a calibration stores.
-
-    Args:
-        before, after: Telemetry reports of the sessions of each set.
-        arm: The robot, as `ArmModel.load` gives it.
-    """
-    earlier, later = _motions(before, after, arm, None)
-    still = find_static_joints(earlier, later)
-    kept = arm.keeping(before[0].session.joints)
-    design = build_design(earlier, later, kept, still=still, one_clock=len(after) <= 1)
-    return design, once_moved(design)
 
 
 def _motions(

@@ -10,12 +10,14 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.settings import CHANGE
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import AsChange, Doubt, Range
+from ident.effects.effect_info import AsChange, Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.session_context import friction_level, hardly_moves, travel
 
 # Id of a change that follows no law of the catalogue.
 UNLISTED = "unlisted_change"
+# Id of a change of plain friction.
+PLAIN_FRICTION = "friction_change"
 
 
 class FrictionChange(Effect):
@@ -24,10 +26,9 @@ class FrictionChange(Effect):
     In one recording these are tuned as losses of the baseline; only between two is their change a finding.
     """
 
-    id = "friction_change"
+    id = PLAIN_FRICTION
     summary = "the joint turns harder or more easily than before"
     defining = ("coulomb_change_Nm", "viscous_change_Nms_rad")
-    doubt = Doubt(share=0.0)
     as_change = AsChange(friction=True)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -71,7 +72,6 @@ class UnlistedChange(Effect):
     id = UNLISTED
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
     defining = ("rms_Nm",)
-    doubt = Doubt(share=0.0)
     as_change = AsChange(friction=True)
     variance_floor: ClassVar[float] = 1e-12
 

@@ -62,6 +62,7 @@ class PairedDesign:
     effects: tuple[Effect, ...] = ()  # all effects that may have changed
     still: tuple[StaticJoint, ...] = ()  # joints that stand still in one of the sets
     seed: int = 0  # seed of the permutations of runs
+    sessions: tuple[int, int] = (1, 1)  # number of sessions of each set
 
     @property
     def estimates(self) -> EarlierEstimates:

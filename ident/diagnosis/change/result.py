@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.foretold import ForetoldJoint
+from ident.diagnosis.change.name_changes import ToldChanges
 from ident.diagnosis.change.risen_residual import RisenResidual
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import ReportedEffect
@@ -49,6 +50,7 @@ class ArmChange(ReportedEffect):
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.shared_record(),
+            "reasons": [reason.to_dict() for reason in self.estimate.reasons],
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,
@@ -87,6 +89,7 @@ class ArmComparison(Result):
     unforetold: tuple[ForetoldJoint, ...] = ()  # joints of which one set's model does not foretell the other
     used: tuple[SamplesUsed, ...] = ()  # use of each joint's samples
     slides: tuple[str, ...] = ()  # prismatic joints: units are N and m, whatever a key's name says
+    told: ToldChanges | None = None  # what the changes were told from; None where nothing was compared
 
     def to_dict(self) -> dict[str, Any]:
         return {

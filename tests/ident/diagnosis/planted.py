@@ -7,10 +7,10 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.selection.candidates import Candidates
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.inference.infer import evidence_of
+from ident.inference.search import SetSearch
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload, Session
 from ident.regression.cross_validation import HeldOut
@@ -127,11 +127,15 @@ def all_evidence(analysis: Analysis) -> Evidence:
     return evidence_of(analysis.conclusion.inference.best.model)
 
 
-def candidates_of(analysis: Analysis) -> Candidates:
-    """All its candidates, beside the URDF's usual tolerance."""
+def scorer_of(analysis: Analysis) -> HeldOut:
+    """Held-out scores of models with any candidates, beside the URDF's usual tolerance."""
     evidence = all_evidence(analysis)
-    prior = Prior.of(evidence, analysis.baseline.prior)
-    return Candidates(evidence, prior, HeldOut(evidence, prior))
+    return HeldOut(evidence, Prior.of(evidence, analysis.baseline.prior))
+
+
+def search_of(analysis: Analysis) -> SetSearch:
+    """Sets of all candidates on their coarse grids."""
+    return analysis.conclusion.inference.best.search
 
 
 def named_groups(analysis: Analysis) -> list[Group]:

@@ -8,24 +8,22 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.change.body_places import place_bodies
 from ident.diagnosis.change.candidates import CHANGES
+from ident.diagnosis.change.change_sets import choose_set
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.confounded_links import distinguished, place_bodies
-from ident.diagnosis.change.friction_drift import DayToDay, is_gain_by_load, may_be_gain
+from ident.diagnosis.change.daily_friction import daily_variance
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
-from ident.diagnosis.change.paired_design import PairedDesign, build_design
-from ident.diagnosis.change.permuted_sets import NullVariance, parts_of
+from ident.diagnosis.change.paired_design import build_design
+from ident.diagnosis.change.permuted_sets import parts_of
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.change.risen_residual import find_risen
-from ident.diagnosis.change.search import ChangeSearch, measure_significance
 from ident.diagnosis.change.settings import CHANGE, PRIOR
-from ident.diagnosis.selection.candidates import Candidates
-from ident.diagnosis.selection.estimates import Refined, estimate_effects
 from ident.effects.added_body import PLACE
 from ident.effects.contact import ExternalContact, Push
 from ident.effects.rigid_body import LIKE_LINK
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
-from ident.effects.session_context import friction_level, rated_torque
+from ident.effects.session_context import rated_torque
 from ident.laws.acting import point_mass
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
@@ -80,11 +78,6 @@ with_denser_link = on_top(lambda arm, *s: 0.1 * arm.regressor(*s)[..., 10:20] @ 
 @pytest.fixture(scope="module")
 def before(three_joints: ArmModel) -> list[Motion]:
     return record(three_joints, wrong_everywhere, range(4))
-
-
-def searched(design: PairedDesign) -> ChangeSearch:
-    evidence = design.sums.evidence
-    return ChangeSearch(evidence, design.prior, HeldOut(evidence, design.prior), design=design)
 
 
 def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = range(10, 14)) -> ArmComparison:
@@ -218,32 +211,6 @@ def test_a_body_is_told_with_all_its_places(three_joints: ArmModel, before: list
     assert "tool" in change.action
 
 
-@pytest.mark.parametrize(("plant", "alone"), [(with_friction, False), (with_gain, True)])
-def test_nothing_takes_the_place_of_what_differs_by_itself(
-    three_joints: ArmModel, before: list[Motion], plant: Plant, alone: bool
-) -> None:
-    """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
-    search = searched(build_design(before, record(three_joints, plant, range(10, 14)), three_joints))
-    change = next(one for one in search.evidence.layout.groups if one.key == ("friction_change", 1, None))
-    likely = [one for one in search.candidates(()) if one.joint == 1 and one.key != change.key]
-    assert search.is_friction_drift(likely[0], (), [change]) is not alone
-    assert not search.is_friction_drift(likely[0], (), [])
-
-
-@pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
-def test_a_gain_is_no_friction_by_load(
-    three_joints: ArmModel, before: list[Motion], plant: Plant, is_one: bool
-) -> None:
-    """Friction by load holds the load itself: it explains a gain too, and does not stand behind one."""
-    design = build_design(before, record(three_joints, plant, range(10, 14)), three_joints)
-    evidence = design.sums.evidence
-    model = project(evidence.gram(), evidence, design.prior)
-    gain, *_ = [one for one in evidence.layout.groups if one.key == ("torque_gain_error", 1, None)]
-    by_load = [one for one in evidence.layout.groups if one.key == ("load_dependent_friction", 1, None)]
-    assert [is_gain_by_load(model, gain, one) for one in by_load] == [is_one] * len(by_load)
-    assert not is_gain_by_load(model, by_load[0], gain)
-
-
 def test_fewer_samples_than_figures_tell_nothing(three_joints: ArmModel) -> None:
     law = partial(healthy_torque, three_joints)
     sets = [made_motions(three_joints, law, range(seed, seed + 1), 1.2, 25.0, noise=NOISE) for seed in (0, 10)]
@@ -252,67 +219,22 @@ def test_fewer_samples_than_figures_tell_nothing(three_joints: ArmModel) -> None
     assert found.not_testable
 
 
-def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
-    """Noise that is alike in size, whatever it adds up to, tells nothing; what every block says does."""
-    alike = np.random.default_rng(3).standard_normal(100)
-    assert not distinguished(alike - alike.mean() + 0.1)
-    assert distinguished(alike - alike.mean() + 0.3)
-    assert not distinguished(-3.0 * np.abs(alike))
-
-
 def test_friction_of_another_day_is_no_change(three_joints: ArmModel, before: list[Motion]) -> None:
     """A joint that rubs by 5 % more is as joints are when they are warmer or colder: no change, and told so."""
     found = compared(three_joints, before, with_warmth)
     assert found.verdict == "no_change"
-    assert any("from day to day" in one.reason for one in found.reservations)
 
 
 def test_friction_that_wanders_adds_up_in_a_session_and_begins_anew_in_the_next() -> None:
     """A mean of more runs in a row is off by more; the same runs from two days instead of one are off by less."""
-    one, two = (DayToDay(walk_std=0.1, sessions=(days, days)) for days in (1, 2))
-    assert one.walk_variance((12, 12)) == pytest.approx(2.0 * one.walk_variance((6, 6)))
-    assert one.walk_variance((6, 6)) == pytest.approx(4.0 * two.walk_variance((6, 6)))
-    assert DayToDay().walk_variance((6, 6)) == 0.0
-
-
-def test_friction_that_wanders_as_usual_is_known_without_dealing_runs() -> None:
-    """Law: few dealings cost odds where what laws gain by them decides, not where the usual spread of runs does."""
-    day = DayToDay(between_day_std=0.1, walk_std=0.07)
-    usual, misfit = (
-        measure_significance(1000.0, 2, (1e-3, 60), NullVariance(ratio, 20.0), day, (6, 6)) for ratio in (1.2, 40.0)
-    )
-    assert (usual.mostly_between_days, misfit.mostly_between_days) == (True, False)
-
-
-def test_what_runs_differ_by_widens_parameters_by_their_own_law(three_joints: ArmModel, before: list[Motion]) -> None:
-    """Three times the error is three times the interval of a coefficient; a wave's amplitude is never below zero."""
-    design = build_design(before, record(three_joints, with_friction, range(10, 14)), three_joints)
-    search = searched(design)
-    groups = {(one.effect.id, one.joint): one for one in search.evidence.layout.groups}
-    names = [groups["friction_change", 1], groups["torque_ripple", 2]]
-    judged = [search.evaluate_beside(search.evidence.gram(), names, slot) for slot in range(2)]
-    fine = Refined(search, tuple(names))
-    usual, wide = (estimate_effects(fine, design.session, judged, each) for each in ([], [3.0, 300.0]))
-    one, three = (found[0].parameters["coulomb_change_Nm"] for found in (usual, wide))
-    assert three.high - three.value == pytest.approx(3.0 * (one.high - one.value), rel=0.02)
-    assert wide[1].parameters["amplitude_Nm"].low == pytest.approx(0.0, abs=0.01)
-    np.testing.assert_allclose(wide[0].covariance, 9.0 * usual[0].covariance)
-
-
-def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
-    three_joints: ArmModel, before: list[Motion]
-) -> None:
-    """The same share of dry and of viscous friction, and hardly a rigid torque: then, and not else."""
-    design = build_design(before[:2], before[2:], three_joints)
-    groups = design.sums.evidence.layout.groups
-    group = next(one for one in groups if one.effect.id == "friction_change" and one.joint == 0)
-    level = np.array(friction_level(design.session, 0))
-    runs = tuple(replace(run, rigid=0.01 * run.rigid) for run in design.session.runs)
-    light, sure = replace(design.session, runs=runs), np.diag((0.02 * level) ** 2)
-    heavy = replace(design.session, runs=tuple(replace(run, rigid=100.0 * run.rigid) for run in design.session.runs))
-    assert may_be_gain(group, light, 0.2 * level, sure)
-    assert not may_be_gain(group, light, np.array([0.2, 0.0]) * level, sure)
-    assert not may_be_gain(group, heavy, 0.2 * level, sure)
+    walked = {
+        (runs, days): daily_variance(0.1, (runs, runs), (days, days)) - daily_variance(0.0, (runs, runs), (days, days))
+        for runs in (6, 12)
+        for days in (1, 2)
+    }
+    assert walked[12, 1] == pytest.approx(2.0 * walked[6, 1])
+    assert walked[6, 1] == pytest.approx(4.0 * walked[6, 2])
+    assert daily_variance(0.0, (6, 6), (1, 1)) == pytest.approx(2.0 * daily_variance(0.0, (6, 6), (2, 2)))
 
 
 def test_one_run_a_side_tells_no_friction(three_joints: ArmModel, before: list[Motion]) -> None:
@@ -366,7 +288,7 @@ def test_a_body_is_laid_out_about_the_place_where_it_was_found(three_joints: Arm
     """There its second moments are its own, and it explains more than a link of that moment and its own density."""
     after = record(three_joints, with_bracket, range(10, 14))
     first = build_design(before, after, three_joints)
-    search = Candidates(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
+    search = choose_set(first, frozenset()).search
     loads = [one.variant.shape for one in first.sums.evidence.layout.groups if one.effect.id == "payload"]
     assert any(LIKE_LINK in shape for shape in loads)  # else how a load is spread would decide its name
     effects = place_bodies(search, (), first.session, first.effects)

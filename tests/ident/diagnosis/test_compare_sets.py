@@ -1,4 +1,6 @@
-"""Laws of sets of changes by log evidence, and of the probabilities that are fitted to pairs with truth."""
+"""Laws of sets of changes by log evidence, and of the probabilities that are fitted to pairs with
+truth.
+"""
 
 from pathlib import Path
 
@@ -6,15 +8,18 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.benchmark.change_calibration import SIGNS, Rows, fit, write
-from ident.diagnosis.change.change_sets import choose_set, describe_changes
-from ident.diagnosis.change.compare import once_moved
-from ident.diagnosis.change.name_changes import LikelyChange
+from ident.benchmark.change_calibration import SIGNS, Fitted, Rows, fit, write
+from ident.benchmark.law_shares import Widths
+from ident.diagnosis.change.change_features import describe_changes, later_scorers
+from ident.diagnosis.change.change_sets import choose_set
+from ident.diagnosis.change.laws import PLAIN_FRICTION
+from ident.diagnosis.change.looks import hidden_changes
+from ident.diagnosis.change.name_changes import other_places
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
-from ident.inference.calibration import load_odds
-from ident.inference.features import find_rivals
+from ident.inference.calibration import load_names
+from ident.inference.estimate import CLASS_ODDS
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import Plant, at_joint, record
+from tests.ident.diagnosis.planted import COULOMB, SLIP, Plant, at_joint, record
 
 OFFSET = 0.7  # [N m]
 
@@ -32,33 +37,60 @@ def designed(arm: ArmModel, plant: Plant) -> PairedDesign:
 
 
 def test_the_likeliest_set_holds_what_changed(three_joints: ArmModel) -> None:
-    """Law: what changed is of the class of most evidence, at its joint; later folds gain by it, far beyond the runs.
+    """Law: what changed is of the class of most evidence, at its joint; later folds gain by it, far
+    beyond the runs.
 
     An offset and friction that differs by the direction are nearly one in motion.
     """
     design = designed(three_joints, with_offset)
-    found = choose_set(design, once_moved(design))
-    features = describe_changes(found)
-    most = int(np.argmax([one["log_nats"] for one in features]))
-    group = found.chosen[most]
-    assert features[most]["folds_that_gain"] == 1.0
-    assert features[most]["log_size_over_runs"] > np.log(4.0)
-    change = LikelyChange(group, features[most], find_rivals(found.search, found.chosen, group), 0.9)
-    alike = {group.key, *change.twins}
-    assert ("torque_offset", 0, None) in alike
-    assert {joint for _, joint, _ in alike} == {0}
-    assert all(odds <= 20.0 for odds in change.twins.values())
+    found = choose_set(design, hidden_changes(design))
+    described = describe_changes(found, later_scorers(found))
+    most = max(described, key=lambda one: one.features["log_nats"])
+    assert most.features["folds_that_gain"] == 1.0
+    assert most.features["log_size_over_runs"] > np.log(4.0)
+    alike = {most.group.key[:2]} | set(other_places(most, 1.0))
+    alike |= {key[:2] for key, deficit in most.rivals.items() if deficit < np.log(CLASS_ODDS)}
+    assert ("torque_offset", 0) in alike
+    assert {joint for _, joint in alike} == {0}
 
 
 def test_of_an_arm_that_did_not_change_the_runs_say_little(three_joints: ArmModel) -> None:
-    """Law: beside the differences between runs of one set no change of an unchanged arm has more than a few nats."""
+    """Law: beside the differences between runs of one set no change of an unchanged arm has more
+    than a few nats.
+    """
     design = designed(three_joints, wrong_everywhere)
-    found = choose_set(design, once_moved(design))
-    assert all(one["log_nats"] < np.log1p(10.0) for one in describe_changes(found))
+    found = choose_set(design, hidden_changes(design))
+    described = describe_changes(found, later_scorers(found))
+    assert all(one.features["log_nats"] < np.log1p(10.0) for one in described)
+
+
+def rubs_more(share: float) -> Plant:
+    def plant(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        more = share * COULOMB[1] * np.tanh(dq[:, 1] / SLIP)
+        return wrong_everywhere(arm, q, dq, ddq) + at_joint(1, more)
+
+    return plant
+
+
+def test_friction_of_another_day_is_worth_less_the_more_days_differ(three_joints: ArmModel) -> None:
+    """Law: beside friction that differs from day to day a change of friction loses evidence, by far
+    most of it where it is no larger than days make it; one of half as much again keeps enough for
+    any name.
+    """
+    left = {}
+    for share in (0.03, 0.5):
+        design = designed(three_joints, rubs_more(share))
+        (group,) = (one for one in design.sums.evidence.layout.groups if one.key == (PLAIN_FRICTION, 1, None))
+        found = choose_set(design, frozenset())
+        left[share] = found.search.nats([group])
+    assert left[0.03] < 3.0
+    assert left[0.5] > 30.0
 
 
 def test_a_fit_learns_what_tells_right_from_wrong_and_is_read_again(tmp_path: Path) -> None:
-    """Law: of arms left out what is right is likelier; a file gives the probabilities that were fitted."""
+    """Law: of arms left out what is right is likelier; a file gives the probabilities that were
+    fitted.
+    """
     rng, count = np.random.default_rng(2), 200
     right = rng.uniform(size=count) < 0.5
     features = rng.standard_normal((count, len(SIGNS)))
@@ -66,8 +98,13 @@ def test_a_fit_learns_what_tells_right_from_wrong_and_is_read_again(tmp_path: Pa
     arms = np.array([f"arm_{k % 5}" for k in range(count)])
     rows = Rows(features, right, arms, np.arange(count).astype(str))
     model, ridge, held_out = fit(rows)
+    widths = Widths(1.1, {"payload": 0.02}, 0.05, 0.95, 40)
     assert held_out[right].mean() > held_out[~right].mean() + 0.3
     out = tmp_path / "calibration_changes.toml"
-    write(model, ridge, rows, out)
-    again = load_odds(out).probability(dict(zip(SIGNS, features[0], strict=True)))
+    write(Fitted(model, ridge, held_out, 0.2, widths), rows, out)
+    calibration = load_names(out)
+    assert calibration.temper == 0.2
+    assert calibration.widths is not None
+    assert calibration.widths.share == {"payload": 0.02}
+    again = calibration.names.probability(dict(zip(SIGNS, features[0], strict=True)))
     assert again == pytest.approx(model.probability(features[:1])[0], rel=1e-9)

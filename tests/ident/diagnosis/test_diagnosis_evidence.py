@@ -8,15 +8,15 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.selection.estimates import Refined, solve_effects
 from ident.effects.catalogue import CATALOGUE
+from ident.inference.search import SetSearch
 from ident.motion.filter import Lowpass
 from ident.motion.motion import Motion
 from ident.regression import block_sums
 from ident.regression import rows as rows_module
 from ident.regression.block_sums import SymmetricSums
 from ident.regression.cross_validation import HeldOut
-from ident.regression.design import LOSS_PARAMETERS, Layout, build_layout
+from ident.regression.design import LOSS_PARAMETERS, Group, Layout, build_layout
 from ident.regression.discrepancy import unusual_torque
 from ident.regression.dwells import HeldFriction
 from ident.regression.gram import Evidence, gather
@@ -27,7 +27,7 @@ from ident.regression.rows import Rows, compute_rows
 from ident.regression.runs import leftover_torque
 from ident.regression.spooled import SpooledArrays
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import all_evidence, analyse, candidates_of, gain_on_2
+from tests.ident.diagnosis.planted import all_evidence, analyse, gain_on_2, scorer_of, search_of
 
 
 @pytest.fixture(scope="module")
@@ -352,35 +352,38 @@ def test_a_joint_counts_once_it_slides(creep: float) -> None:
     assert np.array_equal(motion.settled[behind, 0], gone[behind] > 0.002)
 
 
+def friction_and_gain(search: SetSearch) -> tuple[list[Group], Group]:
+    """Candidates for friction by load at joint 2, and that for a gain there."""
+    at_2 = [group for group in search.names.groups if group.joint == 1]
+    friction = [group for group in at_2 if group.effect.id == "load_dependent_friction"]
+    (gain,) = (group for group in at_2 if group.effect.id == "torque_gain_error")
+    return friction, gain
+
+
 def test_a_law_in_the_model_keeps_its_signs(short_arm: ArmModel) -> None:
     """Law: friction by load that may push one way would be a wrong gain. Beside it, its coefficients not negative as
     no arm's are, a gain of 15 % keeps most of its evidence, and held-out runs speak for it.
     """
-    search = candidates_of(analyse(short_arm, gain_on_2))
-    at_2 = [group for group in search.evidence.layout.groups if group.joint == 1]
-    (gain,) = (group for group in at_2 if group.effect.id == "torque_gain_error")
-    gram = search.evidence.gram()
-    alone = search.log_evidence_beside(gram, gain, [])
-    for friction in (group for group in at_2 if group.effect.id == "load_dependent_friction"):
-        model = project(gram, search.evidence, search.prior, [friction])
-        own = model.estimate[np.isin(model.inside, friction.columns)]
-        assert own[list(friction.signed)].min() > -1e-3 * np.abs(own).max()
-        assert search.log_evidence_beside(gram, gain, [friction]) > 0.5 * alone
-        scores = search.held_out.score([friction]), search.held_out.score([friction, gain])
-        assert scores[1].gain_over(scores[0])[0] > 0.25 * alone
+    analysis = analyse(short_arm, gain_on_2)
+    search, held_out = search_of(analysis), scorer_of(analysis)
+    every, gain = friction_and_gain(search)
+    for friction in every:
+        own = search.coefficients([friction])[friction]
+        assert own[list(friction.signed)].min() >= 0.0
+        assert search.nats([friction, gain]) - search.nats([friction]) > 0.5 * search.nats([gain])
+        alone = held_out.score([gain]).gain_over(held_out.score())[0]
+        beside = held_out.score([friction, gain]).gain_over(held_out.score([friction]))[0]
+        assert beside > 0.25 * alone
 
 
 def test_friction_by_load_beside_a_gain_is_known_in_its_sum(short_arm: ArmModel) -> None:
     """Law: a gain adds to one way what it takes from the other: each alone is hardly known, their sum is, one of them
     at its bound or not.
     """
-    search = candidates_of(analyse(short_arm, gain_on_2))
-    at_2 = {group.effect.id: group for group in search.evidence.layout.groups if group.joint == 1}
-    friction = next(
-        group
-        for group in search.evidence.layout.groups
-        if (group.effect.id, group.joint) == ("load_dependent_friction", 1) and len(group.columns) == 2
-    )
-    (beta, cells), _ = solve_effects(Refined(search, (friction, at_2["torque_gain_error"])), [False, False])[0]
-    assert (beta == 0.0).any()
-    assert np.sqrt(cells.sum()) < 0.2 * np.sqrt(np.diag(cells)).sum()
+    search = search_of(analyse(short_arm, gain_on_2))
+    every, gain = friction_and_gain(search)
+    friction = next(group for group in every if len(group.columns) == 2)
+    chosen = [friction, gain]
+    assert (search.coefficients(chosen)[friction] == 0.0).any()
+    covariance = search.covariance(chosen, friction)
+    assert np.sqrt(covariance.sum()) < 0.2 * np.sqrt(np.diag(covariance)).sum()

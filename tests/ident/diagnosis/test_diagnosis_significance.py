@@ -5,10 +5,9 @@ import pytest
 
 from ident.arrays import Array, Bool
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.inference.profile import profile_interval
+from ident.inference.profile import DROP, profile_interval
 from ident.regression.least_squares import solve_signed
-from tests.ident.diagnosis.planted import all_evidence, candidates_of
+from tests.ident.diagnosis.planted import all_evidence, scorer_of
 
 
 def problem(seed: int) -> tuple[Array, Array, Bool]:
@@ -38,7 +37,7 @@ def test_useless_columns_do_not_gain_on_held_out_runs(healthy: Analysis) -> None
     """Law: where nothing is wrong, candidates lose log score on runs that they were not fitted to, on the average, and
     the error of no joint falls by 2 %.
     """
-    held_out = candidates_of(healthy).held_out
+    held_out = scorer_of(healthy)
     before = held_out.score()
     gains, falls = [], []
     for group in all_evidence(healthy).layout.groups[::4]:
@@ -54,8 +53,8 @@ def test_profile_of_a_parabola(middle: float) -> None:
     """Law: a profile that is a parabola in log x has its maximum and its 95 % ends exactly, wherever the grid lies."""
     x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
     width = 0.7
-    found = profile_interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
-    reach = width * np.sqrt(2 * USUAL_SELECTION.interval_fall)
+    found = profile_interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, DROP)
+    reach = width * np.sqrt(2 * DROP)
     assert found.value == pytest.approx(middle, rel=1e-9)
     assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)
     assert found.high >= middle * np.exp(reach) * (1 - 1e-9)

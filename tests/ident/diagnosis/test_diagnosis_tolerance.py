@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
+from ident.diagnosis.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.tuned_links import measure_tuned_links, turning_moment
 from ident.effects.catalogue import find_effect
 from ident.effects.effect_info import Interval

@@ -20,9 +20,16 @@ from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
 from ident.arrays import Array, Float
-from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.records import Settings
 from ident.regression.gram import Evidence
 from ident.regression.least_squares import Prior, Projection
+
+
+class ToleranceSettings(Settings, table="tolerance"):
+    """When tuned inertias exceed the URDF's tolerance."""
+
+
+USUAL_TOLERANCE = ToleranceSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +39,7 @@ class Tolerance:
     deviation: float  # largest deviation over all directions, in standard deviations of an arm within tolerance
     p_value: float  # of the largest deviation, corrected for the number of directions
     torque: Float[Array, " n"]  # root mean square torque at each joint by the directions that deviate far [N m]
-    threshold: float = USUAL_SELECTION.most_likely  # p-value below which the tolerance is exceeded
+    threshold: float = USUAL_TOLERANCE.most_likely  # p-value below which the tolerance is exceeded
 
     @property
     def exceeded(self) -> bool:
@@ -45,7 +52,7 @@ def measure_tolerance(
     prior: Prior,
     projection: Projection,
     inflation: float = 1.0,
-    settings: SelectionSettings = USUAL_SELECTION,
+    settings: ToleranceSettings = USUAL_TOLERANCE,
 ) -> Tolerance:
     """Tests a solved model's inertias against the URDF's tolerance.
 
