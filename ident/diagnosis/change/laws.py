@@ -34,6 +34,10 @@ class FrictionChange(Effect):
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return hardly_moves(session, joint)
 
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        """Friction that trebles is the most that is plausible."""
+        return 2.0 * np.array(friction_level(session, joint))
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1) for run in session.runs]
 
