@@ -18,6 +18,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.selection.criteria import AcceptanceCriteria, Evaluated
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.effects import optional
 from ident.effects.intervals import SizePrior
 from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 from ident.regression.cross_validation import HeldOut, HeldOutScore
@@ -62,7 +63,7 @@ class Candidates:
             known = projection.rest(group.columns)
             return 0.5 * gain - self.prior_cost(group, group.prior, scaled, known) - self._grid_cost[group.effect.id]
         column = self._cost_of_column(group)
-        essential = group.effect.essential(group.variant)
+        essential = optional.essential(group.effect, group.variant)
         if essential:
             own = gain - projection.gain_without(group, essential)
             if 0.5 * own - len(essential) * column < self.settings.essential_nats:
@@ -72,11 +73,12 @@ class Candidates:
     def gain_of(self, projection: Projection, group: Group) -> tuple[float, Array]:
         """Fall of the misfit by an effect, and its scaled coefficients.
 
-        The fall is 0 where the coefficients belong to another point of the grid (`Effect.stands_for`), and of a heavier
-        last link, which is a load.
+        The fall is 0 where the coefficients belong to another point of the grid
+        (`optional.stands_for`), and of a heavier last link, which is a load.
         """
         gain, scaled = projection.gain(group)
-        holds = group.effect.stands_for(group.variant, scaled / self.evidence.scale[group.columns])
+        estimate = scaled / self.evidence.scale[group.columns]
+        holds = optional.stands_for(group.effect, group.variant, estimate)
         carries = group.key == self._carrier and scaled[0] > 0.0
         return gain if holds and not carries else 0.0, scaled
 

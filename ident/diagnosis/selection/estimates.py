@@ -16,6 +16,7 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.criteria import Evaluated
 from ident.diagnosis.selection.profile import profile
+from ident.effects import optional
 from ident.effects.base import Interval, SessionContext, undefined
 from ident.inference.estimate import Estimate as CauseEstimate
 from ident.regression.design import Group
@@ -92,7 +93,8 @@ def _parameters(
             name: widen_interval(one, doubt.of(name, one.value), name in doubt.places)
             for name, one in parameters.items()
         }
-        found.append((parameters, beta, cells, is_significant(beta, cells, group.effect.essential(group.variant))))
+        essential = optional.essential(group.effect, group.variant)
+        found.append((parameters, beta, cells, is_significant(beta, cells, essential)))
     return found
 
 
