@@ -9,29 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.layout import (
-    RECORD,
-    ROOT,
-    TRACER,
-    Source,
+from tests.house.effects import effect_classes, named_classes
+from tests.house.numbers import is_number, number_constants
+from tests.house.plainness import (
     any_annotations,
-    arrows,
-    beyond,
     code_lines,
-    depth,
-    effect_classes,
     has_late_constants,
-    is_number,
-    measure,
-    measure_traces,
-    named_classes,
     names_twice,
     nested_comprehensions,
     parallel_assignments,
-    read_sources,
     vague_names,
-    with_numbers,
 )
+from tests.house.rooms import arrows, depth
+from tests.house.sources import ROOT, Source, read_sources
+from tests.house.traces import TRACER, measure_traces
+from tests.layout import RECORD, beyond, measure, with_numbers
 
 RECORDED = tomllib.loads(RECORD.read_text(encoding="utf-8"))["recorded"]
 REMEDY = "write it more plainly, or raise the number in tests/layout.toml and say why"
@@ -110,6 +102,10 @@ def test_any_counts_in_every_annotation() -> None:
 @pytest.mark.parametrize("text", ["-0.5", "2 * 60"])
 def test_a_number_is_made_of_numerals(text: str) -> None:
     assert is_number(ast.parse(text, mode="eval").body)
+
+
+def test_constants_of_one_statement_are_counted_each() -> None:
+    assert number_constants(source_of("LEAST, MOST, NAME = 1, 2.0, 'a'\nSAME = 3\n")) == 3
 
 
 @pytest.mark.parametrize("text", ["True", "x + 1", "[1]"])
