@@ -96,10 +96,10 @@ def servo(
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
         arm = arm.keeping(matched[0].joints)
-        loaded = [
-            session.replace(runs=[run.select(arm.joint_names) for run in session.runs])
-            for session in matched
-        ]
+        loaded = []
+        for session in matched:
+            runs = [run.select(arm.joint_names) for run in session.runs]
+            loaded.append(session.replace(runs=runs))
     joints = loaded[0].joints
     for session in loaded[1:]:
         if session.joints != joints:

@@ -212,9 +212,8 @@ class Closing(Result):
                 line += f"; the same controller misses by {before:.1f} -> {last:.2f} mrad"
             lines.append(line)
         if len(self.arms) > 1:
-            minutes, after = (
-                [arm[key] for arm in self.arms] for key in ("minutes", "gap_floors_after")
-            )
+            minutes = [arm["minutes"] for arm in self.arms]
+            after = [arm["gap_floors_after"] for arm in self.arms]
             closed = sum(arm["closed"] for arm in self.arms)
             line = (
                 f"{closed} of {len(lines)} closed; median {np.median(minutes):.1f} min (most "

@@ -178,7 +178,11 @@ class PreslidingHysteresis(Effect):
             for k in range(len(sizes) - width + 1)
         ]
         stated = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
-        return [(_of_ranges([sizes[k] for k in some]), some) for some in stated]
+        points = []
+        for some in stated:
+            ranges = [sizes[k] for k in some]
+            points.append((_of_ranges(ranges), some))
+        return points
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
         """Whether its displacement is longer than the shortest range, over which contacts of all
@@ -197,7 +201,11 @@ class PreslidingHysteresis(Effect):
     ) -> list[Float[Array, "T ..."]]:
         paths = (np.ascontiguousarray(run.motion.q[:, joint]) for run in session.runs)
         sizes = variant.shape.values()
-        return [np.stack([stop_operator(q, size) / size for size in sizes], axis=1) for q in paths]
+        columns = []
+        for q in paths:
+            shares = [stop_operator(q, size) / size for size in sizes]
+            columns.append(np.stack(shares, axis=1))
+        return columns
 
     def parameters(
         self,

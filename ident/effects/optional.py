@@ -34,7 +34,7 @@ class Screened(Protocol):
 
 
 @runtime_checkable
-class Refined(Protocol):
+class GridRefined(Protocol):
     """It has a finer grid around the point of the inner grid that fits best."""
 
     def refined(
@@ -114,7 +114,7 @@ def refined(
     effect: Effect, session: SessionContext, joint: int, variant: Variant
 ) -> Sequence[Variant]:
     """A finer grid around a point; the point alone of laws without inner parameters."""
-    if isinstance(effect, Refined):
+    if isinstance(effect, GridRefined):
         return effect.refined(session, joint, variant)
     return (variant,)
 

@@ -24,7 +24,7 @@ READERS: dict[str, Callable[[Any], Any]] = {
     "formats": lambda entry: {form: read_expression(stated) for form, stated in entry.items()},
     "as_change": lambda entry: AsChange(**entry),
     "clock": lambda entry: Clock(**entry),
-    "finer": lambda entry: {name: Grid(**numbers) for name, numbers in entry.items()},
+    "finer": lambda entry: {name: FinerGrid(**numbers) for name, numbers in entry.items()},
     "set_ups": lambda entry: {other: TABLE["set_ups"][name] for other, name in entry.items()},
     "incomparable": frozenset,
     "opposite": frozenset,
@@ -40,7 +40,7 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Grid:
+class FinerGrid:
     """A finer grid of one inner parameter about the point that fits best."""
 
     at: tuple[float, ...] = ()  # its numbers,
@@ -74,7 +74,7 @@ class EffectRecord:
     # about the point that fits best.
     states: ClassVar[LawKind | None] = None
     grid: ClassVar[Mapping[str, tuple[float, ...]]] = {}
-    finer: ClassVar[Mapping[str, Grid]] = {}
+    finer: ClassVar[Mapping[str, FinerGrid]] = {}
 
     # How it acts.
     # Whether wrong inertias of several links could do the same: then tuning them hides the effect.

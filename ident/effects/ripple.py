@@ -76,7 +76,8 @@ class TorqueRipple(Effect):
         low, high = travel(session, joint)
         apart = np.pi / max(high - low, 1e-6)
         lines = self.lines[joint] if self.lines else ()
-        turns += [line for line in lines if all(abs(line - other) > apart for other in turns)]
+        known = np.array(turns)
+        turns += [line for line in lines if np.all(np.abs(line - known) > apart)]
         typical = typical_load(session, joint)
         shapes = [
             {"turns": cycles, "loaded": loaded, "load_Nm": typical}

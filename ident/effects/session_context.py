@@ -227,7 +227,8 @@ def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> 
         if need == "moves":
             reasons.append(hardly_moves(session, joint))
         elif need == "poses":
-            widest = max(high - low for low, high in (travel(session, j) for j in range(session.n)))
+            ends = [travel(session, j) for j in range(session.n)]
+            widest = max(high - low for low, high in ends)
             near = f"the arm stays near one pose: no joint covers more than {widest:.2f} rad"
             reasons.append(near if widest < LIMIT.least_poses else None)
         elif (
@@ -270,10 +271,11 @@ def sampled_states(
     step = max(1, total // LIMIT.sampled_states)
     # a long session's runs are made anew when asked for, and let go one by one
     names = "q", "dq", "ddq"
-    q, dq, ddq = (
-        np.concatenate([getattr(run.motion, signal)[::step] for run in session.runs])
-        for signal in names
-    )
+    states: dict[str, list[Array]] = {name: [] for name in names}
+    for name in names:
+        for run in session.runs:
+            states[name].append(getattr(run.motion, name)[::step])
+    q, dq, ddq = (np.concatenate(states[name]) for name in names)
     return q, dq, ddq
 
 

@@ -273,8 +273,13 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     Source: the prediction interval of a normal draw, Student's t.
     """
     ranges = {}
-    keys = [key for key in days[0] if key[1] in TERMS and all(key in day for day in days)]
-    spreads = moderated_spreads({key: np.array([day[key].value for day in days]) for key in keys})
+    of_all_days = set(days[0]).intersection(*days[1:])
+    keys = [key for key in days[0] if key[1] in TERMS and key in of_all_days]
+    values = {}
+    for key in keys:
+        of_days = [day[key].value for day in days]
+        values[key] = np.array(of_days)
+    spreads = moderated_spreads(values)
     for key in keys:
         values = np.array([day[key].value for day in days])
         middle = float(values.mean())
@@ -358,14 +363,11 @@ def _prior_of_variances(squares: Float[Array, " n"], freedom: float) -> tuple[fl
 def noise_of(days: Sequence[Estimates]) -> dict[str, float]:
     """What the estimates leave at each joint, in a usual session [N m]."""
     joints = dict.fromkeys(joint for day in days for joint, name in day if name == "gap")
-    return {
-        joint: float(
-            np.sqrt(
-                np.mean([day[joint, "gap"].value ** 2 for day in days if (joint, "gap") in day])
-            )
-        )
-        for joint in joints
-    }
+    sizes = {}
+    for joint in joints:
+        squares = [day[joint, "gap"].value ** 2 for day in days if (joint, "gap") in day]
+        sizes[joint] = float(np.sqrt(np.mean(squares)))
+    return sizes
 
 
 def _check(

@@ -74,11 +74,10 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions, Session | None
             row["date"] = date_of(session, None)
         except InputError:
             row["date"] = ""
-    tables = {
-        kind: [{**row, **entry} for entry in tables.get(kind, ())]
-        for kind in ("figures", "effects")
-    }
-    for kind, rows in {**tables, DONE: [{**row, **end}]}.items():
+    whole = {}
+    for kind in ("figures", "effects"):
+        whole[kind] = [{**row, **entry} for entry in tables.get(kind, ())]
+    for kind, rows in {**whole, DONE: [{**row, **end}]}.items():
         write_rows(store.place(kind, session.arm, session.name), kind, rows)
     return session.key
 
@@ -155,6 +154,9 @@ class ArmHistory:
 
     def record(self) -> dict[str, Any]:
         """For JSON; alarms and outliers stand beside the arms."""
+        figures = {}
+        for (joint, name), points in self.figures.items():
+            figures[f"{joint}/{name}"] = [vars(point) for point in points]
         return {
             "arm": self.arm,
             "robot": next(
@@ -162,10 +164,7 @@ class ArmHistory:
             ),
             "joints": list(dict.fromkeys(joint for joint, _ in self.figures)),
             "sessions": [dict(row) for row in self.sessions],
-            "figures": {
-                f"{joint}/{name}": [vars(point) for point in points]
-                for (joint, name), points in self.figures.items()
-            },
+            "figures": figures,
             "effects": [dict(row) for row in self.effects],
             "hint": None if self.hint is None else self.hint.to_dict(),
         }
@@ -287,10 +286,10 @@ def look(
     # To a session that has settled nothing was written for some time: nobody is recording there any
     # more.
     ready = [session for session in new if time.time() - session.newest >= options.settle]
-    firsts = {
-        arm: first_of_guesses(session for session in sessions if session.arm == arm)
-        for arm in {session.arm for session in ready}
-    }
+    firsts = {}
+    for arm in {session.arm for session in ready}:
+        of_arm = [session for session in sessions if session.arm == arm]
+        firsts[arm] = first_of_guesses(of_arm)
     tasks = [(session, store, options, firsts[session.arm]) for session in ready]
     finished: list[str] = []
 

@@ -10,7 +10,7 @@ definitions of their messages are read whatever these are; others if ROS itself 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -154,7 +154,8 @@ class Stream:
         Nodes that know a part of the state speak on the same topic: what they leave empty is no
         fault of those that know it.
         """
-        filled = np.array([[len(values) > 0 for values in row] for row in self.rows])
+        lengths = [list(map(len, row)) for row in self.rows]
+        filled = np.array(lengths) > 0
         usual = filled.mean(axis=0) > 0.5
         whole = np.asarray(filled[:, usual].all(axis=1))
         if whole.all() or not whole.any():
@@ -205,11 +206,8 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     tables = {key: stream.of_joints(key, path) for key, (stream, _) in screened.items()}
     publishers, silent_rows = _publishers(tables)
     empty = silent_rows + sum(count for _, count in screened.values())
-    columns, others = merge(
-        publishers,
-        [any(name.endswith("/effort") for name in labels) for labels in publishers],
-        path,
-    )
+    with_effort = [_has_effort(labels) for labels in publishers]
+    columns, others = merge(publishers, with_effort, path)
     issues = []
     if empty:
         evidence = (
@@ -251,8 +249,11 @@ def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> tuple[list[Columns
         most = max(map(len, every))
         group = [columns for columns in every if len(columns) == most]
         left_out += sum(len(columns[TIME]) for columns in every if len(columns) < most)
-        common = [name for name in group[0] if all(name in columns for columns in group)]
-        whole = {name: np.concatenate([columns[name] for columns in group]) for name in common}
+        of_all = set(group[0]).intersection(*group[1:])
+        whole = {}
+        for name in group[0]:
+            if name in of_all:
+                whole[name] = np.concatenate([columns[name] for columns in group])
         # One publisher's order is kept as it is: time that runs backwards is for the telemetry
         # check to find.
         order = np.argsort(whole[TIME], kind="stable") if len(group) > 1 else slice(None)
@@ -286,16 +287,13 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns
             topic.take(message, receipt, [value for _, value in fields])
 
     _read_messages(path, choose, take)
-    return {
-        name: {
-            TIME: stream.time,
-            **dict(
-                zip((f"{name}{SEPARATOR}{field}" for field in stream.names), table, strict=True)
-            ),
-        }
-        for name, stream in streams.items()
-        if stream.names and len(table := np.array(stream.rows).T)
-    }
+    topics = {}
+    for name, stream in streams.items():
+        table = np.array(stream.rows).T
+        if stream.names and len(table):
+            columns = [f"{name}{SEPARATOR}{field}" for field in stream.names]
+            topics[name] = {TIME: stream.time, **dict(zip(columns, table, strict=True))}
+    return topics
 
 
 def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
@@ -307,14 +305,10 @@ def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tu
         for name, value in message.items()
         if name in NAMING and isinstance(value, list) and value
     )
-    labels = next(
-        (
-            tuple(labels_of_message)
-            for labels_of_message in naming
-            if all(isinstance(value, str) for value in labels_of_message)
-        ),
-        labels,
-    )
+    for labels_of_message in naming:
+        if all(isinstance(value, str) for value in labels_of_message):
+            labels = tuple(labels_of_message)
+            break
     for name, value in message.items():
         if name != "header" and name not in NAMING:
             yield from _flat(value, f"{prefix}{name}", labels)
@@ -329,6 +323,11 @@ def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, f
         names = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
         for label, entry in zip(names, value, strict=True):
             yield from _flat(entry, f"{name}.{label}", ())
+
+
+def _has_effort(labels: Iterable[str]) -> bool:
+    """Whether one of a publisher's columns is an effort."""
+    return any(name.endswith("/effort") for name in labels)
 
 
 def merge(

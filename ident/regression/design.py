@@ -129,7 +129,7 @@ class Layout:
     @cached_property
     def flexible_places(self) -> tuple[Int[Array, " m"], ...]:
         """For each joint, where the columns of its discrepancy stand in its rows."""
-        columns = [[c for group in blocks for c in group.columns] for blocks in self.flexible]
+        columns = [_columns_of(blocks) for blocks in self.flexible]
         return tuple(
             np.flatnonzero(np.isin(local, smooth))
             for local, smooth in zip(self.local, columns or [[]] * self.n, strict=True)
@@ -138,7 +138,17 @@ class Layout:
     @cached_property
     def places(self) -> tuple[dict[int, int], ...]:
         """For each joint, where each of its columns stands in its rows."""
-        return tuple({int(column): k for k, column in enumerate(local)} for local in self.local)
+        return tuple(_place_of_each(local) for local in self.local)
+
+
+def _columns_of(groups: Sequence[Group]) -> list[int]:
+    """Columns of some groups, one after the other."""
+    return [column for group in groups for column in group.columns]
+
+
+def _place_of_each(columns: Int[Array, " p"]) -> dict[int, int]:
+    """Where each of some columns stands among them."""
+    return {int(column): place for place, column in enumerate(columns)}
 
 
 def build_layout(

@@ -289,10 +289,10 @@ def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows
             number = int(numbers[-1]) + 1
             last_angle = float(rows.angle[-1])
         hold.append(numbers)
-    whole = {
-        name: np.concatenate([getattr(rows, name) for rows in parts])
-        for name in ("rows", "sign", "sample", "block", "length", "angle")
-    }
+    whole = {}
+    for name in ("rows", "sign", "sample", "block", "length", "angle"):
+        of_runs = [getattr(rows, name) for rows in parts]
+        whole[name] = np.concatenate(of_runs)
     return DwellRows(
         hold=np.concatenate(hold), friction=parts[0].friction, noise=parts[0].noise, **whole
     )

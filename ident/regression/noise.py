@@ -119,7 +119,8 @@ def estimate_noise(
     Never from what the baseline leaves: that would take the effect for noise and whiten it away.
     """
     fits = [_noise_of_joint(j, held, settings) for j in range(layout.n)]
-    return Whitening(*(np.array([fit[k] for fit in fits]) for k in range(3)))
+    coefficients, innovations, levels = zip(*fits, strict=True)
+    return Whitening(np.array(coefficients), np.array(innovations), np.array(levels))
 
 
 def _noise_of_joint(

@@ -194,10 +194,10 @@ class ArmModel:
     def links(self) -> tuple[str, ...]:
         """Name of the link that each joint moves."""
         bodies = [frame for frame in self.model.frames if frame.type == pin.FrameType.BODY]
-        return tuple(
-            next(body.name for body in bodies if body.parentJoint == i)
-            for i in range(1, self.n + 1)
-        )
+        names: dict[int, str] = {}
+        for body in bodies:
+            names.setdefault(int(body.parentJoint), str(body.name))
+        return tuple(names[i] for i in range(1, self.n + 1))
 
     @property
     def digest(self) -> str:

@@ -88,7 +88,7 @@ class Slosh:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies(ReadOnly):
+class RealBodies(ReadOnly):
     """How the real links differ from the URDF's; the n joints' arrays are read-only."""
 
     mass_scale: Float[Array, " n"]  # factor on each link's mass and inertia
@@ -108,7 +108,7 @@ def build_model(
     urdf: str,
     joints: tuple[str, ...],
     links: tuple[str, ...],
-    bodies: Bodies,
+    bodies: RealBodies,
     step: float,
     first_order: bool = False,
 ) -> Any:
@@ -179,7 +179,7 @@ def without_geometry(urdf: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
+def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: RealBodies) -> Any:
     """A fresh spec with one body a joint, named after the joint, the changes of `bodies`
     applied.
     """
@@ -217,7 +217,7 @@ class Hardware:
     """
 
     arm: ArmModel  # the nominal model, known to everybody
-    bodies: Bodies  # its real links
+    bodies: RealBodies  # its real links
     friction: Law  # its laws
     drive: Law
     heat: Law
@@ -268,7 +268,7 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     size = np.linalg.norm([arm.model.inertias[i].lever for i in range(1, n + 1)], axis=1)
     mass, inertia = (1.0 + inertia_error * rng.standard_normal(n) for _ in range(2))
     shift = inertia_error * size[:, None] * rng.standard_normal((n, 3))
-    bodies = Bodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
+    bodies = RealBodies(mass, inertia, shift, none, np.zeros(n), np.array(arm.model.gravity.linear))
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
     # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these
     # sizes have.

@@ -87,7 +87,7 @@ class Laws(NamedTuple):
     contact: Contact
 
 
-class Log(NamedTuple):
+class TickLog(NamedTuple):
     """What is recorded at each of K ticks; arrays of shape (K, n)."""
 
     angle: Array
@@ -111,8 +111,8 @@ def fresh_state(n: int) -> Array:
     return np.zeros(n, dtype=STATE)
 
 
-def fresh_log(ticks: int, n: int) -> Log:
-    return Log(*(np.zeros((ticks, n)) for _ in Log._fields))
+def fresh_log(ticks: int, n: int) -> TickLog:
+    return TickLog(*(np.zeros((ticks, n)) for _ in TickLog._fields))
 
 
 @compiled()
@@ -252,7 +252,7 @@ def command(
 
 
 @compiled()
-def note(log: Log, k: int, engine: Engine, state: Array) -> None:
+def note(log: TickLog, k: int, engine: Engine, state: Array) -> None:
     """Writes one tick of the log."""
     for j in range(len(state)):
         log.angle[k, j] = state[j].motor_angle
@@ -277,7 +277,7 @@ def run_loop(
     feed: Array,
     noise: Array,
     start: float,
-    log: Log,
+    log: TickLog,
 ) -> None:
     """Follows a reference from tick to tick.
 
@@ -300,7 +300,7 @@ def run_loop(
             advance(engine, laws, state, start + k * tick + i * engine.dt)
 
 
-def check_finite(log: Log, data: Any) -> bool:
+def check_finite(log: TickLog, data: Any) -> bool:
     """Whether the simulation stayed finite."""
     warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
     return not warned and bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())

@@ -12,7 +12,15 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.simulation.hardware import Hardware, build_model
 from ident.simulation.laws import change_law, cool_down, make_law, no_contact
-from ident.simulation.loop import Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
+from ident.simulation.loop import (
+    Laws,
+    TickLog,
+    check_finite,
+    engine,
+    fresh_log,
+    fresh_state,
+    run_loop,
+)
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 # What diverges is found here and reported; MuJoCo would print it on standard error and in a file of
@@ -51,7 +59,7 @@ class Trace:
 
     motion: ReferenceMotion  # what was asked for
     start: float  # session clock at its first tick [s]
-    log: Log  # what happened, K ticks
+    log: TickLog  # what happened, K ticks
 
     @property
     def times(self) -> Float[Array, " K"]:

@@ -10,7 +10,7 @@ from ident.records import Numbers, number
 
 
 @dataclass(frozen=True)
-class GearSettings(Numbers):
+class SimulatedGearSettings(Numbers):
     """Gears that give way."""
 
     play_stiffness: float = number(
@@ -40,5 +40,5 @@ class LubricantSettings(Numbers):
     )
 
 
-GEAR = GearSettings()
+GEAR = SimulatedGearSettings()
 LUBRICANT = LubricantSettings()

@@ -287,9 +287,14 @@ def _before_and_after(
     pieces = [list(source.runs), list(runs)]
     moves = sum(np.ptp(run.position, axis=0) > MOVES for run in runs)
     if min(moves[moves > 0], default=0) < 4:
-        pieces = [[piece for run in runs for piece in cut(run, LEAST_PARTS)] for runs in pieces]
+        pieces = [_cut_each(side) for side in pieces]
     first = int(rng.integers(2))
     return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
+
+
+def _cut_each(runs: Sequence[Recording]) -> list[Recording]:
+    """The pieces of some runs, one after the other."""
+    return [piece for run in runs for piece in cut(run, LEAST_PARTS)]
 
 
 def _make(

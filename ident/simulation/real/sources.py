@@ -224,7 +224,10 @@ def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
 
 def _source(name: str, arm: str, robot: str, runs: Sequence[Recording]) -> Source:
     model = ArmModel.load(robot).keeping(runs[0].joints)
-    ordered = [run.select([j for j in model.joint_names if j in run.joints]) for run in runs]
+    ordered = []
+    for run in runs:
+        known = [joint for joint in model.joint_names if joint in run.joints]
+        ordered.append(run.select(known))
     # The runs with position, velocity and torque alone, one after the other in time.
     recordings: list[Recording] = []
     for i, run in enumerate(ordered):
