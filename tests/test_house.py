@@ -12,6 +12,7 @@ import pytest
 from tests.house.effects import effect_classes, named_classes
 from tests.house.numbers import is_number, number_constants
 from tests.house.plainness import (
+    MOST_COLUMNS,
     any_annotations,
     code_lines,
     has_late_constants,
@@ -25,6 +26,12 @@ from tests.house.sources import ROOT, Source, read_sources
 from tests.house.traces import TRACER, measure_traces
 from tests.layout import RECORD, beyond, measure, with_numbers
 
+# Folders that hold to 100 columns, by a ruff.toml of their own; the list may only grow.
+NARROW = (
+    *("ident/api", "ident/cli", "ident/closed_loop", "ident/effects", "ident/laws"),
+    *("ident/monitor", "ident/motion", "ident/recordings", "ident/regression", "ident/robot"),
+    *("ident/simulation", "tests/house"),
+)
 RECORDED = tomllib.loads(RECORD.read_text(encoding="utf-8"))["recorded"]
 REMEDY = "write it more plainly, or raise the number in tests/layout.toml and say why"
 
@@ -46,6 +53,16 @@ def test_no_room_leads_back_to_itself() -> None:
 def test_the_source_keeps_its_figures() -> None:
     twice = names_twice(read_sources(ROOT))
     assert not beyond(measure(ROOT), RECORDED), f"{REMEDY}; names given twice: {twice}"
+
+
+@pytest.mark.parametrize("folder", NARROW)
+def test_a_folder_in_100_columns_stays_so(folder: str) -> None:
+    """Law: the formatter and the linter hold it to 100 columns, and its lines are no longer."""
+    settings = tomllib.loads((ROOT / folder / "ruff.toml").read_text(encoding="utf-8"))
+    assert settings["line-length"] == MOST_COLUMNS
+    for path in (ROOT / folder).rglob("*.py"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert max(map(len, lines), default=0) <= MOST_COLUMNS, path
 
 
 def test_a_fit_and_a_diagnosis_pass_no_more_files_than_they_did() -> None:

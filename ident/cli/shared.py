@@ -41,7 +41,9 @@ def _show_version(context: typer.Context, given: bool) -> None:
 class _Commands(TyperGroup):
     """Commands whose help is a whole sentence each, over as many lines as it takes."""
 
-    def format_commands(self, ctx: typer.Context, formatter: HelpFormatter) -> None:  # type: ignore[override]
+    def format_commands(  # type: ignore[override]
+        self, ctx: typer.Context, formatter: HelpFormatter
+    ) -> None:
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(
@@ -139,7 +141,8 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., Any]], Callable[...
             if result is not None:
                 hand_over(result, given["json_file"])
 
-        run.__signature__ = signature.replace(parameters=made, return_annotation=None)  # type: ignore[attr-defined]
+        told = signature.replace(parameters=made, return_annotation=None)
+        run.__signature__ = told  # type: ignore[attr-defined]
         run.__name__ = function.__name__.rstrip("_")
         run.__doc__ = function.__doc__
         run.__annotations__ = {}
@@ -187,8 +190,11 @@ def _parameters(kind: type) -> list[inspect.Parameter]:
     ):
         meta = option.metadata
         shown = typer.Option(*meta["names"], help=meta["help"], **meta["bounds"])
-        mark = Writes(meta["writes"]) if meta["writes"] else READS if meta["reads"] else ""
-        annotation = Annotated.__class_getitem__((meta["typed"] or hints[option.name], shown, mark))  # type: ignore[attr-defined]
+        mark: object = READS if meta["reads"] else ""
+        if meta["writes"]:
+            mark = Writes(meta["writes"])
+        marked = (meta["typed"] or hints[option.name], shown, mark)
+        annotation = Annotated.__class_getitem__(marked)  # type: ignore[attr-defined]
         default = None if option.default == () else option.default
         place = inspect.Parameter.KEYWORD_ONLY
         parameters.append(

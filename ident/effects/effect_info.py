@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import log
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from ident.laws.carried import TABLE
 
@@ -218,7 +218,20 @@ class Range:
     reason: str  # why no arm has others
 
 
-def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
+class ToldApart(Protocol):
+    """What of an effect's record says how it is told from others; see `EffectRecord`."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def shown_by(self) -> str: ...
+    @property
+    def parted_by(self) -> Mapping[str, str]: ...
+    @property
+    def set_ups(self) -> Mapping[str, str]: ...
+
+
+def family_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str:
     """The kind of motion that shows effects, or parts the first pair of them that has one of its
     own.
     """
@@ -236,7 +249,7 @@ def describe_motion(family: str, joint: str) -> str:
     return str(SHOWINGS[family]["words"].format(joint=joint))
 
 
-def setup_for(effects: Sequence[str], known: Iterable[Any]) -> str | None:
+def setup_for(effects: Sequence[str], known: Iterable[ToldApart]) -> str | None:
     """The change of set-up that parts effects which no motion, or hardly any, can part; None where
     motion does.
     """

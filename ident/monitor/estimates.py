@@ -275,11 +275,11 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     ranges = {}
     of_all_days = set(days[0]).intersection(*days[1:])
     keys = [key for key in days[0] if key[1] in TERMS and key in of_all_days]
-    values = {}
+    by_key = {}
     for key in keys:
         of_days = [day[key].value for day in days]
-        values[key] = np.array(of_days)
-    spreads = moderated_spreads(values)
+        by_key[key] = np.array(of_days)
+    spreads = moderated_spreads(by_key)
     for key in keys:
         values = np.array([day[key].value for day in days])
         middle = float(values.mean())

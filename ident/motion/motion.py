@@ -20,15 +20,14 @@ from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.motion.filter import (
     LEAST_CUTOFF_HZ,
-    USUAL_MOTION,
     Lowpass,
-    MotionSettings,
     draw_errors,
     find_resolution,
     find_signal_band,
     keep_band,
     mean_spectrum,
 )
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
 
@@ -99,7 +98,7 @@ class Motion:
         At rest dry friction holds any torque up to its Coulomb level: no function of the state
         tells it.
         """
-        return np.abs(self.dq[self.coarse]) > self.rest_speed
+        return np.asarray(np.abs(self.dq[self.coarse]) > self.rest_speed)
 
     @property
     def blurred(self) -> Int[Array, " n"]:
@@ -110,7 +109,8 @@ class Motion:
             np.full(self.n, np.inf) if self.band is None else np.maximum(self.band, LEAST_CUTOFF_HZ)
         )
         periods = self.settings.reversal_periods / np.minimum(self.lowpass.cutoff, band)
-        return np.maximum(1, np.round(periods / (self.interval * self.lowpass.factor))).astype(int)
+        samples = np.round(periods / (self.interval * self.lowpass.factor))
+        return np.asarray(np.maximum(1, samples), dtype=int)
 
     @cached_property
     def settled(self) -> Bool[Array, "t n"]:
@@ -142,7 +142,8 @@ class Motion:
     @property
     def rest_speed(self) -> Float[Array, " n"]:
         """Speed below which a joint can't be distinguished from one at rest [rad/s]."""
-        return np.maximum(self.settings.rest_deviations * self.std[1], self.settings.rest_speed)
+        noise = self.settings.rest_deviations * self.std[1]
+        return np.asarray(np.maximum(noise, self.settings.rest_speed))
 
     @property
     def noisier(self) -> Motion:

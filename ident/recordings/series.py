@@ -133,7 +133,7 @@ class SearchedRun:
     @cached_property
     def _rows(self) -> Float[Array, "T k"]:
         table = _table(self._run, self.joints)
-        return table[_sound(table)]
+        return np.asarray(table[_sound(table)])
 
     def tree(self, scale: Float[Array, " k"]) -> KDTree:
         """Its moments in units of a scale, to be searched."""

@@ -162,7 +162,7 @@ class FoldSums:
         if self.rest is not None:
             return self.rest.part(columns)
         of_fold = self.own.part(columns)
-        return of_fold.sum(axis=0) - of_fold
+        return np.asarray(of_fold.sum(axis=0) - of_fold)
 
 
 def stored(

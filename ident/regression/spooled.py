@@ -29,7 +29,11 @@ class SpooledArrays(Sequence[Float[Array, "..."]]):
         self, arrays: Iterable[Float[Array, "..."]] = (), beside: SpooledArrays | None = None
     ) -> None:
         self.change: Callable[[int, Array], Array] | None = None
-        self._file: IO[bytes] = TemporaryFile(prefix="armgap-") if beside is None else beside._file  # noqa: SIM115
+        self._file: IO[bytes]
+        if beside is None:
+            self._file = TemporaryFile(prefix="armgap-")  # noqa: SIM115
+        else:
+            self._file = beside._file
         self._spots: list[tuple[int, tuple[int, ...], np.dtype[Any]]] = []
         for values in arrays:
             self.append(values)

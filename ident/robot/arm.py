@@ -130,7 +130,7 @@ class ArmModel:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return self.model.nv
+        return int(self.model.nv)
 
     @property
     def lower(self) -> Float[Array, " n"]:

@@ -31,7 +31,7 @@ class KnownLimits(NamedTuple):
     @property
     def reach(self) -> Float[Array, " n"]:
         """The farthest position to either side [rad or m]."""
-        return np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.asarray(np.maximum(np.abs(self.lower), np.abs(self.upper)))
 
 
 def is_placeholder(values: Float[Array, " n"]) -> Bool[Array, " n"]:

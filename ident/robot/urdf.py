@@ -369,17 +369,17 @@ def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation matrix by Rodrigues' formula, shape (3, 3)."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.asarray(turn)
 
 
 def rpy_to_matrix(rpy: np.ndarray) -> np.ndarray:
     """Rotation of URDF's fixed-axis roll, pitch and yaw [rad]."""
     unit = np.eye(3)
-    return (
-        rotation_about(unit[2], rpy[2])
-        @ rotation_about(unit[1], rpy[1])
-        @ rotation_about(unit[0], rpy[0])
-    )
+    roll = rotation_about(unit[0], rpy[0])
+    pitch = rotation_about(unit[1], rpy[1])
+    yaw = rotation_about(unit[2], rpy[2])
+    return np.asarray(yaw @ pitch @ roll)
 
 
 def matrix_to_rpy(rotation: np.ndarray) -> np.ndarray:

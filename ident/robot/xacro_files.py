@@ -38,7 +38,8 @@ INSTALLED = {"AMENT_PREFIX_PATH": "share", "ROS_PACKAGE_PATH": ""}
 BESIDE = ("urdf", "xacro", "robots")
 # The parameters of a macro, as the package reads them, in time that grows with their length.
 PARAMETER = re.compile(
-    r"""^\s*+([^\s:=]++)\s*+:?=\s*+(\^\|?)?(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|"[^"]*+"|[^\s'"]++)++|)(?:\s+|$)(.*)"""
+    r"^\s*+([^\s:=]++)\s*+:?=\s*+(\^\|?)?"
+    r"""(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|"[^"]*+"|[^\s'"]++)++|)(?:\s+|$)(.*)"""
 )
 # Lengths and angles of YAML files with their unit.
 UNITS = {"radians": 1.0, "degrees": 0.017453292519943295, "meters": 1.0, "millimeters": 1e-3}

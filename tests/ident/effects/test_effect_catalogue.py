@@ -375,9 +375,7 @@ def test_a_users_effect_that_keeps_to_the_laws_passes(session: SessionContext) -
         (Loud, "take it off."),
     ],
 )
-def test_an_effect_that_breaks_a_law_is_told_which(
-    kind: type[Hum], words: str, session: SessionContext
-) -> None:
+def test_an_effect_that_breaks_a_law_is_told_which(kind: type[Hum], words: str, session: SessionContext) -> None:
     """Law: the error names the effect and what is wrong with it."""
     with pytest.raises(InputError) as raised:
         check_effect(kind(), session)
