@@ -21,7 +21,7 @@ from ident.effects import optional
 from ident.effects.base import Effect
 from ident.effects.effect_info import SHOWINGS, Interval
 from ident.effects.record import record_fields
-from ident.effects.session_context import SessionContext, Variant
+from ident.effects.session_context import RunContext, SessionContext, Variant
 from ident.errors import InputError
 
 # Columns that should be the same may differ by this share of the largest: rounding.
@@ -136,7 +136,7 @@ def _check_columns(
     return columns
 
 
-def _with_louder_torque(session: SessionContext, number: int) -> Any:
+def _with_louder_torque(session: SessionContext, number: int) -> RunContext:
     """A run whose measured torque is another."""
     run = session.runs[number]
     return replace(run, motion=replace(run.motion, tau=run.motion.tau + LOUDER))

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.special import gammaln
@@ -130,7 +129,9 @@ def drawn_interval(
 
 
 def delta_interval(
-    function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
+    function: Callable[..., float],
+    coefficients: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
 ) -> Interval:
     """Interval of a smooth function of coefficients by the delta method, derivatives by central
     differences.

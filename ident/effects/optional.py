@@ -7,7 +7,7 @@ functions ask any effect, and say what holds of one without the method.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -203,7 +203,7 @@ def expressed(effect: Effect, form: str, parameters: Mapping[str, float]) -> Exp
 
 
 def simulated_answer(
-    effect: Effect, true: Mapping[str, Any], starts: Sequence[float]
+    effect: Effect, true: Mapping[str, float | str], starts: Sequence[float]
 ) -> dict[str, float]:
     """Parameters of a simulated arm's answer in this effect's terms, as far as they have a
     counterpart.
@@ -226,7 +226,7 @@ def simulated_answer(
 
 
 def _on_the_clock(
-    effect: Effect, true: Mapping[str, Any], starts: Sequence[float]
+    effect: Effect, true: Mapping[str, float | str], starts: Sequence[float]
 ) -> dict[str, float]:
     """Times of an answer, counted from its run's start, as the session's; {} where nobody knows
     when the run started.

@@ -173,7 +173,7 @@ class MovingArm:
     slip: Array | None = None
     # From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T,
     # n) where joints differ.
-    warmth: Any = 0.5
+    warmth: float | Array = 0.5
 
     @cached_property
     def direction(self) -> Array:

@@ -193,7 +193,7 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
 
     streams: dict[tuple[str, ...], Stream] = defaultdict(Stream)
 
-    def take(_: Any, receipt: int, message: Record) -> None:
+    def take(_: object, receipt: int, message: Record) -> None:
         streams[tuple(message["name"])].take(message, receipt, [message[name] for name in FIELDS])
 
     _read_messages(path, choose, take)

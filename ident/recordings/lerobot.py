@@ -169,7 +169,7 @@ def load_info(path: Path) -> dict[str, Any]:
     return info
 
 
-def _labels(feature: Any) -> list[str]:
+def _labels(feature: object) -> list[str]:
     """The names of a feature's numbers; they may stand in a list, in a list of lists, or under a
     word for the axis.
     """
@@ -188,7 +188,7 @@ def joint_name(label: str) -> str:
     return label.removeprefix("main_").removeprefix("follower_")
 
 
-def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:
+def _usual_names(columns: Mapping[str, object], session_file: SessionFile) -> SessionFile:
     """Settings with the columns that the usual features stand for."""
     chosen = {CLOCK: TIME} if CLOCK in columns else {}
     for feature, channel in CHANNEL_OF.items():

@@ -171,7 +171,7 @@ class _Keys:
             raise RecordingError(self.path, f"{key} is {table!r}", f"make it a table: [{key}]")
         return table
 
-    def number(self, value: Any, key: str) -> float:
+    def number(self, value: object, key: str) -> float:
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
@@ -191,7 +191,7 @@ class _Keys:
             raise RecordingError(self.path, f"{key} = {figure:g}", f"give a positive {what}")
         return figure
 
-    def three(self, values: Any, key: str, frame: str) -> tuple[float, float, float]:
+    def three(self, values: object, key: str, frame: str) -> tuple[float, float, float]:
         """A vector in a frame."""
         if not isinstance(values, list) or len(values) != 3:
             raise RecordingError(

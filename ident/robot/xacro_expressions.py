@@ -13,7 +13,7 @@ import math
 import operator
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 # Longest expression; numbers of more bits, and texts and lists of more parts, are in no
 # description.
@@ -27,7 +27,8 @@ LARGEST_POWER = 16
 # Digits that `round` keeps, before and after the point.
 MOST_DIGITS = 300
 
-Lookup = Callable[[str], Any]
+Value = TypeVar("Value")
+Lookup = Callable[[str], object]
 Functions = Mapping[str, Callable[..., Any]]
 
 
@@ -37,11 +38,15 @@ class HarmfulExpression(Exception):
 
 MATHEMATICS = (
     "acos asin atan atan2 ceil copysign cos cosh degrees exp fabs floor fmod hypot isfinite isnan "
-    "log log10"
+    "log log10 log2 pow radians sin sinh sqrt tan tanh"
 )
-CONSTANTS: dict[str, Any] = {name: getattr(math, name) for name in ("pi", "e", "tau", "inf", "nan")}
+CONSTANTS: dict[str, float | bool] = {
+    name: getattr(math, name) for name in ("pi", "e", "tau", "inf", "nan")
+}
+CONSTANTS |= {"true": True, "false": False}
 # Names whose dotted members are the same functions and constants.
 NAMESPACES = ("math", "python", "xacro")
+# Signs of Python's syntax, and the functions of `operator` that work them out.
 PLAIN = {
     "Add": "add",
     "Sub": "sub",
@@ -49,17 +54,26 @@ PLAIN = {
     "FloorDiv": "floordiv",
     "UAdd": "pos",
     "USub": "neg",
+    "Eq": "eq",
+    "NotEq": "ne",
+    "Lt": "lt",
+    "LtE": "le",
+    "Gt": "gt",
+    "GtE": "ge",
+    "Not": "not_",
+    "Is": "is_",
+    "IsNot": "is_not",
 }
 
 
-def require_plain(value: Any) -> Any:
+def require_plain(value: Value) -> Value:
     """Passes a value on if it is plain data of not too many parts all in all.
 
     Raises:
         HarmfulExpression: It is, or holds, an object of another kind, a number of too many digits,
             or too many parts.
     """
-    left = [value]
+    left: list[object] = [value]
     count = 0
     while left:
         current = left.pop()
@@ -71,7 +85,7 @@ def require_plain(value: Any) -> Any:
         )
         if isinstance(current, dict):
             left += [*current.keys(), *current.values()][: MOST_PARTS + 1]
-        elif type(current) in (list, tuple):
+        elif isinstance(current, list | tuple) and type(current) in (list, tuple):
             left += current[: MOST_PARTS + 1]
         else:
             plain = type(current) in (int, float, str, bool, type(None))
@@ -119,8 +133,6 @@ def _replace(text: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-MATHEMATICS += " log2 pow radians sin sinh sqrt tan tanh"
-CONSTANTS |= {"true": True, "false": False}
 # What a call may run. Each reaches nothing beyond its arguments, in time and memory that grow with
 # their sizes.
 FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -156,16 +168,6 @@ METHODS: dict[tuple[type, str], Callable[..., Any]] = {
     (dict, "keys"): lambda table: [*table],
     (dict, "values"): lambda table: [*table.values()],
 }
-PLAIN |= {
-    "Eq": "eq",
-    "NotEq": "ne",
-    "Lt": "lt",
-    "LtE": "le",
-    "Gt": "gt",
-    "GtE": "ge",
-    "Not": "not_",
-}
-PLAIN |= {"Is": "is_", "IsNot": "is_not"}
 OPERATORS: dict[type, Callable[..., Any]] = {
     **{getattr(ast, name): getattr(operator, function) for name, function in PLAIN.items()},
     ast.Mult: _times,
@@ -214,7 +216,7 @@ class _Evaluator(ast.NodeVisitor):
         self.lookup = lookup
         self.functions = functions
         self.check_time = check_time
-        self.local: dict[str, Any] = {}
+        self.local: dict[str, object] = {}
         self.depth = self.steps = 0
 
     def value(self, node: ast.AST) -> Any:
@@ -227,13 +229,13 @@ class _Evaluator(ast.NodeVisitor):
         self.depth -= 1
         return result
 
-    def generic_visit(self, node: ast.AST) -> Any:
+    def generic_visit(self, node: ast.AST) -> object:
         raise HarmfulExpression(f"{type(node).__name__} has no place")
 
-    def visit_Constant(self, node: ast.Constant) -> Any:
+    def visit_Constant(self, node: ast.Constant) -> object:
         return node.value
 
-    def visit_Name(self, node: ast.Name) -> Any:
+    def visit_Name(self, node: ast.Name) -> object:
         if node.id in self.local:
             return self.local[node.id]
         try:
@@ -243,7 +245,7 @@ class _Evaluator(ast.NodeVisitor):
                 return CONSTANTS[node.id]
             raise HarmfulExpression(f"no property {node.id!r}") from None
 
-    def visit_Attribute(self, node: ast.Attribute) -> Any:
+    def visit_Attribute(self, node: ast.Attribute) -> object:
         """`table.key`, `namespace.property`, `math.pi`."""
         names = _names(node)
         if names[0] not in self.local:
@@ -256,7 +258,7 @@ class _Evaluator(ast.NodeVisitor):
         _require(isinstance(table, dict) and node.attr in table, f"no key {node.attr!r}")
         return table[node.attr]
 
-    def visit_Call(self, node: ast.Call) -> Any:
+    def visit_Call(self, node: ast.Call) -> object:
         given = [self.value(argument) for argument in node.args]
         _require(all(keyword.arg is not None for keyword in node.keywords), "** has no place")
         keywords = {str(keyword.arg): self.value(keyword.value) for keyword in node.keywords}
@@ -272,22 +274,22 @@ class _Evaluator(ast.NodeVisitor):
         _require(method in METHODS, f"a call of {node.func.attr!r} has no place")
         return METHODS[method](owner, *given)
 
-    def visit_Subscript(self, node: ast.Subscript) -> Any:
+    def visit_Subscript(self, node: ast.Subscript) -> object:
         owner = self.value(node.value)
         if not isinstance(node.slice, ast.Slice):
             return owner[self.value(node.slice)]
         ends = (node.slice.lower, node.slice.upper, node.slice.step)
         return owner[slice(*(None if end is None else self.value(end) for end in ends))]
 
-    def visit_BinOp(self, node: ast.BinOp) -> Any:
+    def visit_BinOp(self, node: ast.BinOp) -> object:
         return self.operator(node.op)(self.value(node.left), self.value(node.right))
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> Any:
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> object:
         return self.operator(node.op)(self.value(node.operand))
 
-    def visit_Compare(self, node: ast.Compare) -> Any:
+    def visit_Compare(self, node: ast.Compare) -> object:
         left = self.value(node.left)
-        result = True
+        result: object = True
         for sign, other in zip(node.ops, node.comparators, strict=True):
             right = self.value(other)
             result = self.operator(sign)(left, right)
@@ -300,23 +302,24 @@ class _Evaluator(ast.NodeVisitor):
         _require(type(sign) in OPERATORS, f"{type(sign).__name__} has no place")
         return OPERATORS[type(sign)]
 
-    def visit_BoolOp(self, node: ast.BoolOp) -> Any:
+    def visit_BoolOp(self, node: ast.BoolOp) -> object:
+        result: object = None
         for operand in node.values:
             result = self.value(operand)
             if bool(result) is isinstance(node.op, ast.Or):
                 break
         return result
 
-    def visit_IfExp(self, node: ast.IfExp) -> Any:
+    def visit_IfExp(self, node: ast.IfExp) -> object:
         return self.value(node.body if self.value(node.test) else node.orelse)
 
-    def visit_List(self, node: ast.List | ast.Tuple) -> Any:
+    def visit_List(self, node: ast.List | ast.Tuple) -> object:
         elements = [self.value(element) for element in node.elts]
         return elements if isinstance(node, ast.List) else tuple(elements)
 
     visit_Tuple = visit_List
 
-    def visit_Dict(self, node: ast.Dict) -> Any:
+    def visit_Dict(self, node: ast.Dict) -> object:
         _require(None not in node.keys, "** has no place")
         return {
             self.value(key): self.value(entry)
@@ -324,7 +327,7 @@ class _Evaluator(ast.NodeVisitor):
             if key
         }
 
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> Any:
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> object:
         inner = [value for value in node.values if isinstance(value, ast.FormattedValue)]
         _require(
             not any(field.format_spec or field.conversion >= 0 for field in inner),
@@ -335,7 +338,7 @@ class _Evaluator(ast.NodeVisitor):
         ]
         return "".join(str(self.value(piece)) for piece in parts)
 
-    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> Any:
+    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> object:
         """One loop over a list, worked out here: no frame, no generator."""
         loop = node.generators[0]
         if (

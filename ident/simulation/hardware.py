@@ -14,6 +14,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.simulation.laws import (
+    Column,
     Contact,
     Law,
     change_law,
@@ -242,7 +243,7 @@ class Hardware:
     def replace(self, **changes: Any) -> Hardware:
         return replace(self, **changes)
 
-    def with_laws(self, group: str, joint: int | None = None, **values: Any) -> Hardware:
+    def with_laws(self, group: str, joint: int | None = None, **values: Column) -> Hardware:
         """A copy with columns of one of its laws changed: at one joint, or as a whole where joint
         is None.
         """

@@ -38,6 +38,8 @@ from ident.compiled import compiled
 
 Law = np.recarray[Any, Any]
 """n records; `law.viscous` is a column of shape (n,)."""
+Column = float | Array
+"""A value of all joints, or one of each, shape (n,)."""
 
 
 COLUMNS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
@@ -51,7 +53,7 @@ YOUNGEST_S = 0.02
 WOBBLE_DAMPING = 0.15
 
 
-def make_law(law: str, n: int, **values: Any) -> Law:
+def make_law(law: str, n: int, **values: Column) -> Law:
     """A law of n joints of `laws.toml`; columns of shape (n,), or one value for all joints, in
     place of the usual.
     """
@@ -63,7 +65,7 @@ def make_law(law: str, n: int, **values: Any) -> Law:
     return records
 
 
-def change_law(law: Law, joint: int | None = None, **values: Any) -> Law:
+def change_law(law: Law, joint: int | None = None, **values: Column) -> Law:
     """A copy with some columns changed: at one joint, or as a whole where joint is None."""
     changed = law.copy()
     for name, value in values.items():
@@ -108,7 +110,7 @@ def seat_shape(angle: float) -> float:
 
 @compiled()
 def sliding_level(
-    joint: Any, v: float, angle: float, transmitted: float, acceleration: float, warm: float
+    joint: np.record, v: float, angle: float, transmitted: float, acceleration: float, warm: float
 ) -> float:
     """g: the dry friction that the ordinary contact of a joint would have if it slid steadily at v
     [N m].
@@ -155,7 +157,7 @@ def bristle(
 
 
 @compiled()
-def viscous_drag(joint: Any, v: float, warm: float) -> float:
+def viscous_drag(joint: np.record, v: float, warm: float) -> float:
     """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
     drag = joint.viscous * v
     if joint.viscous_skew != 0.0:
@@ -183,7 +185,7 @@ def heat_law(
 
 
 @compiled()
-def warm_up(joint: Any, state: Any, loss: float, dt: float) -> None:
+def warm_up(joint: np.record, state: np.record, loss: float, dt: float) -> None:
     """Advances a joint's two temperatures above ambient [K] by dt [s] under a loss [W], in
     place.
     """
@@ -209,7 +211,7 @@ def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array,
 
 
 @compiled()
-def spring_torque(joint: Any, twist: float, rate: float) -> float:
+def spring_torque(joint: np.record, twist: float, rate: float) -> float:
     """Torque that the spring carries from motor to link [N m]; twist is motor less link angle
     [rad].
     """
@@ -226,7 +228,7 @@ def spring_torque(joint: Any, twist: float, rate: float) -> float:
 
 
 @compiled()
-def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
+def ripple_torque(joint: np.record, angle: float, transmitted: float) -> float:
     """Torque by which the teeth help or hinder at a motor angle [N m]: main order, and a little of
     half and double.
     """
@@ -238,7 +240,7 @@ def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
 
 
 @compiled()
-def hose_torque(joint: Any, angle: float) -> float:
+def hose_torque(joint: np.record, angle: float) -> float:
     """Torque of the dress pack on the link [N m], against the deflection and stiffening with it."""
     if joint.hose_stiffness == 0.0:
         return 0.0
@@ -304,7 +306,7 @@ def push(
 
 
 @compiled()
-def outside_torque(joint: Any, j: int, q: Array, v: Array, elapsed: float) -> float:
+def outside_torque(joint: np.record, j: int, q: Array, v: Array, elapsed: float) -> float:
     """Torque on joint j [N m], given all positions, velocities and the time since the run began
     [s].
     """
@@ -325,7 +327,7 @@ def outside_torque(joint: Any, j: int, q: Array, v: Array, elapsed: float) -> fl
 
 
 @compiled()
-def remembered_torque(joint: Any, state: Any, angle: float, v: float, dt: float) -> float:
+def remembered_torque(joint: np.record, state: Any, angle: float, v: float, dt: float) -> float:
     """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the
     memory in place.
     """

@@ -116,7 +116,7 @@ def fresh_log(ticks: int, n: int) -> TickLog:
 
 
 @compiled()
-def friction_torque(joint: Any, state: Any, dt: float) -> float:
+def friction_torque(joint: np.record, state: np.record, dt: float) -> float:
     """Torque of all friction in a joint's drive, against its motion [N m]; bends the bristles."""
     v = state.motor_speed
     warm = state.lubricant_rise
@@ -133,7 +133,7 @@ def friction_torque(joint: Any, state: Any, dt: float) -> float:
 
 
 @compiled()
-def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> float:
+def coupled_torque(joint: np.record, state: np.record, other_speed: float, dt: float) -> float:
     """Friction in the motion of a motor that two joints turn [N m]."""
     both = state.motor_speed + joint.couple_ratio * other_speed
     level = max(joint.couple_coulomb, 1e-6)

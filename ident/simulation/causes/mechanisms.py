@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +16,7 @@ import pinocchio as pin
 from ident.arrays import Array, Float
 from ident.simulation.causes.settings import GEAR, LUBRICANT
 from ident.simulation.hardware import AddedBody, Hardware, Slosh
-from ident.simulation.laws import Contact, heat_law
+from ident.simulation.laws import Column, Contact, heat_law
 from ident.trajectories.reference import ReferenceMotion
 
 
@@ -326,7 +326,7 @@ class Circumstances:
         """The joint before, or after the first."""
         return self.joint - 1 if self.joint > 0 else min(1, self.hardware.n - 1)
 
-    def with_laws(self, group: str, **values: Any) -> Hardware:
+    def with_laws(self, group: str, **values: Column) -> Hardware:
         """The hardware with some columns of a law changed at the joint."""
         return self.hardware.with_laws(group, self.joint, **values)
 
