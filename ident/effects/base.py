@@ -16,7 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.effect_info import Expression, Interval, Range
+from ident.effects.effect_info import Expression, Range
+from ident.effects.interval import Interval
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.record import EffectRecord, Size
 from ident.effects.session_context import (

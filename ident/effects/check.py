@@ -19,7 +19,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects import optional
 from ident.effects.base import Effect
-from ident.effects.effect_info import SHOWINGS, Interval
+from ident.effects.effect_info import SHOWINGS
+from ident.effects.interval import Interval
 from ident.effects.record import record_fields
 from ident.effects.session_context import RunContext, SessionContext, Variant
 from ident.errors import InputError

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from ident.arrays import Array, Float
-from ident.effects.effect_info import Interval
+from ident.effects.interval import Interval
 
 # Draws behind an interval: its ends are then sure to a twentieth of its width.
 INTERVAL_DRAWS = 400

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect
-from ident.effects.effect_info import Interval
+from ident.effects.interval import Interval
 from ident.effects.intervals import grid_interval
 from ident.effects.record import read_row
 from ident.effects.session_context import SessionContext, Variant, least_rest_speed

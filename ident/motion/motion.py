@@ -18,15 +18,14 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
-from ident.motion.filter import (
-    LEAST_CUTOFF_HZ,
-    Lowpass,
+from ident.motion.encoder_noise import (
     draw_errors,
     find_resolution,
     find_signal_band,
     keep_band,
     mean_spectrum,
 )
+from ident.motion.filter import LEAST_CUTOFF_HZ, Lowpass
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
